@@ -13,7 +13,7 @@ from calib.instruments import Tracker
 from calib.model import Model
 from calib.noise import Noise, unwhitened
 from calib.poses import Measurements, Poses
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 
 
 def drawn_readings(

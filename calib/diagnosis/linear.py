@@ -15,6 +15,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
+from calib.identification.scan import times
 from calib.model import Model
 from calib.poses import Poses
 
@@ -89,12 +90,6 @@ class LinearModel(Model):
         functions = effect.functions(self.at, np.array(effect.tuning))
         rows = times(carrier.reshape(len(functions), -1, carrier.shape[-1]), functions)
         return np.pad(rows.reshape((*carrier.shape[:-1], -1)), [(0, 0)] * 3 + [(1, 0)])
-
-
-def times(carrier: Array, functions: Array) -> Array:
-    """Rows (m, R, f b) of a carrier's (m, R, b) times functions of the pose (m, f)."""
-    rows = carrier[:, :, None, :] * functions[:, None, :, None]
-    return np.asarray(rows.reshape((*carrier.shape[:2], -1)))
 
 
 def linearised(

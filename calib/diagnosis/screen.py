@@ -16,13 +16,12 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.linear import orthonormal
 
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
-DEPENDENT = 1e-8
-"""Share of a column's length below which nothing but rounding is left of it."""
 _AMPLITUDES = 24
 _NOTHING = 1e-100  # sum of squares that is none
 _AGREES = 0.01  # probability below which the residual refutes the stated noise
@@ -178,16 +177,6 @@ def beside(N: Array, Q: Array, X: Array, r: Array) -> Field:
     rows = int(np.count_nonzero(N.any(axis=1) | X.any(axis=1)))
     lengths = np.linalg.norm(X, axis=0)
     return Field(X, r - Q @ (Q.T @ r), lengths, rows, rows - Q.shape[1], Q)
-
-
-def orthonormal(N: Array) -> Array:
-    """An orthonormal basis of columns (rows, p), shape (rows, rank)."""
-    from scipy.linalg import qr
-
-    scale = np.linalg.norm(N, axis=0)
-    Q, R, _ = qr(N / np.where(scale > 0.0, scale, 1.0), mode="economic", pivoting=True)
-    pivots = np.abs(np.diag(R))
-    return np.asarray(Q[:, pivots > DEPENDENT * pivots.max(initial=0.0)])
 
 
 @dataclass(frozen=True)

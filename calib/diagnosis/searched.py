@@ -19,7 +19,7 @@ from calib.errors import Unsolvable
 from calib.identification.noise_level import REPLICATES, replicate_spreads
 from calib.identification.outliers import judge, threshold
 from calib.poses import Measurements
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 
 _GROSS = 10.0  # times the mean square of a typical group
 _MOST_PASSES = 2  # contests, while outliers are judged anew

@@ -1,9 +1,9 @@
 """The residual along each joint's axis over cycles a turn, and the lines in it.
 
 At every number of cycles c stands by how much ``dq = a cos(c q) + b sin(c q)`` would lower the sum of
-squares beside everything else modelled (:mod:`calib.diagnosis.scan`), in units of the noise: chi-square
-of two degrees of freedom where there is no line. The joint's own ripples are taken out of the model, so
-that those already found show again; other joints keep theirs, which else would leak.
+squares beside everything else modelled (:mod:`calib.identification.scan`), in units of the noise:
+chi-square of two degrees of freedom where there is no line. The joint's own ripples are taken out of
+the model, so that those already found show again; other joints keep theirs, which else would leak.
 
 Lines are found one after the other, each beside those before it, and fitted together: a strong line
 shows by chance correlations all over a spectrum. So does what is slow, below three cycles a turn; where
@@ -21,12 +21,11 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.diagnosis.diagnosis import Diagnosis
-from calib.diagnosis.linear import times
-from calib.diagnosis.scan import Beside, scores
-from calib.diagnosis.screen import orthonormal
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.gear_ripple import FEWEST, GearRipple
+from calib.identification.scan import Beside, scores, times
+from calib.linear import orthonormal
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 
@@ -174,7 +173,7 @@ class _View:
 
     @cached_property
     def around(self) -> Beside:
-        return Beside(self.fit, *self.back(self.left, self.Q))
+        return Beside(*self.back(self.left, self.Q), self.fit.mixing)
 
     @property
     def q(self) -> Array:
@@ -280,7 +279,7 @@ class _View:
         """What is left beside the model and more columns (N, k), themselves beside the model."""
         Q = orthonormal(X)
         g, H = self.back(self.left - Q @ (Q.T @ self.left), Q)
-        return Beside(self.fit, g, np.concatenate([self.around.H, H], axis=-1))
+        return Beside(g, np.concatenate([self.around.H, H], axis=-1), self.fit.mixing)
 
     def back(self, left: Array, Q: Array) -> tuple[Array, Array]:
         """A residual (N,) and a basis (N, k) of independent rows, brought back to the readings."""

@@ -12,13 +12,12 @@ from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
-from calib.diagnosis.screen import orthonormal
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
 from calib.identification.outliers import fit_statistics, lack_alone
+from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
-from calib.model.covariance import covariance, gain
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
@@ -67,37 +66,25 @@ class Fit:
         return none if self.levels is None else self.levels.variances
 
     @cached_property
+    def linear(self) -> LinearProblem:
+        """The fit to first order; the rows of the curves' prior are held beside the readings."""
+        held = held_rows(self.model, self.amplitudes, self.values)
+        return LinearProblem(self.r, self.J, self.span, *held, self.mixing, pull=self.pull)
+
+    @property
     def equations(self) -> tuple[Array, Array]:
-        """Residuals (N,) and derivatives (N, p), the rows of the curves' prior last.
+        """Independent residuals (N,) and derivatives (N, p), the rows of the curves' prior last."""
+        return self.linear.independent
 
-        Rows of independent readings: where whole poses err together, those that :attr:`mixing` makes.
-        """
-        r, J, pull = self.r, self.J, self.pull
-        if self.mixing is not None:
-            r, J, pull = self.mixing(r[..., None])[..., 0], self.mixing(J), 1.0
-        held = held_rows(self.model, self.amplitudes, self.values, pull)
-        flat = np.concatenate([stacked(J), held[1]])
-        return np.concatenate([r.ravel(), held[0]]), flat
-
-    @cached_property
+    @property
     def modelled(self) -> Array:
         """An orthonormal basis of all that is modelled, of independent rows, shape (N, k)."""
-        return orthonormal(self.equations[1] @ self.span)
+        return self.linear.basis
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
-        """Covariance of the values, shape (p, p), the noise as stated.
-
-        Where whole poses err together, that of the least-squares values under it.
-        """
-        if self.mixing is None:
-            return covariance(self.equations[1], self.span)
-        _, prior = held_rows(self.model, self.amplitudes, self.values, self.pull)
-        flat = np.concatenate([stacked(self.J), prior])
-        gains = gain(flat, self.span).T
-        N = self.r.size
-        of_prior = self.pull * gains[N:]
-        return self.mixing.covariance(gains[:N].reshape(self.J.shape)) + of_prior.T @ of_prior
+        """Covariance of the values, shape (p, p), the noise as stated."""
+        return self.linear.covariance
 
     @property
     def spent(self) -> int:
@@ -301,12 +288,10 @@ class Stage:
         return every.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
 
     def _robust_weight(self, fit: Fit) -> Array:
-        full = np.ones(len(self.data))
         if not self.robust:
-            return full
+            return np.ones(len(self.data))
         length = np.sqrt(self.statistics(fit))
-        typical = float(np.median(length[~self.dropped]))
-        return np.asarray(np.minimum(full, _HUBER * typical / np.maximum(length, 1e-12)))
+        return huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
 
 
 def _amplitudes_in(model: Model, like: Fit) -> tuple[float, ...]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.scan import Carried, scores
 from calib.effects.tuned import Tuned
+from calib.identification.scan import Carried, scores
 from calib.poses import Poses
 
 _LISTED = 6  # best tunings of each form that later rounds choose among

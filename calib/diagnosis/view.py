@@ -10,13 +10,15 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.linear import LinearModel, times
-from calib.diagnosis.scan import beside as beside_scan
-from calib.diagnosis.screen import DEPENDENT, VISIBLE, Field, beside
+from calib.diagnosis.linear import LinearModel
+from calib.diagnosis.screen import VISIBLE, Field, beside
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import TuningGrid, tuning_grids
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
+from calib.identification.scan import beside as beside_scan
+from calib.identification.scan import times
+from calib.linear import DEPENDENT
 
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
@@ -59,7 +61,7 @@ class Lineup:
         view = FitView(fit, rows, where, self.fixed)
         if not self.grids:
             return view, self
-        around, listed, tuned = beside_scan(fit), [], []
+        around, listed, tuned = beside_scan(fit.linear), [], []
         for grid in self.grids:
             carrier = rows[..., self.where[grid.candidate.key]]
             carried = around.carried(carrier)
@@ -87,7 +89,7 @@ class Lineup:
         if grid is None:
             return
         carrier = view.rows[..., self.where[grid.candidate.key]]
-        carried = beside_scan(_without(view.fit, member)).carried(carrier)
+        carried = beside_scan(_without(view.fit, member).linear).carried(carrier)
         for form in grid.scanned(carried).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits

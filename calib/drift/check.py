@@ -23,7 +23,7 @@ from calib.identification import Identification
 from calib.identification.start import whitening
 from calib.model import Model
 from calib.observations import Points
-from calib.observations.rigid import rigid_motions
+from calib.observations.shape import rigid_motions
 from calib.poses import Measurements
 from calib.scatter import Scatter, Variances, scatter_of, unnoticed
 from calib.scatter.search import problem_of, searched

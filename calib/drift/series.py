@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size
-from calib.observations.rigid import rigid_motions
+from calib.observations.shape import rigid_motions
 from calib.poses import Measurements
-from calib.poses.visits import alike, visits
+from calib.poses.moves import alike, visits
 from calib.scatter import Scatter
 
 _BLIND = 1e-6  # share of the largest: information on a motion that the markers do not show

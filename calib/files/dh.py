@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.dh import DhTable, robot_of_dh
-from calib.arm.dh_fit import DhFit, dh_of_robot
+from calib.arm.dh import DhFit, DhTable, dh_of_robot, robot_of_dh
 from calib.arm.kinematics import tip_points
 from calib.arm.robot import Convention, Robot
 from calib.arm.se3 import rotate, so3_log

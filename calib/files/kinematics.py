@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.dh import DhTable, robot_of_dh
-from calib.arm.dh_fit import dh_of_robot
+from calib.arm.dh import DhTable, dh_of_robot, robot_of_dh
 from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, from_xyz_rpy, inverse, rpy_from_rotation
 from calib.arrays import Array

@@ -12,7 +12,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.model import Model
-from calib.model.covariance import Identifiable, gain, identifiable
+from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation, points_of
 from calib.solver import Linearise, Minimum, levenberg_marquardt, normal_equations
 
@@ -159,8 +159,8 @@ def unspent(observation: Observation, values: Array, span: Array) -> float:
     rows = observation.model.prior_rows
     if not rows:
         return 0.0
-    own = observation.beside(values)[1][-rows:]
-    return rows - float(np.trace(own @ gain(observation.flat(values)[1], span)[:, -rows:]))
+    follow = observation.linear(values, span).gains[1][-rows:]
+    return rows - float(np.trace(observation.model.by_prior @ follow.T))
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:

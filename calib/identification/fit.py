@@ -35,6 +35,7 @@ from calib.identification.outliers import (
     wrongly_out,
 )
 from calib.identification.start import outnumbered, strayed
+from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, points_of
@@ -51,7 +52,6 @@ _ROUNDS = 12  # times that outliers are judged anew
 _STRAYED = "these poses tell so little of it that its estimate ran away"
 _WIDTH_ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
-_RANK = 1e-9  # share of a column that others leave, below which it is one of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,31 +418,15 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     known : Model, without sizes: what it knows beside the readings counts as they do
     """
     observation, values = fit.counted, fit.values
-    r, J = observation.whitened(values)
-    if observation.mixing is None:
-        r, J = r / fit.noise.divisor, J / fit.noise.divisor
-    else:
-        r, J = observation.mixing(r[..., None])[..., 0], observation.mixing(J)
-    off, beside = known.beside(values)
-    J = np.concatenate([J.reshape(-1, J.shape[-1]), beside])
-    y = np.append(r, off) + J @ values
-    Q = _basis(np.delete(J, of.at, axis=1))
+    scale = fit.noise.divisor if observation.mixing is None else 1.0
+    r, J = (rows / scale for rows in observation.whitened(values))
+    beside = known.beside(values)
+    y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
+    y = y + J @ values
+    Q = orthonormal(np.delete(J, of.at, axis=1))
     used = int(np.count_nonzero(np.abs(J).any(axis=1)))
     own = J[:, of.at]
     return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
-
-
-def _basis(columns: Array) -> Array:
-    """Orthonormal directions of columns (N, k), shape (N, rank)."""
-    from scipy.linalg import qr
-
-    scale = np.linalg.norm(columns, axis=0)
-    columns = columns[:, scale > 0.0] / scale[scale > 0.0]
-    if not columns.shape[1]:
-        return np.zeros((len(columns), 0))
-    Q, R, _ = qr(columns, mode="economic", pivoting=True)
-    pivots = np.abs(np.diag(R))
-    return np.asarray(Q[:, pivots > _RANK * pivots.max(initial=0.0)])
 
 
 def _beside_type(

@@ -19,7 +19,7 @@ from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.population import Departure
 from calib.poses import Poses
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 from calib.scatter import Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom

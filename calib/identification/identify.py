@@ -239,8 +239,8 @@ def _std_by_pose(fit: Estimation) -> Array | None:
         return None
     r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
     held = counted.beside(fit.values)[1]
-    of_known = counted.pull**2 * counted.of_known(fit.values, span)
-    return np.sqrt(np.diag(clustered(r[kept], J[kept], span, held) + of_known))
+    known = counted.linear(fit.values, span).gains[1]
+    return np.sqrt(np.diag(clustered(r[kept], J[kept], span, held) + known.T @ known))
 
 
 def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:

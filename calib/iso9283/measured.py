@@ -27,8 +27,7 @@ from calib.iso9283.formulas import (
 from calib.model import Model
 from calib.observations import orientable
 from calib.poses import Measurements, Poses
-from calib.poses.moves import in_order
-from calib.poses.visits import alike, visits
+from calib.poses.moves import alike, in_order, visits
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,9 @@ of a reading to position and orientation of the tip frame.
 
 from typing import Literal
 
-from calib.observations.points import Points, points_of
+from calib.observations.points import Observation, Points, points_of
 from calib.observations.pose import Pose, Weighting, as_poses
-from calib.observations.protocol import Observation
-from calib.observations.rigid import orientable, pose_from_points
-from calib.observations.shape import with_measured_shape
+from calib.observations.shape import orientable, pose_from_points, with_measured_shape
 
 Approach = Literal["points", "pose"]
 

@@ -1,13 +1,139 @@
-"""Approach #2 of the paper: every reading of every marker, as it is measured."""
+"""Observations: from readings to weighted residuals; approach #2, every reading as it is measured."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 
-from calib.arrays import Array, by_size
-from calib.observations.protocol import Observation
+from calib.arrays import Array, IntArray, Mask, by_size
+from calib.linear import LinearProblem
+from calib.model import Model
+from calib.noise import counted
+from calib.poses import Measurements
+from calib.scatter.poses import Mixing, Scatter
+
+
+@dataclass(frozen=True, eq=False)
+class Observation(ABC):
+    """How readings become weighted residuals.
+
+    data : Measurements; its points may carry leading axes, one set of readings a trial
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the readings, zero for what does not
+        count
+    known : Scatter or None, how whole poses err together as the cell says it, beside the noise of their
+        points: the readings are weighed by it
+    scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
+        nothing: a model that lacks something would leave it to the joints that scatter most
+    lost : positions of values that the readings do not determine: they stay where they are
+    pull : what is known beside the readings weighs so many times more than its deviation says, as the
+        readings err so many times more than theirs
+    """
+
+    model: Model
+    data: Measurements
+    weights: Array
+    known: Scatter | None = field(default=None, kw_only=True)
+    scatter: Scatter | None = field(default=None, kw_only=True)
+    pull: float = field(default=1.0, kw_only=True)
+    lost: tuple[int, ...] = field(default=(), kw_only=True)
+
+    @abstractmethod
+    def whitened(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in the instrument's standard deviations, and the derivative."""
+
+    @abstractmethod
+    def rows(self, J: Array) -> Array:
+        """Weighted rows (..., m, rows, p) of a Jacobian (..., m, C, r, p)."""
+
+    @cached_property
+    def weighing(self) -> Mixing | None:
+        """What makes the rows independent as far as the cell knows how they err; None where they are.
+
+        A weighting that is not by the noise leaves this out as well.
+        """
+        return self._mixing(self.known) if self.efficient else None
+
+    @cached_property
+    def mixing(self) -> Mixing | None:
+        """What would make the rows independent; None where they are."""
+        return self._mixing(self.known if self.scatter is None else self.scatter)
+
+    def _mixing(self, scatter: Scatter | None) -> Mixing | None:
+        if scatter is None or not scatter.variances.any:
+            return None
+        return scatter.mixing(self.rows(scatter.levers))
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., m, rows), in standard deviations, and the derivative of the prediction."""
+        r, J = self.whitened(values)
+        if self.weighing is None:
+            return r, J
+        return self.weighing(r[..., None])[..., 0], self.weighing(J)
+
+    def flat(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis.
+
+        What is known beside the readings comes last.
+        """
+        r, J = self.linearise(values)
+        batch = values.shape[:-1]
+        r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+        if not self.model.known_rows:
+            return r, J
+        known, by_known = self.beside(values)
+        return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
+
+    def beside(self, values: Array) -> tuple[Array, Array]:
+        """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
+        known, by_known = self.model.beside(values)
+        return self.pull * known, self.pull * by_known
+
+    @property
+    def efficient(self) -> bool:
+        """Whether it is weighted by the inverse of its noise, so that nothing is lost."""
+        return True
+
+    def span(self) -> Array:
+        """Directions in which values may move, shape (p, k)."""
+        staying = [*self.model.still, *self.lost]
+        return np.delete(np.eye(len(self.model.parameters)), staying, axis=1)
+
+    def linear(self, values: Array, span: Array) -> LinearProblem:
+        """The problem to first order about ``values`` (p,), fitted along ``span`` (p, k)."""
+        known = self.model.beside(values)
+        rows = self.whitened(values)
+        return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.pull)
+
+    def covariance(self, values: Array, span: Array) -> Array:
+        """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
+        return self.linear(values, span).covariance
+
+    def gains(self, values: Array, span: Array) -> Array:
+        """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
+        return self.linear(values, span).gains[0]
+
+    def followed(self, values: Array, span: Array, moved: Array) -> Array:
+        """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""
+        own = np.moveaxis(self.gains(values, span), -1, 0).reshape(len(values), -1)
+        return np.asarray(own @ self.rows(moved).reshape(own.shape[1], -1))
+
+    def only(self, kept: Mask) -> Self:
+        """The observation with the other poses weighted out; kept has shape (m,)."""
+        return replace(self, weights=self.weights * kept[:, None, None, None])
+
+    @property
+    def counted(self) -> Mask:
+        """Readings that count, shape (m, C)."""
+        return np.asarray(self.data.seen & self.weights.any(axis=(-1, -2)))
+
+    @property
+    def numbers(self) -> IntArray:
+        """How many numbers of each reading count, shape (m, C)."""
+        return np.asarray(counted(self.weights) * self.data.seen)
 
 
 @dataclass(frozen=True, eq=False)

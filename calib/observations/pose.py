@@ -17,10 +17,15 @@ import numpy as np
 from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
-from calib.observations.points import Points, points_of
-from calib.observations.protocol import Observation
-from calib.observations.rigid import orientable, pose_from_points, rigid_motions
-from calib.observations.shape import free_components, kept_in_place, shape_response
+from calib.observations.points import Observation, Points, points_of
+from calib.observations.shape import (
+    free_components,
+    kept_in_place,
+    orientable,
+    pose_from_points,
+    rigid_motions,
+    shape_response,
+)
 
 Weighting = Literal["full", "normalised", "plain"]
 
@@ -129,10 +134,11 @@ class Pose(Observation):
             return super().covariance(values, span)
         response = self._response(values, span)
         half = response @ blockwise_inverse(self.weights)
-        of_known, of_points = self.of_known(values, span), points_of(self).mixing
+        held, of_points = self.linear(values, span).gains[1], points_of(self).mixing
         if of_points is not None:
-            return of_points.covariance(np.swapaxes(half, -1, -2)) + self.pull**2 * of_known
-        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_known)
+            return of_points.covariance(np.swapaxes(half, -1, -2)) + held.T @ held
+        of_held = held.T @ held / self.pull**2  # as stated: the residual widens all alike
+        return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_held)
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         response = self._response(values, span)

@@ -1,22 +1,61 @@
-"""The shape of the marker set, when nothing is known of it but the readings.
+"""A set of markers: what it says of a rigid motion, and its shape from nothing but the readings.
 
-Approach #1 needs it before it can compute a pose, and takes it from the same readings: the shape and
-the poses that fit all points best (generalised Procrustes). Its error is common to all poses.
+Approach #1 needs the shape before it can compute a pose, and takes it from the same readings: the shape
+and the poses that fit all points best (generalised Procrustes). Its error is common to all poses.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.se3 import fit_rigid, rotate, so3_exp
+from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.model import Model
-from calib.observations.rigid import orientable, pose_from_points, rigid_motions
 from calib.poses import Measurements
 
 _ROUNDS = 50
 _SETTLED_M = 1e-11
+_COLLINEAR = 1e-3  # ratio of marker spreads below which no orientation can be computed
+
+
+def rigid_motions(points: Array) -> Array:
+    """Changes of points (..., M, 3) by translation and rotation about the origin, (..., 3 M, 6)."""
+    arms = -skew(points)
+    columns = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=-1)
+    return columns.reshape((*points.shape[:-2], -1, 6))
+
+
+def orientable(markers: Array, seen: Mask) -> Mask:
+    """Whether the visible markers of a pose span a plane, shape (m,)."""
+    weight = seen.astype(float)[..., None]
+    mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(
+        weight.sum(1, keepdims=True), 1
+    )
+    spread = np.linalg.svd((markers - mean) * weight, compute_uv=False)
+    if spread.shape[-1] < 2:
+        return np.zeros(len(seen), dtype=bool)
+    return np.asarray((seen.sum(axis=1) >= 3) & (spread[:, 1] > _COLLINEAR * spread[:, 0]))
+
+
+def pose_from_points(
+    points: Array, origin: Array, seen: Mask, weights: Array | None = None
+) -> Array:
+    """Least-squares pose change for changes of the points, shape (..., m, 6, 3 M).
+
+    points : ndarray, shape (..., m, M, 3), m; origin : ndarray, shape (..., m, 3), m
+    weights : ndarray, shape (m, M, 3, 3), 1/m, whitening matrices; equal weights without
+    Rows: translation of the origin [m/m], then rotation vector [rad/m], in the axes of the points.
+    """
+    A = rigid_motions(points - origin[..., None, :]).reshape((*points.shape, 6))
+    counted = A * seen[..., None, None]
+    if weights is not None:
+        counted = np.swapaxes(weights, -1, -2) @ (weights @ counted)
+    weighted = np.swapaxes(counted.reshape((*A.shape[:-3], -1, 6)), -1, -2)
+    idle = np.logical_not(seen.any(axis=-1, keepdims=True))[..., None] * np.eye(6)
+    return np.asarray(
+        np.linalg.solve(weighted @ A.reshape((*A.shape[:-3], -1, 6)) + idle, weighted)
+    )
 
 
 def free_components(model: Model) -> Mask:

@@ -2,6 +2,7 @@
 
 The order is that of time where the poses have it, else that of the file. Where the arm went from one
 session to the next, or while no reading was taken for an hour, nobody knows: moves begin anew there.
+Readings between which the arm was nowhere else are one visit.
 What is fitted is ordered by itself; held-out poses are told, where a clock says it, what came before
 them in either table.
 """
@@ -148,3 +149,71 @@ def in_order(poses: Poses) -> IntArray:
     earliest = np.full(len(first), np.inf)
     np.minimum.at(earliest, number, clock)
     return np.lexsort((clock, first[number], earliest[number]))
+
+
+def visits(poses: Poses) -> IntArray:
+    """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
+
+    A stay lasts until the arm goes to other joints, or the instrument to another station, or nobody
+    knows whether it did. Where poses in between were left out, the size of the last move still tells
+    that the arm was elsewhere.
+    """
+    order = in_order(poses)
+    keys = [poses.configuration, poses.station]
+    if poses.motion is not None:
+        keys += list(poses.motion.T)
+    where = np.column_stack(keys)[order]
+    left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1) | begins(poses)[order]
+    found = np.empty(len(poses), dtype=int)
+    found[order] = np.cumsum(left)
+    return found
+
+
+def alike(poses: Poses) -> IntArray:
+    """Number of the state of each reading, shape (m,): equal joints, loads and station.
+
+    Unlike ``Poses.repeated`` it does not ask from which side the joints came.
+    """
+    keys = [poses.configuration, poses.station, poses.load_mass, *poses.wrench.T]
+    _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+    return group.reshape(-1)
+
+
+def thinned(data: Measurements, most: int) -> tuple[Measurements, tuple[str, ...]]:
+    """At most so many readings of a table, and a sentence that says so; all, and none, if they are few.
+
+    Readings of one stay repeat each other but for the instrument's noise: every stay keeps as many as
+    all others, evenly over its time, or all that it has. Where there are more stays than that, an even
+    choice of them keeps one reading each.
+    """
+    if len(data) <= most:
+        return data, ()
+    stay = visits(data.poses) - 1
+    counts = np.bincount(stay)
+    each = _each(counts, most)
+    order = np.argsort(stay, kind="stable")
+    place = np.empty(len(data), dtype=int)  # of each reading in its stay
+    place[order] = np.arange(len(data)) - np.repeat(np.cumsum(counts) - counts, counts)
+    kept = _even(place, counts[stay], each)
+    if len(counts) > most:
+        kept &= _even(stay, np.array(len(counts)), most)
+    own = data.take(kept)
+    among = "spread evenly over all" if each == 1 else "the same number at each stop of the arm"
+    return own, (f"{len(own)} of {len(data)} readings were used, {among}",)
+
+
+def _each(counts: IntArray, most: int) -> int:
+    """The largest number of readings of a stay, one at least, of which all have at most so many."""
+    low, high = 1, max(int(counts.max()), 1)
+    while low < high:
+        middle = (low + high + 1) // 2
+        fits = int(np.minimum(counts, middle).sum()) <= most
+        low, high = (middle, high) if fits else (low, middle - 1)
+    return low
+
+
+def _even(place: IntArray, count: IntArray, most: int) -> Mask:
+    """Whether each place among ``count`` is one of at most so many that lie evenly."""
+    part = place * np.minimum(count, most) // count
+    before = (place - 1) * np.minimum(count, most) // count
+    return np.asarray(part != before)

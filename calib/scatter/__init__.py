@@ -5,14 +5,12 @@ new at every point, u_a the arm's repeatability and new at every approach, c_k w
 from one configuration to the next: it comes again at the same joints and tells nothing of others.
 J_k moves the joints and the tip, so a handful of variances says it all. This package estimates them
 (:mod:`calib.scatter.restricted`, :mod:`calib.scatter.search`), averages over those that it did not
-find (:mod:`calib.scatter.averaged`), and is the one place that whitens whole poses
+find (:mod:`calib.scatter.search`), and is the one place that whitens whole poses
 (:class:`calib.scatter.Scatter`).
 """
 
-from calib.scatter.averaged import Unnoticed, unnoticed
-from calib.scatter.poses import Scatter, scatter_of
-from calib.scatter.search import Levels, levels_of
-from calib.scatter.variances import Variances
+from calib.scatter.poses import Scatter, Variances, scatter_of
+from calib.scatter.search import Levels, Unnoticed, levels_of, unnoticed
 
 __all__ = [
     "Levels",

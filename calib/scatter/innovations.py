@@ -21,7 +21,7 @@ from calib.solver import inverse_factor
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ReadingBlock:
     """B groups with r readings.
 
     index : ndarray of int, shape (B, r), the readings
@@ -39,7 +39,7 @@ class Block:
 class Innovations:
     """The inverse Cholesky factor of groups that each share a displacement."""
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[ReadingBlock, ...]
 
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, both (..., m, R, p)."""
@@ -68,13 +68,13 @@ def innovations(K: Array, group: IntArray) -> Innovations:
     return Innovations(tuple(_block(index, K[..., index, :, :]) for index in by_size(group)))
 
 
-def _block(index: IntArray, K: Array) -> Block:
+def _block(index: IntArray, K: Array) -> ReadingBlock:
     R, k = K.shape[-2:]
     told = K
     if index.shape[1] > 1:
         M = np.eye(k) + _before(_t(K) @ K)
         told = _t(np.asarray(np.linalg.solve(M, _t(K))))
-    return Block(index, K, told, inverse_factor(np.eye(R) + told @ _t(K)))
+    return ReadingBlock(index, K, told, inverse_factor(np.eye(R) + told @ _t(K)))
 
 
 def _before(each: Array) -> Array:

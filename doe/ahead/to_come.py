@@ -11,8 +11,7 @@ from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.cell import Cell
 from calib.poses import Measurements, Poses
-from calib.poses.moves import begins, in_order, moves, with_moves
-from calib.poses.visits import alike, visits
+from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
 from doe.constraints import scene_of, visible
 
 

@@ -18,7 +18,7 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
 from doe.problem.request import Request

@@ -31,7 +31,7 @@ from calib.observations import (
     with_measured_shape,
 )
 from calib.poses import Measurements, Poses
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.simulation import whitening
 from doe.constraints import scene_of, visible

@@ -19,7 +19,7 @@ from calib.diagnosis.spectra import Spectrum, spectra
 from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
 from calib.instruments import Channels
-from calib.poses.thinning import thinned
+from calib.poses.moves import thinned
 from doe.ahead.next_poses import NextPoses, Prediction, next_poses
 from studies.causes import Sought
 from studies.command.options import faults_in

@@ -16,7 +16,7 @@ from calib.identification import ADVICE
 from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
-from calib.poses.thinning import thinned
+from calib.poses.moves import thinned
 from calib.uncertainty.acceptance import Judged, judged
 from calib.uncertainty.budget import Budget, accuracy_at_targets
 from studies.command.options import faults_in

@@ -10,8 +10,7 @@ import pytest
 from calib.arrays import Array
 from calib.drift import Drift, drift_of
 from calib.poses import Measurements, Poses, poses_at
-from calib.poses.moves import with_moves
-from calib.poses.visits import visits
+from calib.poses.moves import visits, with_moves
 from calib.scatter import Scatter, Variances
 
 SIGMA, ARM = 1e-5, 2e-5  # m

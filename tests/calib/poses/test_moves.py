@@ -15,8 +15,7 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.poses.moves import before_the_first_move, in_one_session, moves, with_moves
-from calib.poses.visits import visits
+from calib.poses.moves import before_the_first_move, in_one_session, moves, visits, with_moves
 from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot, with_effects
 

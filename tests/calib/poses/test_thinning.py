@@ -11,9 +11,7 @@ import calib
 from calib.diagnosis.diagnose import diagnose
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
-from calib.poses.moves import with_moves
-from calib.poses.thinning import thinned
-from calib.poses.visits import visits
+from calib.poses.moves import thinned, visits, with_moves
 from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 

@@ -19,7 +19,7 @@ from calib.cell.planned import Planned
 from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.model.build import build
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.visits.reapproach import reapproaches_of, with_reapproaches

@@ -16,7 +16,7 @@ from calib.cell import Repeatability
 from calib.cell.planned import AskedLevels, Planned
 from calib.errors import CalibError
 from calib.poses import poses_at
-from calib.poses.visits import visits
+from calib.poses.moves import visits
 from doe.assess import assess
 from doe.plan import named
 from doe.problem.levels import levels_of

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import calib
-from calib.diagnosis.linear import times
-from calib.diagnosis.scan import beside, scores
 from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
+from calib.identification.scan import beside, scores, times
 from calib.identification.start import initial_values, whitening
 from calib.model.build import build, context_of, place_effect
 from calib.scatter import Variances
@@ -49,7 +48,7 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     tunings = effect.grid(stage.data.poses)[::7]
     functions = effect.functions(stage.data.poses, tunings)
     limits = np.array([p.limit for p in effect.amplitudes])
-    falls, _ = scores(beside(fit).carried(carrier), functions, limits)
+    falls, _ = scores(beside(fit.linear).carried(carrier), functions, limits)
     r, J = fit.equations
     for fall, own in zip(falls, functions, strict=True):
         rows = times(carrier, own)

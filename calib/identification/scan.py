@@ -20,9 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
-from calib.diagnosis.screen import VISIBLE
-from calib.diagnosis.stage import Fit
+from calib.arrays import Array, IntArray, stacked
+from calib.linear import LinearProblem, orthonormal
+from calib.scatter.poses import Mixing
+
+_VISIBLE = 1e-3  # of a column: what must be left of it beside all that is modelled
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +35,19 @@ class Beside:
     H : ndarray, shape (m, R, k), likewise an orthonormal basis of what is modelled
     """
 
-    fit: Fit
     g: Array
     H: Array
+    mixing: Mixing | None
 
     def carried(self, carrier: Array) -> Carried:
         """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
         back = np.swapaxes(carrier, -1, -2)
         g, H = (back @ self.g[..., None])[..., 0], back @ self.H
         own, together = back @ carrier, []
-        if self.fit.mixing is not None:
-            own = own / self.fit.mixing.scale**2
-            for index, G in self.fit.mixing.taken():
-                told = np.swapaxes(G, -1, -2) @ carrier[index] / self.fit.mixing.scale
+        if self.mixing is not None:
+            own = own / self.mixing.scale**2
+            for index, G in self.mixing.taken():
+                told = np.swapaxes(G, -1, -2) @ carrier[index] / self.mixing.scale
                 if index.shape[1] == 1:
                     own[index] -= np.swapaxes(told, -1, -2) @ told
                 else:
@@ -70,15 +72,25 @@ class Carried:
     together: tuple[tuple[IntArray, Array], ...]
 
 
-def beside(fit: Fit) -> Beside:
-    """Project everything modelled out of the residual of a fit."""
-    (r, _), Q = fit.equations, fit.modelled
+def beside(problem: LinearProblem, further: Array | None = None) -> Beside:
+    """Project everything modelled, and further columns (m, R, c), out of the residual of a fit."""
+    (r, J), Q, mixing = problem.independent, problem.basis, problem.mixing
+    if further is not None:
+        own = stacked(further if mixing is None else mixing(further))
+        own = np.pad(own, ((0, len(r) - len(own)), (0, 0)))
+        Q = orthonormal(np.concatenate([J @ problem.span, own], axis=1))
     left = r - Q @ (Q.T @ r)
-    m, R = fit.r.shape
+    m, R = problem.r.shape
     g, H = left[: m * R].reshape(m, R), Q[: m * R].reshape(m, R, -1)
-    if fit.mixing is not None:
-        g, H = fit.mixing.back(g[..., None])[..., 0], fit.mixing.back(H)
-    return Beside(fit, g, H)
+    if mixing is not None:
+        g, H = mixing.back(g[..., None])[..., 0], mixing.back(H)
+    return Beside(g, H, mixing)
+
+
+def times(carrier: Array, functions: Array) -> Array:
+    """Rows (m, R, f b) of a carrier's (m, R, b) times functions of the pose (m, f)."""
+    rows = carrier[:, :, None, :] * functions[:, None, :, None]
+    return np.asarray(rows.reshape((*carrier.shape[:2], -1)))
 
 
 def scores(carried: Carried, functions: Array, limits: Array) -> tuple[Array, IntArray]:
@@ -93,7 +105,7 @@ def scores(carried: Carried, functions: Array, limits: Array) -> tuple[Array, In
     S = S - C @ np.swapaxes(C, -1, -2)
     scale = np.where(lengths > 0.0, lengths, 1.0)
     d, V = np.linalg.eigh(S / (scale[:, :, None] * scale[:, None, :]))
-    seen = d > VISIBLE**2
+    seen = d > _VISIBLE**2
     # In the directions that can be seen: fall = z_U^T G (I + G)^-1 z_U, G their covariance a priori.
     T = V * np.where(seen, 1.0 / np.sqrt(np.where(seen, d, 1.0)), 0.0)[:, None, :]
     Tt = np.swapaxes(T / scale[:, :, None], -1, -2)

@@ -1,0 +1,98 @@
+"""A least-squares problem to first order: rows of readings, what is known beside them, what follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array, stacked
+from calib.model.covariance import covariance, gain
+from calib.scatter.poses import Mixing
+
+DEPENDENT = 1e-8
+"""Share of a column that the others leave, below which it is one of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProblem:
+    """Residuals and derivatives of m readings about some values, and the directions that are fitted.
+
+    r : ndarray, shape (m, R), J : ndarray, shape (m, R, p), in the instrument's standard deviations
+    span : ndarray, shape (p, k), directions that are estimated
+    off, held : ndarray, shapes (h,) and (h, p), rows of unit variance known beside the readings
+    mixing : Mixing or None, what makes the rows independent where whole poses err together
+    weighing : Mixing or None, as far as the fit weighed the rows by that
+    pull : float, so many times more the rows beside the readings weighed in the fit, as the readings
+        err so many times more than is stated
+    """
+
+    r: Array
+    J: Array
+    span: Array
+    off: Array
+    held: Array
+    mixing: Mixing | None = None
+    weighing: Mixing | None = None
+    pull: float = 1.0
+
+    @cached_property
+    def fitted(self) -> tuple[Array, Array]:
+        """Residuals (N,) and derivatives (N, p) as the fit weighed them, what is held last."""
+        return self._rows(self.weighing, self.pull)
+
+    @cached_property
+    def independent(self) -> tuple[Array, Array]:
+        """The same of unit variance and independent of each other, as far as is known."""
+        return self.fitted if self.mixing is None else self._rows(self.mixing, 1.0)
+
+    def _rows(self, mixing: Mixing | None, pull: float) -> tuple[Array, Array]:
+        r, J = self.r, self.J
+        if mixing is not None:
+            r, J = mixing(r[..., None])[..., 0], mixing(J)
+        if not len(self.off):
+            return r.ravel(), stacked(J)
+        flat = np.concatenate([stacked(J), pull * self.held])
+        return np.concatenate([r.ravel(), pull * self.off]), flat
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal basis of the fitted directions, of independent rows, shape (N, k)."""
+        return orthonormal(self.independent[1] @ self.span)
+
+    @cached_property
+    def gains(self) -> tuple[Array, Array]:
+        """How the least-squares values follow whitened rows, (m, R, p), and what is held, (h, p)."""
+        follow = gain(self.fitted[1], self.span).T
+        own = follow[: self.r.size].reshape(self.J.shape)
+        if self.weighing is not None:
+            own = self.weighing.back(own)
+        return own, self.pull * follow[self.r.size :]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (p, p) of the least-squares values, the noise as stated."""
+        if self.mixing is None:
+            return covariance(self.fitted[1], self.span)
+        own, held = self.gains
+        return self.mixing.covariance(own) + held.T @ held
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis of columns (N, p), shape (N, rank)."""
+    from scipy.linalg import qr
+
+    scale = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(scale > 0.0, scale, 1.0)
+    Q, R, _ = qr(unit, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    return np.asarray(Q[:, pivots > DEPENDENT * pivots.max(initial=0.0)])
+
+
+def huber_weights(lengths: Array, typical: float, multiple: float) -> Array:
+    """Weights (m,) of poses by the lengths of their residuals: one up to a multiple of the typical one.
+
+    Source: Huber, Annals of Mathematical Statistics 35(1), 1964.
+    """
+    return np.asarray(np.minimum(1.0, multiple * typical / np.maximum(lengths, 1e-12)))

@@ -24,7 +24,7 @@ from doe.ahead.next_poses import NextPoses, next_poses
 from doe.ahead.onward import Onward, onward
 from doe.plan import Design
 from doe.planning import design
-from doe.problem.refusals import CannotIdentify
+from doe.problem.request import CannotIdentify
 
 __all__ = [
     "CannotIdentify",

@@ -11,7 +11,7 @@ from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
-from doe.problem.common import follow
+from doe.problem.linearisation import follow
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 

@@ -11,7 +11,7 @@ from doe.assess import assess
 from doe.plan import Design, Step
 from doe.problem import Problem
 from doe.problem.pool import Pool
-from doe.problem.refusals import CannotIdentify
+from doe.problem.request import CannotIdentify
 from doe.solve import Clock, Effort, choose
 
 _STEPS = 8

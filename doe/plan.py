@@ -10,9 +10,8 @@ from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
 from doe.assess import Assessment
 from doe.problem import Problem
-from doe.problem.levels import Levels
-from doe.visits.reapproach import Reapproaches
-from doe.visits.reference import Reference
+from doe.problem.request import Levels
+from doe.visiting import Reapproaches, Reference
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,20 +22,35 @@ from doe.curve import accuracy_curve
 from doe.notes import notes_of
 from doe.plan import Candidates, Certificate, Design, Rival, level_values, named
 from doe.problem import Problem, problem_of
-from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
-from doe.problem.refusals import CannotIdentify, at_level, no_candidate
-from doe.problem.request import Request
-from doe.solve import Clock, Effort, Finished, check_count, choose, finish
-from doe.visits.counted import new_poses_instead, with_second_visits
-from doe.visits.order import visiting_order
-from doe.visits.reapproach import (
-    Reapproaches,
-    reapproaches_of,
-    usual_reapproaches,
-    with_reapproaches,
+from doe.problem.request import (
+    CannotIdentify,
+    Request,
+    at_level,
+    levels_of,
+    no_candidate,
+    parse_levels,
 )
-from doe.visits.reference import Reference, spacing, with_reference
+from doe.solve import (
+    Clock,
+    Effort,
+    Finished,
+    check_count,
+    choose,
+    finish,
+    new_poses_instead,
+    with_second_visits,
+)
+from doe.visiting import (
+    Reapproaches,
+    Reference,
+    reapproaches_of,
+    spacing,
+    usual_reapproaches,
+    visiting_order,
+    with_reapproaches,
+    with_reference,
+)
 
 _MOST_POSES = 10_000
 CANDIDATES = 20_000
@@ -88,7 +103,7 @@ def design(
         the end, to show drift; 0 for none; the cell's [design] otherwise
     reapproach : so many of the poses are visited again after the others, to show the arm's
         repeatability; 0 for none; the cell's [design] otherwise, and where that is silent and the
-        repeatability is not known, a tenth of ``poses`` (doe.visits.reapproach.usual_reapproaches)
+        repeatability is not known, a tenth of ``poses`` (doe.visiting.usual_reapproaches)
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.

@@ -10,7 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from doe.assess import open_parameters
+from calib.cell.contacts import brought, touched
+from doe.assess import assess, open_parameters
+from doe.constraints import scene_of
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed, survivors
@@ -20,16 +22,20 @@ from doe.optimal.exchange import greedy, robust_exchange, smallest_left
 from doe.optimal.relax import Relaxation, bounded, relax
 from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
-from doe.polish import polish
 from doe.problem import Problem
-from doe.problem.pool import Pool, drawn, judge
-from doe.problem.refusals import CannotIdentify
+from doe.problem.pool import Pool, drawn, judge, movable, rounded
+from doe.problem.request import CannotIdentify
 
 _LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
 _NODES_TOLD = 200  # nodes between two lines on the way
 _ROUNDING = 1e-6
 _SHOWN = 20_000  # candidates of the landscape
 _LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
+_TRIES = 48  # neighbours of each pose in one round
+_ROUNDS = 14
+_WIDEST = 0.12  # of the joint range, shrinking to a two-hundredth of it
+_NARROWEST = 6e-4
+_TRIED = 300  # candidates of the largest scores, to be visited in place of a pose twice
 
 
 @dataclass(frozen=True)
@@ -298,3 +304,87 @@ def fresh_bound(problem: Problem, G: Array, effort: Effort) -> float:
     rules, own = problem.rules(level), float((G * problem.fixed).sum())
     again = scores[rules.again(scores, effort.reapproaches)].sum()
     return own + rules.best(scores)[0] + float(again)
+
+
+def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
+    """Move the poses of a plan inside the constraints, levels kept.
+
+    q : ndarray, shape (N, dof); M : ndarray, shape (p, p), information of the plan
+    Returns joint values; the criterion is never lower than before.
+    """
+    rng = np.random.default_rng(seed)
+    robot, levels = problem.cell.robot, problem.request.levels
+    low, high = robot.sample_limits().T
+    free, contacts = movable(problem.cell, levels), touched(problem.cell, q)
+    q, blocks = q.copy(), problem.information(q)
+    value = float(problem.criterion.value(M))
+    for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
+        steps = rng.normal(size=(len(q), _TRIES, robot.dof)) * width * (high - low) * free
+        # Half of the tries move one joint alone: most gains lie along single axes.
+        lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
+        steps[:, : _TRIES // 2] *= lone
+        tries = rounded(
+            problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof)
+        )
+        if levels is not None:
+            tries[:, levels.joint] = np.repeat(q[:, levels.joint], _TRIES)
+        tries = brought(problem.cell, robot.tied(tries), np.repeat(contacts, _TRIES), free)
+        kept, found, owner = _feasible(problem, tries)
+        for slot in range(len(q)):
+            own = np.flatnonzero(owner == slot)
+            if not len(own):
+                continue
+            base = M - blocks[slot]
+            values = problem.criterion.value(base + found[own])
+            best = int(values.argmax())
+            if values[best] > value:
+                value = float(values[best])
+                q[slot], blocks[slot] = kept[own[best]], found[own[best]]
+                M = base + blocks[slot]
+    return q
+
+
+def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, IntArray]:
+    """Tries that satisfy the constraints, their information, and the pose each belongs to."""
+    numbered = np.arange(len(tries))
+    for constraint in problem.constraints:
+        if len(numbered):
+            allowed = constraint.allows(scene_of(problem.cell, tries[numbered]))
+            numbered = numbered[allowed]
+    kept = tries[numbered]
+    blocks = problem.information(kept) if len(kept) else np.zeros((0, *problem.fixed.shape))
+    return kept, np.asarray(blocks), numbered // _TRIES
+
+
+def with_second_visits(problem: Problem, found: Finished, q: Array) -> Certificate:
+    """The certificate of the plan where poses q, shape (k, dof), of it are visited again."""
+    plain, relaxed, before = problem.criterion.plain, found.relaxed, found.certificate
+    blocks, again = problem.blocks(found.pool), problem.information(q)
+    scores = blocks.scores(relaxed.G)
+    best = problem.rules(found.pool.level).again(scores, len(q))
+    own = np.concatenate([blocks.matrices(found.plan), again])
+    M = blocks.fixed + own.sum(axis=0)
+    return replace(
+        before,
+        value=float(plain.value(M)),
+        bound=before.bound + float(scores[best].sum()),
+        weighted=float(plain.value(relaxed.M + blocks.matrices(best).sum(axis=0))),
+        left=smallest_left(plain, M, own),
+    )
+
+
+def new_poses_instead(problem: Problem, found: Finished, count: int) -> float:
+    """Task RMS [m] with so many more poses in place of second visits, the others kept.
+
+    The poses that add most to the problem's criterion, one after the other; NaN where there are none.
+    """
+    blocks, chosen = problem.blocks(found.pool), found.plan
+    scores = blocks.scores(problem.criterion.gradient(blocks.total(chosen)))
+    others = np.setdiff1d(np.arange(len(scores)), chosen)
+    some: IntArray = others[np.argsort(-scores[others])[:_TRIED]]
+    if len(some) < count:
+        return np.nan
+    anywhere = Allowed(np.zeros(len(some), dtype=int), np.zeros(1), np.array([count]), 1)
+    beside = replace(blocks.take(some), fixed=blocks.total(chosen))
+    more = some[greedy(problem.criterion, beside, anywhere)]
+    return assess(problem, found.pool.q[np.concatenate([chosen, more])]).task_rms

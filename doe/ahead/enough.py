@@ -30,9 +30,7 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
-from doe.problem.information import Regressor
-from doe.problem.linearisation import Linearisation
-from doe.problem.nominal import nominal
+from doe.problem.linearisation import Linearisation, Regressor, nominal
 from doe.problem.pool import drawn, pool_of
 
 _CANDIDATES = 1000

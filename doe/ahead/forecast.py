@@ -30,9 +30,7 @@ from doe.criteria.task import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.common import at_targets, moved_rows
-from doe.problem.information import Regressor
-from doe.problem.linearisation import Linearisation, Rows
+from doe.problem.linearisation import Linearisation, Regressor, Rows, at_targets, moved_rows
 from doe.problem.problem import target_rows
 
 _SURE = 0.95

@@ -27,7 +27,7 @@ from doe.ahead.rivals import (
 )
 from doe.ahead.search import Search, search_of
 from doe.ahead.situation import Offer, Situation, likely_read, offer_of, refusal
-from doe.visits.order import visiting_order
+from doe.visiting import visiting_order
 
 _MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 POSES = 8

@@ -29,7 +29,7 @@ from doe.ahead.evidence import FREE, Evidence, ReducedEquations
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
 from doe.ahead.situation import Offer, Situation
-from doe.problem.information import Regressor
+from doe.problem.linearisation import Regressor
 from doe.problem.problem import target_rows
 
 _WAVES = 4  # of each angle

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from calib.cell import Cell
-from doe.constraints.contact import in_contact
-from doe.constraints.floor import Floor, floor_of
-from doe.constraints.hanging import hanging_load
-from doe.constraints.limits import joint_limits
-from doe.constraints.obstacles import obstacles_of
-from doe.constraints.protocol import Constraint
-from doe.constraints.scene import Scene, moving_capsules, scene_of
+from doe.constraints.limits import hanging_load, in_contact, joint_limits, joint_torque
+from doe.constraints.obstacles import Floor, floor_of, obstacles_of
+from doe.constraints.scene import Constraint, Scene, moving_capsules, scene_of
 from doe.constraints.self_collision import clear_of_itself
 from doe.constraints.sight import hidden_by, read_by, visible
-from doe.constraints.torque import joint_torque
 
 __all__ = [
     "Constraint",

@@ -1,4 +1,4 @@
-"""Joint limits."""
+"""What the arm can do where it stands: joint limits, a load that hangs, drives that hold, touch."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.se3 import skew
 from calib.arrays import Array, Mask
-from calib.cell import Cell
-from doe.constraints.protocol import Constraint
-from doe.constraints.scene import Scene
+from calib.cell import Cell, Load
+from calib.cell.contacts import touched
+from doe.constraints.scene import Constraint, Scene, turned
 
 _SLACK = 1e-9  # rad or m; a limit that is converted from degrees is still reached
 
@@ -30,3 +31,101 @@ def joint_limits(cell: Cell) -> JointLimits | None:
     """The limits of the cell's robot; None where all its joints turn without end."""
     limits = cell.robot.limits
     return JointLimits(limits) if np.isfinite(limits).any() else None
+
+
+@dataclass(frozen=True)
+class Touching(Constraint):
+    """A marker meets something: what the solver does not bring there is out of reach."""
+
+    name: str = "contact"
+
+    def allows(self, scene: Scene) -> Mask:
+        return np.asarray(touched(scene.cell, scene.q) >= 0)
+
+
+def in_contact(cell: Cell) -> Touching | None:
+    """Where all instruments are to be touched, and stand where the cell says; else None."""
+    all_touch = all(i.touches and not i.unforeseen for i in cell.instruments)
+    return Touching() if all_touch else None
+
+
+@dataclass(frozen=True, eq=False)
+class HangingLoad(Constraint):
+    """The tip's x axis leaves the horizontal by no more than the load allows.
+
+    down : ndarray, shape (3,), unit vector of gravity in base axes
+    max_tilt : float, rad
+    """
+
+    down: Array
+    max_tilt: float
+    name: str = "hanging_load"
+
+    def allows(self, scene: Scene) -> Mask:
+        sine = np.abs(scene.frames.R[:, -1, :, 0] @ self.down)
+        return np.asarray(sine <= np.sin(self.max_tilt) + _SLACK)
+
+
+def hanging_load(cell: Cell) -> HangingLoad | None:
+    """The limit of the cell's load; None where nothing hangs or every tilt will do."""
+    pull = float(np.linalg.norm(cell.gravity))
+    if cell.load is None or cell.load.max_tilt >= np.pi / 2 or not pull:
+        return None
+    return HangingLoad(cell.gravity / pull, cell.load.max_tilt)
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorque(Constraint):
+    """Weights of links and payload, with and without the load, within the efforts of the drives.
+
+    efforts : ndarray, shape (dof,), N m, or N where a joint slides; infinite where none is given
+    """
+
+    efforts: Array
+    name: str = "joint_torque"
+
+    def allows(self, scene: Scene) -> Mask:
+        readings = static_torques(scene)
+        return np.asarray((np.abs(readings) <= self.efforts).all(axis=(0, 2)))
+
+
+def joint_torque(cell: Cell) -> JointTorque | None:
+    """The efforts of the cell's robot; None where none is given or nothing weighs on it."""
+    robot, load = cell.robot, cell.load
+    weighs = robot.masses.any() or cell.payload.mass or (load is not None and load.mass)
+    efforts = np.where(np.isnan(robot.efforts), np.inf, robot.efforts)
+    if not (weighs and cell.gravity.any() and np.isfinite(efforts).any()):
+        return None
+    return JointTorque(efforts)
+
+
+def static_torques(scene: Scene) -> Array:
+    """Torque [N m] or force [N] along each joint, shape (2, n, dof): free, and with the load.
+
+    What :func:`calib.arm.statics.transmitted` gives in all six components, at several times the cost.
+    """
+    cell, robot = scene.cell, scene.cell.robot
+    load = cell.load or Load(0.0, (0.0, 0.0, 0.0))
+    hung = load.mass * scene.placed(robot.tip_frame, load.com)
+    mass = cell.payload.mass
+    moment = mass * scene.placed(robot.tip_frame, cell.payload.com)
+    torques = np.empty((robot.dof, 2, len(scene)))
+    for k in reversed(range(robot.dof)):
+        if robot.masses[k]:
+            mass += robot.masses[k]
+            moment += robot.masses[k] * scene.placed(k + 1, robot.coms[k])
+        axis, o = turned(scene.frames.R[:, k + 1], robot.axes[k]), scene.frames.o[:, k + 1]
+        slides = bool(robot.prismatic[k])
+        free = _along(axis, o, slides, mass, moment, cell.gravity)
+        torques[k] = free, free + _along(axis, o, slides, load.mass, hung, cell.gravity)
+    return np.moveaxis(torques, 0, -1)
+
+
+def _along(
+    axis: Array, o: Array, slides: bool, mass: float, moment: Array, gravity: Array
+) -> Array:
+    """What a weight of first moment (n, 3) in kg m adds along axes (n, 3) through o, shape (n,)."""
+    if slides:
+        return np.asarray(mass * (axis @ gravity))
+    # a . ((c - o) x m g), the mass m at c.
+    return np.asarray(np.einsum("ni,ni->n", moment - mass * o, axis @ skew(gravity).T))

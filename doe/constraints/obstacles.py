@@ -1,4 +1,4 @@
-"""Bodies that stand still around the arm.
+"""Bodies that stand still around the arm, and the floor.
 
 The capsules of the arm and of the tool must keep clear of them. Those of the base need not: they
 never move, so nothing could be chosen to keep them clear.
@@ -20,8 +20,10 @@ from doe.constraints.distances import (
     segment_box,
     segment_halfspace,
 )
-from doe.constraints.protocol import Constraint
-from doe.constraints.scene import Scene
+from doe.constraints.scene import Constraint, Scene, probe_scene
+
+_ALWAYS = 0.99  # of the configurations of the probe
+_UPRIGHT = 0.999  # cosine
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +113,57 @@ def _obstacle(number: int, body: Body) -> Obstacle:
             return BallObstacle(f"obstacle {number} (sphere)", body)
         case _:
             return HalfSpaceObstacle(f"obstacle {number} (halfspace)", body)
+
+
+@dataclass(frozen=True, eq=False)
+class Floor(Constraint):
+    """Capsules and markers of the arm stay above a height.
+
+    height : float, m, along the base's z axis
+    checked : positions in ``Scene.capsules``; exempt : names of capsules that reach below it
+        practically everywhere: a column that turns in its base, or a coarse shape
+    assumed : whether nobody gave the height
+    """
+
+    height: float
+    checked: tuple[int, ...]
+    exempt: tuple[str, ...] = ()
+    assumed: bool = False
+    name: str = "floor"
+
+    def allows(self, scene: Scene) -> Mask:
+        free = (scene.markers[..., 2] > self.height).all(axis=1)
+        for i in self.checked:
+            free &= above(scene, i, self.height)
+        return np.asarray(free)
+
+
+def above(scene: Scene, i: int, height: float) -> Mask:
+    """Whether all of a capsule is above a height, shape (n,)."""
+    capsule = scene.capsules[i]
+    lowest: Array = np.minimum(capsule.start[:, 2], capsule.end[:, 2]) - capsule.radius
+    return np.asarray(lowest > height)
+
+
+def floor_of(cell: Cell) -> Floor | None:
+    """The floor that the cell gives, or that the robot's own shape stands on; None without either."""
+    given = cell.design.floor
+    height = assumed_height(cell) if given is None else given
+    if height is None:
+        return None
+    probe = probe_scene(cell)
+    moving = [i for i, capsule in enumerate(probe.capsules) if capsule.moves]
+    checked = [i for i in moving if above(probe, i, height).mean() > 1.0 - _ALWAYS]
+    exempt = [probe.capsules[i].name for i in moving if i not in checked]
+    return Floor(height, tuple(checked), tuple(exempt), given is None)
+
+
+def assumed_height(cell: Cell) -> float | None:
+    """Where the shape of an upright base ends below, by the robot's file, base frame [m].
+
+    None where the file does not tell, the cell says that there is no floor, or gives shapes itself.
+    """
+    pull = float(np.linalg.norm(cell.gravity))
+    upright = bool(pull) and -cell.gravity[2] > _UPRIGHT * pull
+    assumable = upright and cell.shapes.own and not cell.design.floorless
+    return cell.shapes.stands_at if assumable else None

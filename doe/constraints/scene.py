@@ -1,7 +1,12 @@
-"""The arm at n configurations: frames, markers and the shapes of its bodies, each computed once."""
+"""The arm at n configurations, and what a constraint is: a yes or no for each of them.
+
+A new constraint is one file with one such class and a function that makes it from a cell, None where
+it cannot act, and one entry in ``doe.constraints.constraints_of``.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from calib.arm.kinematics import Frames, forward, link_origins
 from calib.arm.robot import Capsule
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
 
@@ -133,3 +138,16 @@ def turned(R: Array, vector: Array) -> Array:
     """One vector (3,) under n rotations (n, 3, 3), shape (n, 3)."""
     # A single product with (9, 3) takes a fifth of the time of n products with (3,).
     return np.asarray(R.reshape(-1, 9) @ np.kron(np.eye(3), vector[:, None]))
+
+
+class Constraint(ABC):
+    """Something that forbids configurations.
+
+    name : str, short and unique in a cell: the key under which removed configurations are counted
+    """
+
+    name: str
+
+    @abstractmethod
+    def allows(self, scene: Scene) -> Mask:
+        """Whether each of the n configurations may be measured, shape (n,)."""

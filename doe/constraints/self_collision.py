@@ -10,10 +10,18 @@ import numpy as np
 from calib.arrays import Mask
 from calib.cell import Cell
 from doe.constraints.distances import segment_segment
-from doe.constraints.protocol import Constraint
-from doe.constraints.scene import PlacedCapsule, Scene, named_capsules, probe_scene, scene_of
+from doe.constraints.scene import (
+    Constraint,
+    PlacedCapsule,
+    Scene,
+    moving_capsules,
+    named_capsules,
+    probe_scene,
+    scene_of,
+)
 
 _ALWAYS = 0.99  # of them
+_REMEDY = "Put the meshes where the robot file says, or give robot.capsules_mm in the cell."
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +79,18 @@ def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:
     distance = segment_segment(a.start[at], a.end[at], b.start[at], b.end[at])
     met[at] = distance <= a.radius + b.radius
     return met
+
+
+def unchecked(cell: Cell) -> str:
+    """That poses are not checked for collisions, or only in part, and what to do; "" where they are."""
+    if cell.shapes.unread:
+        more = f", and {len(cell.shapes.unread) - 1} more" if len(cell.shapes.unread) > 1 else ""
+        what = f"shapes cannot be read: {cell.shapes.unread[0]}{more}"
+        how = "only in part" if moving_capsules(cell) else "not"
+        return f"The poses are {how} checked for collisions, as {what}. {_REMEDY}"
+    if not moving_capsules(cell):
+        return (
+            "The poses are not checked for collisions, as the arm has no shape. Give "
+            "robot.capsules_mm in the cell."
+        )
+    return ""

@@ -9,16 +9,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 from calib.plugins import with_announced
-from doe.criteria.average import Average
-from doe.criteria.combination import Combination
-from doe.criteria.determinant import Determinant
+from doe.criteria.determinant import Determinant, Subset
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.criteria.region import WorstRegion
 from doe.criteria.rivals import Rivals
-from doe.criteria.subset import Subset
+from doe.criteria.smallest import WorstRegion, WorstTask
 from doe.criteria.task import Task
-from doe.criteria.worst_task import WorstTask
+from doe.criteria.trace import Average, Combination
 
 CRITERIA: dict[str, type[Criterion]] = {
     "task": Task,

@@ -1,4 +1,4 @@
-"""D: volume of the confidence ellipsoid of all parameters."""
+"""Volume of the confidence ellipsoid, of all parameters (D) or of those that matter (Ds)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from doe.criteria.protocol import Conic, Criterion, Question
+from calib.errors import CalibError
+from doe.criteria.protocol import Conic, Criterion, Question, solved
 from doe.optimal.blocks import growth, pack
 
 
@@ -56,3 +57,44 @@ class Determinant(Criterion):
         P = L_inverse @ columns @ L_inverse.T
         cost = -float(np.linalg.slogdet(M)[1])
         return cost, -np.trace(P, axis1=-2, axis2=-1), pack(P)
+
+
+@dataclass(frozen=True, eq=False)
+class Subset(Criterion):
+    """``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
+
+    V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
+    """
+
+    V: Array
+    name: ClassVar[str] = "Ds"
+    unit: ClassVar[str] = "det(K)^(1/s), parameters in their units"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        if question.subset is None:
+            raise CalibError("criterion Ds needs the parameters that matter; say which (of)")
+        return cls(question.shown[question.subset])
+
+    @property
+    def whole(self) -> bool:
+        return False
+
+    def value(self, M: Array) -> Array:
+        cov = self.V @ solved(M, self.V.T)
+        return np.asarray(np.exp(-np.linalg.slogdet(cov)[1] / len(self.V)))
+
+    def gradient(self, M: Array) -> Array:
+        W = solved(M, self.V.T)
+        return np.asarray(self.value(M) / len(self.V) * W @ np.linalg.solve(self.V @ W, W.T))
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
+        K = cp.Variable((len(V), len(V)), symmetric=True)
+        return Conic(cp.log_det(K), [M - V.T @ K @ V >> 0])
+
+    def shown(self, value: float) -> float:
+        return value

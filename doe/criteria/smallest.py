@@ -1,16 +1,16 @@
-"""Criteria that are the smallest of several, and the largest of several variances."""
+"""The worst of several: of target poses (task-worst), of poses within the joint limits (G)."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from calib.arrays import Array
-from doe.criteria.protocol import Conic, Criterion
+from doe.criteria.protocol import Conic, Criterion, Question
 from doe.optimal.blocks import pack, unpack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
@@ -87,3 +87,32 @@ class WorstVariance(Smallest):
 
     def shown(self, value: float) -> float:
         return 1.0 / value
+
+
+@dataclass(frozen=True, eq=False)
+class WorstTask(WorstVariance):
+    """Expected squared position error at the worst target pose, shown as its root in mm."""
+
+    name: ClassVar[str] = "task-worst"
+    unit: ClassVar[str] = "mm RMS at the worst target"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        rows = question.targets()[question.target_weights > 0.0]
+        return cls(np.swapaxes(rows, -1, -2))
+
+    def shown(self, value: float) -> float:
+        return 1e3 / float(np.sqrt(value))
+
+
+@dataclass(frozen=True, eq=False)
+class WorstRegion(WorstVariance):
+    """G: largest variance of a predicted reading, summed over its markers, in noise variances."""
+
+    name: ClassVar[str] = "G"
+    unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        values, vectors = np.linalg.eigh(question.region)
+        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])

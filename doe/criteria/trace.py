@@ -1,14 +1,15 @@
-"""The form ``tr(C M^-1)`` that A, c and the expected error at targets share."""
+"""Variances of parameters: the mean of them (A), one of them (c), and the form ``tr(C M^-1)``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from calib.arrays import Array
-from doe.criteria.protocol import Conic, Criterion, solved
+from calib.errors import CalibError
+from doe.criteria.protocol import Conic, Criterion, Question, solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,3 +58,31 @@ class Trace(Criterion):
         moved = P @ half
         slope = -scale * np.einsum("qpr,pr->q", moved, half)
         return 1.0, slope, np.sqrt(2.0 * scale) * moved.reshape(len(P), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Average(Trace):
+    """A: trace of the covariance, of all parameters or of those that matter, in their units."""
+
+    name: ClassVar[str] = "A"
+    unit: ClassVar[str] = "trace of the covariance, parameters in their units"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        return cls(question.shown[question.chosen].T)
+
+
+@dataclass(frozen=True, eq=False)
+class Combination(Trace):
+    """c: variance of one parameter or of one linear combination, in its units."""
+
+    name: ClassVar[str] = "c"
+    unit: ClassVar[str] = "variance of the combination, parameters in their units"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        if question.direction is None:
+            raise CalibError(
+                "criterion c needs one parameter or combination; say which (of), as NAME[=FACTOR],.."
+            )
+        return cls((question.direction @ question.shown)[:, None])

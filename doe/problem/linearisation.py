@@ -9,18 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.api import readings
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
-from calib.effects.protocol import Effect
+from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
+from calib.instruments import Tracker
+from calib.instruments.common_errors import CommonError
 from calib.model import Model
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.scatter.poses import Mixing
+from calib.uncertainty.considered import by_gravity, common_displacements
 
 Visits = tuple[IntArray, IntArray]
+_SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +140,163 @@ def weighted(W: Array, columns: Array) -> Array:
     """
     rows = columns * W if W.shape[-1] == 1 else W @ columns
     return np.asarray(rows.reshape(len(columns), -1, columns.shape[-1]))
+
+
+def nominal(model: Model, poses: Poses) -> Array:
+    """The nominal model, shape (p,), SI; as soft as usual where an error of load is to be seen.
+
+    Weights, springs and payloads move the markers through compliances only.
+    """
+    if len(model.where(LoadEffect)):
+        return soft(model, poses)
+    return model.initial
+
+
+def soft(model: Model, poses: Poses) -> Array:
+    """Nominal, but elastic ones of usual size, or of what moves the markers a millimetre, (p,), SI."""
+    values = model.initial
+    _, J = model.jacobian(values, poses)
+    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
+    sizes = np.minimum(model.sizes, _SOFTEST_M / np.maximum(moved, 1e-300))
+    elastic = model.where(ElasticEffect)
+    values[elastic] = sizes[elastic]
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class Regressor:
+    """Candidates of a cell before anything is known, in the coordinates of the criteria.
+
+    values : ndarray, shape (p,), SI, where the model is linearised
+    T : ndarray, shape (p, p), ``theta = T y``
+    silent : whether readings free of load carry nothing, and are left out
+    """
+
+    cell: Cell
+    model: Model
+    values: Array
+    T: Array
+    silent: bool = False
+
+    @cached_property
+    def known(self) -> Array:
+        """What is known beside all readings as independent rows, (k, p): lengths, lenses, the type."""
+        return self.model.beside(self.values)[1] @ self.T
+
+    @property
+    def rank(self) -> int:
+        """Rows that one configuration brings, or the number of parameters if that is less."""
+        readings_each = 1 if self.silent or self.cell.load is None else 2
+        numbers = int(self.model.readout.channels.rows.sum())
+        return int(min(numbers * readings_each, self.T.shape[1]))
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The noise as the cell says it."""
+        arm = Variances.of_arm(self.model.robot.dof, self.cell.repeatability)
+        return Linearisation(self.cell, self.model, self.values, arm)
+
+    def rows(self, q: Array, visible: Mask | None = None) -> Array:
+        """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
+
+        q : ndarray, shape (m, dof), a visit each; visible : ndarray, shape (m, M), markers in sight,
+            all without it
+        """
+        poses, visit = self._readings(q)
+        # What carries nothing of the model still tells what the approach was off by.
+        first = len(q) if self.silent else 0
+        if not self.cell.scatters:
+            poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
+        seen = None if visible is None else visible[visit]
+        rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).independent
+        turned = stacked(rows[first:]) @ self.T
+        return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
+
+    def levers(self, q: Array, visible: Mask) -> Array:
+        """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
+
+        q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
+        """
+        poses, visit = self._readings(q)
+        return _by_visit(self.linearisation.levers(poses, visible[visit], (visit, visit)), len(q))
+
+    def crossed(self, q: Array, visible: Mask) -> Array:
+        """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
+        component, shape (m, p, b).
+
+        q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
+        """
+        if not errors_of(self.model):
+            return np.zeros((len(q), len(self.T), 0))
+        at, (poses, visit) = self.linearisation, self._readings(q)
+        seen, points = visible[visit], self.model.predict(self.values, poses)
+        data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
+        rows = at.candidates(poses, seen, (visit, visit), np.nan)
+        moved = moved_rows(at, data, at.foreseen(poses, points, seen, np.nan), rows)
+        own, more = (_by_visit(r.independent, len(q)) for r in (rows, moved))
+        return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
+
+    def _readings(self, q: Array) -> tuple[Poses, IntArray]:
+        """The readings of visits, all free and then all loaded, and the visit of each."""
+        poses = readings(self.cell, poses_at(q, names=[""] * len(q)))
+        return poses, np.arange(len(poses)) % len(q)
+
+    def information(self, q: Array, visible: Mask | None = None) -> Array:
+        """Information matrix of each configuration, shape (m, p, p)."""
+        rows = self.rows(q, visible)
+        return np.swapaxes(rows, -1, -2) @ rows
+
+    def whitened(self, mean: Array) -> Regressor:
+        """The same in coordinates in which ``mean`` (p, p), in the present ones, is the identity."""
+        L = np.linalg.cholesky(mean)
+        return replace(self, T=self.T @ np.linalg.inv(L).T)
+
+
+def _by_visit(rows: Array, visits: int) -> Array:
+    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k)."""
+    return np.concatenate(list(rows.reshape(-1, visits, *rows.shape[1:])), axis=1)
+
+
+def moved_rows(at: Linearisation, data: Measurements, weights: Array, like: Rows) -> Rows:
+    """How readings (m) follow one standard uncertainty of each component, whitened, (m, R, b).
+
+    weights : whitening matrices of the readings, (m, C, r, r); like : Rows, of the same readings
+    """
+    moved = [own * e.std for _, e, own in common_displacements(at.model, at.values, data)]
+    if not moved:
+        return Rows(like.whitened[..., :0], like.mixing)
+    rows = weighted(weights, np.concatenate(moved, axis=-1))
+    scale = 1.0 if at.arm.any else at.arm.scale
+    return Rows(rows / scale, like.mixing)
+
+
+def at_targets(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
+    """How predictions themselves follow, (K, r, b), m, the mean over the points in it.
+
+    model : that readings are of; counts : with the points at which the error counts
+    """
+    shape = counts.predict(values, targets).shape
+    found = [np.zeros((*shape, 0))]
+    for error in errors_of(model):
+        columns = error.kind.columns
+        if columns is None:
+            found.append(by_gravity(counts, values, targets) * error.std)
+        else:
+            found.append(np.zeros((*shape, columns(np.ones((1, 3))).shape[-1])))
+    moved = np.concatenate(found, axis=-1)
+    K, points, r = shape
+    return np.asarray(moved.reshape(K, points * r, moved.shape[-1]) / np.sqrt(points))
+
+
+def errors_of(model: Model) -> tuple[CommonError, ...]:
+    """The common errors of a model's instruments, in the order of :func:`moved_rows`."""
+    blocks = model.readout.channels.blocks
+    return tuple(e for i, _ in blocks if isinstance(i, Tracker) for e in i.common)
+
+
+def follow(rows: Array, response: Array, predicted: Array) -> Array:
+    """Squared error by common errors at each target, (K,), m^2.
+
+    rows : ndarray, (K, r, p), of the targets; response : (p, b), of the values; predicted : (K, r, b)
+    """
+    return np.asarray(((rows @ response - predicted) ** 2).sum(axis=(1, 2)))

@@ -21,13 +21,17 @@ from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.problem.common import at_targets
-from doe.problem.information import Regressor
-from doe.problem.nominal import nominal
-from doe.problem.pool import Pool, drawn, rounded
-from doe.problem.probe import PROBE, check_identifiable, is_silent, probe_of
-from doe.problem.refusals import CannotIdentify, refuse_unplaced
-from doe.problem.request import Request, direction_of, rival_rows, subset_of, with_rivals
+from doe.problem.linearisation import Regressor, at_targets, nominal
+from doe.problem.pool import PROBE, Pool, check_identifiable, drawn, is_silent, probe_of, rounded
+from doe.problem.request import (
+    CannotIdentify,
+    Request,
+    direction_of,
+    refuse_unplaced,
+    rival_rows,
+    subset_of,
+    with_rivals,
+)
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""

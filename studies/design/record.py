@@ -240,9 +240,9 @@ class DesignRecord(Record, PlanAccuracy):
 
 def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
-    from doe.constraints.unchecked import unchecked
+    from doe.constraints.self_collision import unchecked
     from doe.curve import poses_that_match, stops_paying
-    from doe.visits.order import travel
+    from doe.visiting import travel
 
     problem, judged = found.problem, found.assessment
     robot, criterion, fixed = problem.cell.robot, problem.criterion, problem.request.fixed

@@ -33,7 +33,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     import calib
     from calib.errors import InputError
     from calib.files.read import sha256
-    from doe.constraints.unchecked import unchecked
+    from doe.constraints.self_collision import unchecked
     from studies.programs.languages import LANGUAGES, plan_stops
     from studies.programs.record import ProgramRecord
     from studies.programs.stops import plain_text

@@ -8,14 +8,12 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
-from doe.criteria.average import Average
-from doe.criteria.combination import Combination
-from doe.criteria.determinant import Determinant
+from doe.criteria.determinant import Determinant, Subset
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.rivals import Rivals
-from doe.criteria.subset import Subset
+from doe.criteria.smallest import WorstTask
 from doe.criteria.task import Task
-from doe.criteria.worst_task import WorstTask
+from doe.criteria.trace import Average, Combination
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 

@@ -15,7 +15,7 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.shapes import mesh_vertices
 from doe.constraints import constraints_of, scene_of
-from doe.constraints.floor import Floor
+from doe.constraints.obstacles import Floor
 from doe.constraints.self_collision import SelfCollision
 
 mujoco = pytest.importorskip("mujoco")

@@ -14,8 +14,8 @@ from calib.arm.statics import Payload, loads_of, transmitted
 from calib.cell import Load
 from calib.poses import hung, poses_at
 from doe.constraints import constraints_of, scene_of
+from doe.constraints.limits import static_torques
 from doe.constraints.scene import Scene
-from doe.constraints.torque import static_torques
 from tests.doe.constraints.arms import allowed, configurations, only, planar
 from tests.helpers import GRAVITY
 

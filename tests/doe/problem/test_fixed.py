@@ -15,8 +15,7 @@ from calib.poses import poses_at
 from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
 from doe.problem.problem import RIDGE, Problem, problem_of
-from doe.problem.refusals import CannotIdentify
-from doe.problem.request import Request
+from doe.problem.request import CannotIdentify, Request
 from doe.solve import check_count
 from studies.demo.embedded import embedded_cell
 

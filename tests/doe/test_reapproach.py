@@ -22,7 +22,7 @@ from calib.model.build import build
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
-from doe.visits.reapproach import reapproaches_of, with_reapproaches
+from doe.visiting import reapproaches_of, with_reapproaches
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record

@@ -19,9 +19,8 @@ from calib.poses import poses_at
 from calib.poses.moves import visits
 from doe.assess import assess
 from doe.plan import named
-from doe.problem.levels import levels_of
-from doe.problem.request import Request
-from doe.visits.reapproach import usual_reapproaches
+from doe.problem.request import Request, levels_of
+from doe.visiting import usual_reapproaches
 from tests.helpers import cell_of, random_robot, with_effects
 
 QUICK: dict[str, Any] = {"candidates": 500, "refine": False, "fresh": False, "criterion": "D"}

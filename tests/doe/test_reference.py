@@ -17,7 +17,7 @@ from calib.files.cell import load_cell
 from calib.files.write_tables import plan_csv
 from calib.model.build import build
 from doe.constraints import scene_of, visible
-from doe.visits.reference import spacing, with_reference
+from doe.visiting import spacing, with_reference
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, read_by, with_effects

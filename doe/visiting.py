@@ -1,4 +1,7 @@
-"""Poses that are visited again later: only they tell how well the arm comes back.
+"""In which order the poses of a plan are visited, and which of them again.
+
+A reference pose, measured again and again through the day, shows that something drifts. Poses that are
+visited a second time, late and from elsewhere, alone tell how well the arm comes back.
 
 Two visits of one pose differ by what both approaches were off by, and by the instrument: with H the
 levers of the tip on the whitened readings, times the repeatability of each of its coordinates, the
@@ -10,11 +13,12 @@ that is read well beyond the instrument's noise, of which three markers show six
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
@@ -26,6 +30,7 @@ from doe.problem.request import Request
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
 _LEAST_POSES, _FEWEST, _ONE_IN = 20, 4, 10
+_STARTS = 8
 
 
 @dataclass(frozen=True)
@@ -148,3 +153,107 @@ def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
         chosen.append(int(free[away.argmax()]))
     found: IntArray = may[np.sort(chosen)]
     return found
+
+
+def travel(q: Array) -> float:
+    """Joint travel of a sequence q, shape (m, n), of joints of one unit: of each move the farthest."""
+    return float(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0).sum())
+
+
+def visiting_order(q: Array) -> IntArray:
+    """Order of poses (m, dof) with short travel: nearest neighbours, then 2-opt until nothing helps.
+
+    All joints move together, so a move takes as long as its largest joint motion. The way is open: it
+    ends anywhere.
+    """
+    distance = np.abs(q[:, None, :] - q[None, :, :]).max(axis=-1)
+    starts = np.unique(np.linspace(0, len(q) - 1, min(_STARTS, len(q))).astype(int))
+    ways = [_two_opt(_nearest(distance, int(start)), distance) for start in starts]
+    return min(ways, key=lambda way: float(distance[way[:-1], way[1:]].sum()))
+
+
+def _nearest(distance: Array, start: int) -> IntArray:
+    way, left = [start], np.ones(len(distance), dtype=bool)
+    left[start] = False
+    while left.any():
+        nearest = int(np.where(left, distance[way[-1]], np.inf).argmin())
+        way.append(nearest)
+        left[nearest] = False
+    return np.array(way)
+
+
+def _two_opt(way: IntArray, distance: Array) -> IntArray:
+    """Reverse stretches while that shortens the open way (Croes, Operations Research 6(6), 1958)."""
+    padded = np.pad(
+        distance, (0, 1)
+    )  # a place without distance before the first and after the last
+    ends = len(distance)
+    while True:
+        around = np.concatenate([[ends], way, [ends]])
+        best, cut = -1e-9, None
+        for i in range(1, len(way)):
+            a, b = around[i - 1], around[i]
+            c, d = around[i + 1 : -1], around[i + 2 :]
+            change = padded[a, c] + padded[b, d] - padded[a, b] - padded[c, d]
+            if change.min() < best:
+                best, cut = float(change.min()), (i, i + 1 + int(change.argmin()))
+        if cut is None:
+            return way
+        i, j = cut
+        around[i : j + 1] = around[i : j + 1][::-1]
+        way = around[1:-1]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A pose of the plan and its repeats.
+
+    pose : str, the plan's own; every : int, poses between two repeats
+    repeats : tuple of str, ref1, ref2 .., each a pose of the plan with the same joints
+    """
+
+    pose: str
+    every: int
+    repeats: tuple[str, ...]
+
+
+def spacing(cell: Cell, every: int | None) -> int:
+    """Poses between two readings of the reference, 0 for no reference; the cell's if None.
+
+    Raises CalibError.
+    """
+    found = cell.design.reference_every if every is None else every
+    if found is not None and found < 0:
+        raise CalibError(f"a reference every {found} poses cannot be; ask for 1 or more, or 0")
+    return int(found or 0)
+
+
+def with_reference(
+    problem: Problem, poses: Poses, every: int, busy: Collection[str] = ()
+) -> tuple[Poses, Reference]:
+    """The poses with a reference at the start, after every so many, and at the end.
+
+    busy : names of poses that are visited again anyway; the reference is none of them
+    """
+    m = len(poses)
+    before = np.append(np.arange(0, m, every), m)
+    repeats = tuple(f"ref{k + 1}" for k in range(len(before)))
+    may = np.array([name not in busy for name in poses.names])
+    chosen = int(np.flatnonzero(may)[reference_pose(problem, poses.q, len(repeats), may)])
+    order = np.insert(np.arange(m), before, chosen)
+    names = np.insert(np.array(poses.names, dtype=object), before, repeats)
+    reference = Reference(poses.names[chosen], every, repeats)
+    return replace(poses.take(order), names=tuple(names)), reference
+
+
+def reference_pose(problem: Problem, q: Array, repeats: int, may: Mask) -> int:
+    """Of the poses (m, dof) that show the most markers, the one whose repeats add most.
+
+    may : ndarray of bool, shape (m,), the poses to choose from; the result counts these alone
+    """
+    blocks = problem.information(q)
+    M = problem.fixed + blocks.sum(axis=0)
+    q, blocks = q[may], blocks[may]
+    value = problem.criterion.plain.value(M + repeats * blocks)
+    seen = visible(scene_of(problem.cell, q)).sum(axis=1)
+    return int(np.where(seen == seen.max(), value, -np.inf).argmax())

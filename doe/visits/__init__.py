@@ -1,1 +1,0 @@
-"""In which order the poses of a plan are visited, and which of them again."""

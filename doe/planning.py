@@ -318,7 +318,7 @@ def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
     for level, members in enumerate(rules.members):
         needed = 1 if rules.repeats else int(rules.counts[level])
         if len(members) < needed:
-            raise CalibError(_too_few(problem, pool, level, len(members), needed))
+            raise CalibError(pool.too_few(problem.cell, levels, level, len(members), needed))
     return pool
 
 
@@ -330,17 +330,6 @@ def _check_rows(problem: Problem, table: Poses) -> None:
     for level in np.setdiff1d(np.arange(len(levels.values)), levels.of(table.q)):
         where = at_level(problem.cell, levels, int(level))
         raise CalibError(f"the table of candidates has no row{where}; add some")
-
-
-def _too_few(problem: Problem, pool: Pool, level: int, found: int, needed: int) -> str:
-    levels = problem.request.levels
-    if levels is None:
-        return no_candidate(pool.drawn, pool.removed, "", found, needed)
-    where = at_level(problem.cell, levels, level)
-    removed = {
-        name: int(counts[level]) for name, counts in pool.removed_at.items() if len(counts) > level
-    }
-    return no_candidate(pool.drawn // len(levels.values), removed, where, found, needed)
 
 
 def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:

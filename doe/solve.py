@@ -23,7 +23,7 @@ from doe.optimal.relax import Relaxation, bounded, relax
 from doe.optimal.search import best_plan
 from doe.plan import Certificate, Landscape
 from doe.problem import Problem
-from doe.problem.pool import Pool, drawn, judge, movable, rounded
+from doe.problem.pool import Pool, drawn, judge, movable, rounded, together
 from doe.problem.request import CannotIdentify
 
 _LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
@@ -249,7 +249,7 @@ def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> t
     blocks = problem.blocks(pool)
     q = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
     index = np.arange(len(pool), len(pool) + len(q))
-    pool = pool.joined(judge(problem.regressor, (), problem.request.levels, q))
+    pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
     blocks, start = problem.blocks(pool), np.concatenate([chosen.relaxed.index, index])
     relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
     rules = problem.rules(pool.level)

@@ -100,85 +100,89 @@ class Pool:
     q : ndarray, shape (n, dof), rad or m
     packed : ndarray, shape (n, p (p + 1) / 2), information of each
     level : ndarray of int, shape (n,), zero without levels
+    visible : ndarray of bool, shape (n, C), readings that can be had at each
     drawn : int, candidates before the constraints
-    removed : dict, constraint -> candidates that it removed, each counted where it fell first
-    removed_at : dict, constraint -> ndarray of int, the same by level
+    removed_at : dict, constraint -> ndarray of int, candidates that it removed at each level, each
+        counted where it fell first
     """
-
-    q: Array
-    packed: Array
-    level: IntArray
-    drawn: int
-    removed: dict[str, int]
-    removed_at: dict[str, IntArray]
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def without(self, q: Array) -> Pool:
-        """The candidates that are none of these configurations (m, dof)."""
-        known = {tuple(row) for row in np.round(q, 9)}
-        fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        removed = {**self.removed, "already measured": int((~fresh).sum())}
-        return replace(self.where(fresh), removed=removed)
-
-    def where(self, kept: Mask) -> Pool:
-        """Some of the candidates, (n,), the counts as they were."""
-        return replace(self, q=self.q[kept], packed=self.packed[kept], level=self.level[kept])
-
-    def joined(self, part: Chunk) -> Pool:
-        """The pool with further candidates at its end, the counts as they were."""
-        return replace(
-            self,
-            q=np.concatenate([self.q, part.q]),
-            packed=np.concatenate([self.packed, part.packed]),
-            level=np.concatenate([self.level, part.level]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Chunk:
-    """A chunk of candidates after the constraints; ``fallen`` holds, by constraint, levels removed."""
 
     q: Array
     packed: Array
     level: IntArray
     visible: Mask
     drawn: int
-    fallen: dict[str, IntArray]
+    removed_at: dict[str, IntArray]
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def removed(self) -> dict[str, int]:
+        """Candidates that each constraint removed."""
+        return {name: int(counts.sum()) for name, counts in self.removed_at.items()}
+
+    def without(self, q: Array) -> Pool:
+        """The candidates that are none of these configurations (m, dof)."""
+        known = {tuple(row) for row in np.round(q, 9)}
+        fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
+        return replace(
+            self,
+            q=self.q[fresh],
+            packed=self.packed[fresh],
+            level=self.level[fresh],
+            visible=self.visible[fresh],
+            removed_at={**self.removed_at, "already measured": np.bincount(self.level[~fresh])},
+        )
+
+    def too_few(
+        self, cell: Cell, levels: Levels | None, level: int, found: int, needed: int
+    ) -> str:
+        """Why too little is left to choose from at a level, or of all where there are no levels."""
+        if levels is None:
+            return no_candidate(self.drawn, self.removed, "", found, needed)
+        removed = {n: int(at[level]) for n, at in self.removed_at.items() if len(at) > level}
+        drawn = self.drawn // len(levels.values)
+        return no_candidate(drawn, removed, at_level(cell, levels, level), found, needed)
+
+
+def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
+    """Several pools as one; packed : their information where it stands together already."""
+    names = dict.fromkeys(name for part in parts for name in part.removed_at)
+    none = np.zeros(1, dtype=int)
+    return Pool(
+        np.concatenate([part.q for part in parts]),
+        np.concatenate([part.packed for part in parts]) if packed is None else packed,
+        np.concatenate([part.level for part in parts]),
+        np.concatenate([part.visible for part in parts]),
+        sum(part.drawn for part in parts),
+        {name: sum((part.removed_at.get(name, none) for part in parts), none) for name in names},
+    )
 
 
 def judge(
     regressor: Regressor, constraints: tuple[Constraint, ...], levels: Levels | None, q: Array
-) -> Chunk:
+) -> Pool:
     """Remove the configurations, shape (m, dof), that may not be measured, and linearise the others."""
     cell = regressor.cell
     count, total = 1 if levels is None else len(levels.values), len(q)
     level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
-    fallen = {}
+    removed = {}
     if (level < 0).any():
-        fallen["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
+        removed["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
         q, level = q[level >= 0], level[level >= 0]
     for constraint in constraints:
         if not len(q):
             break
         kept = constraint.allows(scene_of(cell, q))
-        fallen[constraint.name] = np.bincount(level[~kept], minlength=count)
+        removed[constraint.name] = np.bincount(level[~kept], minlength=count)
         if not kept.all():
             q, level = q[kept], level[kept]
     if not len(q):
         empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Chunk(q, empty, level, np.ones((0, len(cell.channels)), bool), total, fallen)
+        return Pool(q, empty, level, np.ones((0, len(cell.channels)), bool), total, removed)
     seen = visible(scene_of(cell, q))
     packed = pack(regressor.information(q, None if seen.all() else seen))
-    return Chunk(q, packed, level, seen, total, fallen)
-
-
-def fallen_of(parts: list[Chunk]) -> dict[str, IntArray]:
-    """Configurations that each constraint removed, by level, over all chunks."""
-    names = dict.fromkeys(name for part in parts for name in part.fallen)
-    none = np.zeros(1, dtype=int)
-    return {name: sum((part.fallen.get(name, none) for part in parts), none) for name in names}
+    return Pool(q, packed, level, seen, total, removed)
 
 
 def pool_of(
@@ -206,15 +210,7 @@ def pool_of(
             here[:] = part.packed
             parts.append(replace(part, packed=here))  # its own is let go at once
             start += len(part.q)
-    removed_at = fallen_of(parts)
-    return Pool(
-        np.concatenate([part.q for part in parts]),
-        packed[:start],
-        np.concatenate([part.level for part in parts]),
-        sum(part.drawn for part in parts),
-        {name: int(counts.sum()) for name, counts in removed_at.items()},
-        removed_at,
-    )
+    return together(parts, packed[:start])
 
 
 def probe_of(
@@ -226,27 +222,21 @@ def probe_of(
     """
     levels = request.levels
     count = 1 if levels is None else len(levels.values)
-    found: list[Chunk] = []
-    per_level, tried = np.zeros(count, dtype=int), 0
+    found: list[Pool] = []
+    per_level = np.zeros(count, dtype=int)
     for q in drawn(regressor.cell, _LONGEST, levels, seed + 1):
         found.append(judge(regressor, constraints, levels, q))
-        tried += len(q)
         per_level += np.bincount(found[-1].level, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL
         if per_level.sum() >= PROBE and every:
             break
-    needed = per_level if levels is not None and levels.chosen else per_level.sum(keepdims=True)
-    for level in np.flatnonzero(needed == 0)[:1]:
-        fallen = fallen_of(found)
-        if len(needed) == 1:
-            raise CalibError(no_candidate(tried, {n: int(f.sum()) for n, f in fallen.items()}))
-        removed = {name: int(counts[level]) for name, counts in fallen.items()}
-        where = at_level(regressor.cell, levels, int(level))
-        raise CalibError(no_candidate(tried // count, removed, where))
-    return (
-        np.concatenate([part.q for part in found]),
-        np.concatenate([part.visible for part in found]),
-    )
+    pool = together(found)
+    if levels is not None and levels.chosen and count > 1 and not per_level.all():
+        level = int(per_level.argmin())
+        raise CalibError(pool.too_few(regressor.cell, levels, level, 0, 1))
+    if not len(pool):
+        raise CalibError(no_candidate(pool.drawn, pool.removed))
+    return pool.q, pool.visible
 
 
 def is_silent(cell: Cell, rows: Array) -> bool:

@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray
 from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
 from doe.constraints import scene_of
-from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks, pack
@@ -120,7 +120,7 @@ def choose(
     problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
 ) -> Chosen:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
-    blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+    blocks, rules = problem.posed(pool)
     relaxed = relax(problem.criterion, blocks, rules)
     clock.lap("relaxation")
     effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
@@ -128,7 +128,8 @@ def choose(
         problem.criterion, blocks, rules, relaxed, seed=effort.seed, thorough=thorough
     )
     clock.lap("exchange")
-    _check_regular(problem, blocks.total(found.plan))
+    if problem.criterion.whole:
+        _check_determined(problem, blocks.total(found.plan))
     agreement = float(np.median(found.starts) / found.value)
     chosen = _reported(problem, blocks, rules, found.plan, agreement, relaxed)
     effort.progress(
@@ -161,7 +162,7 @@ def check_count(problem: Problem, pool: Pool) -> None:
 
     Judged by the greedy plan for D, which adds directions as fast as they come, over some candidates.
     """
-    blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+    blocks, rules = problem.posed(pool)
     if not problem.criterion.whole or rules.chooses_levels:
         return
     size = blocks.scores(np.eye(len(blocks.fixed)))
@@ -172,20 +173,15 @@ def check_count(problem: Problem, pool: Pool) -> None:
     some = np.unique(np.concatenate(told))
     part, rules = blocks.take(some), rules.take(some)
     plan = greedy(Determinant(np.eye(len(blocks.fixed))), part, rules)
-    lost = open_parameters(problem, part.total(plan))
-    if lost.any():
-        _refuse(problem, lost)
+    _check_determined(problem, part.total(plan))
 
 
-def _check_regular(problem: Problem, M: Array) -> None:
-    lost = open_parameters(problem, M)
-    if problem.criterion.whole and lost.any():
-        _refuse(problem, lost)
-
-
-def _refuse(problem: Problem, lost: Mask) -> None:
+def _check_determined(problem: Problem, M: Array) -> None:
+    """Refuse information that leaves parameters of the model open."""
+    lost, request = open_parameters(problem, M), problem.request
+    if not lost.any():
+        return
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
-    request = problem.request
     more = "more poses" if request.levels is None else "more levels, more poses"
     raise CannotIdentify(
         tuple(ids),
@@ -198,7 +194,7 @@ def finish(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: 
     """Harden, polish, prove."""
     criterion, before = problem.criterion, chosen
     if effort.robust:
-        blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+        blocks, rules = problem.posed(pool)
         index = robust_exchange(criterion, blocks, rules, chosen.index)
         value = float(criterion.plain.value(blocks.total(index)))
         chosen = replace(chosen, index=index, value=value)
@@ -206,15 +202,14 @@ def finish(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: 
     elif effort.refine:
         pool, chosen = _polished(problem, pool, chosen, effort)
         clock.lap("polish")
-    blocks, rules = problem.blocks(pool), problem.rules(pool.level)
+    blocks, rules = problem.posed(pool)
     live = survivors(chosen.relaxed.G, blocks, rules, chosen.value)
     plain = criterion.plain
     proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once.
     if provable(criterion, rules) and not (effort.robust or effort.reapproaches):
-        proof = _proved(criterion, blocks, rules, chosen, effort, proof)
+        proof = _proved(problem, pool, chosen, effort)
         clock.lap("branch and bound")
-        effort.progress(_told(proof))
     fresh = np.nan
     if effort.fresh:
         fresh = fresh_bound(problem, chosen.relaxed.G, effort)
@@ -250,43 +245,37 @@ def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> t
     q = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
     index = np.arange(len(pool), len(pool) + len(q))
     pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
-    blocks, start = problem.blocks(pool), np.concatenate([chosen.relaxed.index, index])
-    relaxed = relax(problem.criterion, blocks, problem.rules(pool.level), start=start)
-    rules = problem.rules(pool.level)
+    blocks, rules = problem.posed(pool)
+    start = np.concatenate([chosen.relaxed.index, index])
+    relaxed = relax(problem.criterion, blocks, rules, start=start)
     return pool, _reported(problem, blocks, rules, index, chosen.agreement, relaxed)
 
 
-def _proved(
-    criterion: Criterion,
-    blocks: Blocks,
-    rules: Allowed,
-    chosen: Chosen,
-    effort: Effort,
-    start: Proof,
-) -> Proof:
-    """The best plan that branch and bound finds, from the one in hand."""
-
-    def told(proof: Proof) -> None:
-        if effort.prove and proof.nodes % _NODES_TOLD == 0:
-            effort.progress(_told(proof))
-
-    work = _LONG_WORK if effort.prove else SHORT_WORK
-    found = prove(
-        criterion.plain, blocks, rules, chosen.index, chosen.relaxed.G, most_work=work, told=told
-    )
-    return _settled(criterion, blocks, found, start)
-
-
-def _told(proof: Proof) -> str:
-    return f"branch and bound: {proof.value / proof.bound:.4f} after {proof.nodes} nodes"
-
-
-def _settled(criterion: Criterion, blocks: Blocks, proof: Proof, before: Proof) -> Proof:
+def _proved(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> Proof:
     """Bound of branch and bound, with its plan where that is better for what the search goes by too."""
-    ends = criterion.value(np.array([blocks.total(p.plan) for p in (before, proof)]))
-    if ends[1] >= ends[0]:
-        return proof
-    return replace(before, bound=proof.bound, nodes=proof.nodes)
+    criterion, (blocks, rules) = problem.criterion, problem.posed(pool)
+
+    def told(proof: Proof, every: int = 1) -> None:
+        if proof.nodes % every == 0:
+            share = proof.value / proof.bound
+            effort.progress(f"branch and bound: {share:.4f} after {proof.nodes} nodes")
+
+    found = prove(
+        criterion.plain,
+        blocks,
+        rules,
+        chosen.index,
+        chosen.relaxed.G,
+        most_work=_LONG_WORK if effort.prove else SHORT_WORK,
+        told=partial(told, every=_NODES_TOLD) if effort.prove else lambda _: None,
+    )
+    before, after = criterion.value(
+        np.array([blocks.total(plan) for plan in (chosen.index, found.plan)])
+    )
+    if after < before:
+        found = Proof(chosen.index, chosen.value, found.bound, found.nodes)
+    told(found)
+    return found
 
 
 def fresh_bound(problem: Problem, G: Array, effort: Effort) -> float:

@@ -125,13 +125,14 @@ class Pool:
         """The candidates that are none of these configurations (m, dof)."""
         known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
+        removed = {**self.removed_at, "already measured": np.bincount(self.level[~fresh])}
+        return replace(self.where(fresh), removed_at=removed)
+
+    def where(self, kept: Mask) -> Pool:
+        """Some of the candidates, (n,), the counts as they were."""
+        q, packed, level, visible = self.q, self.packed, self.level, self.visible
         return replace(
-            self,
-            q=self.q[fresh],
-            packed=self.packed[fresh],
-            level=self.level[fresh],
-            visible=self.visible[fresh],
-            removed_at={**self.removed_at, "already measured": np.bincount(self.level[~fresh])},
+            self, q=q[kept], packed=packed[kept], level=level[kept], visible=visible[kept]
         )
 
     def too_few(

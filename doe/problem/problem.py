@@ -95,6 +95,10 @@ class Problem:
         """Information of a pool beside what is fixed."""
         return Blocks(pool.packed, self.fixed, self.regressor.rank)
 
+    def posed(self, pool: Pool) -> tuple[Blocks, Allowed]:
+        """Information of a pool, and which sets of its candidates make a plan."""
+        return self.blocks(pool), self.rules(pool.level)
+
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""
         levels = self.request.levels

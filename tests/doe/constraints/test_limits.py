@@ -1,4 +1,4 @@
-"""Torques at rest, against MuJoCo, the model, and by hand."""
+"""What the arm can do where it stands: torques against MuJoCo and the model, a load that hangs free."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from calib import Cell
 from calib.arm.kinematics import forward, link_origins
 from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
 from calib.cell import Load
 from calib.poses import hung, poses_at
 from doe.constraints import constraints_of, scene_of
@@ -73,3 +74,22 @@ def test_torque_that_cannot_act() -> None:
     assert only(planar(masses=np.full(3, 5.0), efforts=np.full(3, 10.0))).name == "joint_torque"
     with_load = replace(weightless, load=Load(1.0, (0, 0, 0)))
     assert only(with_load).name == "joint_torque"
+
+
+@pytest.mark.parametrize("gravity", [GRAVITY, np.array([0.0, -9.0, 0.0])])
+def test_hanging_load(gravity: Array) -> None:
+    """Axes about z: gravity along z leaves the tip's x axis level, gravity along y does not."""
+    cell = planar(load=Load(5.0, (0, 0, 0), np.radians(30.0)), gravity=gravity)
+    q = ((0, 0, 0), (29.9, 0, 0), (90, -60, 0), (30.1, 0, 0), (-40, 0, 0), (150, 0, 0), (90, 90, 0))
+    level = gravity[2] != 0.0
+    steep = [True, True, True, level, level, True, True]
+    assert allowed(cell, *q) == steep
+
+
+def test_load_that_hangs_everywhere() -> None:
+    cell = planar(load=Load(5.0, (0, 0, 0)), gravity=np.array([0.0, -9.0, 0.0]))
+    assert constraints_of(cell) == ()
+    limited = replace(cell, load=Load(5.0, (0, 0, 0), 0.1))
+    assert only(limited).name == "hanging_load"
+    assert constraints_of(replace(limited, gravity=np.zeros(3))) == ()
+    assert constraints_of(replace(limited, load=None)) == ()

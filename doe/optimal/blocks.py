@@ -80,6 +80,7 @@ class Blocks:
     def beside(self, more: Array) -> Blocks:
         """The same candidates where more is known in any case, ndarray of shape (p, p)."""
         found = replace(self, fixed=self.fixed + more)
+        # Those of the candidates do not depend on what is known in any case.
         found.__dict__["rows"] = self.rows
         return found
 

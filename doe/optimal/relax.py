@@ -30,9 +30,7 @@ _IDLE = 1e-6  # weight that is none
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
-_MOST_STEPS = 80
-_CENTRING = 0.15
-_TO_BOUNDARY = 0.98
+_MOST_STEPS, _CENTRING, _TO_BOUNDARY = 80, 0.15, 0.98  # of the interior point method
 
 
 @dataclass(frozen=True, eq=False)

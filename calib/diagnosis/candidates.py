@@ -29,7 +29,7 @@ EXCLUDED = "excluded by the cell"
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One suspect.
+    """An effect, or an unnamed curve, that may be missing in the model.
 
     effect : Effect, a curve where it has no name; named : whether it has one, in the catalogue
     depends_on : str, on what it depends most, as in the results

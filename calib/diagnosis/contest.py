@@ -30,7 +30,7 @@ _SCANNED_ANEW = 8  # newcomers after which all tunings are tried again
 
 @dataclass(frozen=True, eq=False)
 class Entrant:
-    """A candidate that is in, judged with all others in place.
+    """A candidate that entered the model, judged with all others in place.
 
     score : Score, its own; rivals : tuple of (Candidate, gain), all in its place, the best first
     fall : float, by which it lowers the sum of squares, in variances of the instrument

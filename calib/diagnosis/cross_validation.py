@@ -1,23 +1,30 @@
-"""Whether what was found predicts configurations that it never saw.
+"""Cross-validation: whether what was found predicts configurations that it never saw.
 
 A configuration that is left out is predicted by what the others say. To first order no refit is
 needed: with Q an orthonormal basis of the fitted columns, the residual of rows F that are left out
 is ``(I - Q_F Q_F^T)^-1 r_F``. What depends on time or temperature must predict whole stretches of
 the session, for readings close in time err alike.
+
+Refits of what was found say too much of it, for it was chosen by the same poses. So in each fold the
+best of a cause's close rivals, at any of their tunings, takes its place; the folds themselves decide
+nothing. To first order the price of each choice adds up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
+from calib.diagnosis.contest import Outcome
+from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.prior import held_rows
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stepwise import apart
 from calib.effects.protocol import Effect
 from calib.noise import unwhitened
 from calib.poses import Poses
@@ -30,7 +37,7 @@ BY_TIME = ("time", "temperature")
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrors:
-    """Squared errors of what was left out, with and without some effects.
+    """Squared prediction errors at left-out poses, with and without some effects.
 
     with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
     margin : float, standard error of what is gained, from configuration to configuration
@@ -52,7 +59,7 @@ class PredictionErrors:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A cause at one tuning.
+    """A cause at one tuning that may be chosen in the place of another.
 
     name : str, the same of all that no reading tells apart
     rows : ndarray, shape (m, R, k), whitened derivatives; limits : ndarray, shape (k,), largest amounts
@@ -65,7 +72,7 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """What each of the fitted effects does for poses left out, from one factorisation of the fit.
+    """Cross-validation of each fitted effect from one factorisation of the fit.
 
     stage : Stage; fit : Fit
     """
@@ -76,7 +83,7 @@ class CrossValidation:
     def ledger(
         self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice] = ()
     ) -> PredictionErrors:
-        """What some of the effects do together.
+        """Prediction errors with and without some of the effects.
 
         by_time : whether stretches of the session are left out, else configurations
         choices : what may stand in their place, the first its own: without a fold the best of them is
@@ -303,3 +310,53 @@ def _rms(stage: Stage, fit: Fit, errors: Array) -> float:
     weights = stage.weights * np.maximum(fit.weight, 1e-9)[:, None, None, None]
     points = unwhitened(weights, errors.reshape(weights.shape[:-1]))
     return float(np.sqrt((points[counted] ** 2).sum() / max(1, counted.sum())))
+
+
+@dataclass(frozen=True)
+class Reselection:
+    """Errors at what was left out, without and with what was found, 3-D RMS, m.
+
+    again : dict, key of an entry -> share of the folds without which it, or its equal, comes again
+    """
+
+    before: float
+    after: float
+    again: dict[str, float]
+
+
+def reselected(
+    stage: Stage, outcome: Outcome, named: Sequence[Named], by_time: bool = False
+) -> Reselection | None:
+    """Both errors, None where nothing was found.
+
+    stage : to first order, that of the outcome; by_time : whether stretches of time are left out
+    """
+    if not outcome.active:
+        return None
+    crossed, active = CrossValidation(stage, outcome.fit), outcome.active
+    whole = crossed.ledger([c.effect for c in active], by_time)
+    square, again = whole.rms_with**2, {}
+    for one in named:
+        member = one.entry.candidate
+        place = [c.effect for c in apart(member, active)]
+        told = crossed.ledger(place, by_time, list(_choices(outcome, one)))
+        square += max(told.rms_with**2 - whole.rms_with**2, 0.0)
+        again[member.key] = told.again
+    return Reselection(whole.rms_without, float(np.sqrt(square)), again)
+
+
+def _choices(outcome: Outcome, named: Named) -> Iterator[Choice]:
+    """What might have been found in a cause's place; itself first."""
+    entry, view = named.entry, outcome.view
+    alike = {c.key.partition(" as ")[0] for c, _ in named.members}
+    first = entry.candidate.key
+
+    def name(key: str) -> str:
+        return first if key.partition(" as ")[0] in alike else key
+
+    least = entry.rivals[0][1] - CLOSE
+    rivals = [c for c, gain in entry.rivals if c.named and gain > least]
+    for c in dict.fromkeys([entry.candidate, *rivals]):
+        yield Choice(name(c.key), view.rows[..., view.where[c.key]], c.limits)
+    for rows, limits in outcome.lineup.other_tunings(view, entry.candidate):
+        yield Choice(first, rows, limits)

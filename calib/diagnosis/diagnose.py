@@ -6,10 +6,9 @@ from dataclasses import replace
 
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.diagnosis.anew import chosen_anew
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.causes import causes_of, located, verdict_of, weak_of
-from calib.diagnosis.cross_validation import BY_TIME
+from calib.diagnosis.cross_validation import BY_TIME, reselected
 from calib.diagnosis.detection_limit import hidden
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.finding import Finding, finding_of
@@ -45,7 +44,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     search = searched(stage, suspects)
     finding = finding_of(search)
     stage, outcome, after = search.stage, finding.outcome, finding.after
-    anew = chosen_anew(search.linear, outcome, finding.named)
+    anew = reselected(search.linear, outcome, finding.named)
     targets, weights = targets_of(cell)
     again = {} if anew is None else anew.again
     causes = tuple(causes_of(finding, len(suspects), targets, again))
@@ -100,7 +99,7 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
 
 def _over_time(finding: Finding) -> tuple[float, float] | None:
     """Error at blocks of time left out, without and with what is chosen without them, 3-D RMS, m."""
-    found = chosen_anew(finding.search.linear, finding.outcome, finding.named, by_time=True)
+    found = reselected(finding.search.linear, finding.outcome, finding.named, by_time=True)
     return None if found is None else (found.before, found.after)
 
 

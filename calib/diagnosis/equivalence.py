@@ -24,7 +24,7 @@ _MORE = 3  # directions beyond those of a cause from which on anything can be im
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A cause that imitates another.
+    """A cause whose columns imitate the signal of another.
 
     left : float, of the evidence for the other, what it cannot imitate
     more : int, directions that it needs beyond those of the other
@@ -86,7 +86,7 @@ _SECOND_NAME = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An effect that was found.
+    """An effect that was found, with the class of causes that it cannot be told from.
 
     members : tuple of (Candidate, share), causes that the data cannot tell apart, best first; how
         likely each is, if one of them is the cause

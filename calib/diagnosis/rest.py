@@ -35,7 +35,7 @@ _BLUNDERS = 0.05  # of the poses: more that were left out are none
 
 @dataclass(frozen=True)
 class Rest:
-    """What remains.
+    """The error that remains once every cause found is in the model.
 
     size : float, m; of : whose it is
     repeatability : float, m, of the arm by this source

@@ -212,7 +212,7 @@ NOTHING = Score(0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class ScoreRequest:
-    """A candidate, as it is scored.
+    """The columns of a candidate, and the prior under which they are scored.
 
     columns : ndarray of int, shape (k,)
     spread : ndarray, shape (k, k), covariance of a curve's coefficients a priori

@@ -1,4 +1,4 @@
-"""One round of the contest: which member goes or gives way, and who comes in."""
+"""Stepwise selection: which effect leaves a model next, is exchanged, or enters it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is prefe
 _CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
-_COMES_BACK = 30.0  # gain, once it has gone: or the doubtful go in circles
+_COMES_BACK = 30.0  # gain that one must have that has left: else it would enter and leave in turn
 _LENIENT = 3.0  # gain that a member may lack
 _A_FAMILY = 3  # places at which a kind is asked
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
@@ -87,14 +87,17 @@ class Round:
         return found
 
     def stays(self, found: Score) -> bool:
-        """Whether a score keeps a member in its place: a little less, or the doubtful go in circles."""
+        """Whether a score keeps a member in its place.
+
+        It asks a little less than entering does, so that no effect enters and leaves in turn.
+        """
         return bool(
             found.gain > 2.0 * np.log(self.asked) - _LENIENT and found.p * self.asked < 10.0 * ALPHA
         )
 
 
 def better(state: Round) -> tuple[Candidate, ...]:
-    """The next set of effects; the present one where it stands."""
+    """The next set of effects; the same as now where no step improves it."""
     active, view = state.active, state.view
     acting = tuple(c for c in active if not isinstance(c.effect, LoadEffect))
     if len(acting) < len(active) and not yields(acting, view):
@@ -125,7 +128,7 @@ def better(state: Round) -> tuple[Candidate, ...]:
 
 
 def apart(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
-    """A member, and with it what can do the same without a name: that never takes a name's place."""
+    """A member and the curves that can do the same, which must not take the place of a named cause."""
     return [member, *(c for c in active if c.covers(member))]
 
 
@@ -147,7 +150,7 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
 
 
 def _through(candidate: Candidate, member: Candidate) -> bool:
-    """Whether a candidate moves the arm through what a member lets yield: gone with it, it is still."""
+    """Whether a candidate is a load that moves the arm only through the elasticity of a member."""
     return isinstance(candidate.effect, LoadEffect) and isinstance(member.effect, ElasticEffect)
 
 
@@ -228,7 +231,7 @@ def _kept(beside: Field, own: IntArray, other: IntArray) -> float:
 
 
 def _eligible(active: Sequence[Candidate], view: FitView) -> list[Candidate]:
-    """Who may come in beside those that are: of curves a few, loads where something yields."""
+    """Candidates that may enter: only a few curves, and loads only where something is elastic."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
     stiff = not yields(active, view)
     return [
@@ -252,7 +255,7 @@ def yields(active: Sequence[Candidate], view: FitView) -> bool:
 
 
 def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
-    """The named causes that explain what a curve does; none where there are none, or for a name."""
+    """The named causes that together explain what a curve does; empty where none do."""
     if curve.spread is None:
         return []
     view = state.view

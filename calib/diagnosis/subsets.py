@@ -1,4 +1,4 @@
-"""Causes by name in the place of a curve: the few beside which nothing of it is left.
+"""Best subsets: the few named causes that explain what an unnamed curve does.
 
 A curve may eat several causes at once, each of which explains too little alone to be preferred to it.
 They are preferred together where each pays beside the others, nothing significant of the curve is left

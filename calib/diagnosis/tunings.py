@@ -25,7 +25,7 @@ _CHUNK = 400  # tunings at a time: memory
 
 @dataclass(frozen=True, eq=False)
 class TunedForm:
-    """One form of an effect at some tunings.
+    """One form of an effect, such as one harmonic or two, at some tunings.
 
     tunings : ndarray, shape (C,), SI; functions : ndarray, shape (C, m, f)
     """
@@ -46,7 +46,7 @@ class TunedForm:
 
 @dataclass(frozen=True, eq=False)
 class TuningGrid:
-    """All that is tried of a cause at one place.
+    """The tuning grid of a cause at one place, in every form of the cause.
 
     candidate : Candidate, of any tuning; poses : Poses
     forms : tuple of TunedForm, those that are looked at: the first at all tunings, or as listed

@@ -1,4 +1,4 @@
-"""All candidates as seen from a fit."""
+"""The columns of all candidates beside a fit, and with members of the fit taken out again."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Lineup:
 
 @dataclass(frozen=True, eq=False)
 class FitView:
-    """All candidates as seen from a fit.
+    """Whitened columns of all candidates at one fit.
 
     fit : Fit
     rows : ndarray, shape (m, R, K), whitened derivatives of every candidate, by a tuning none

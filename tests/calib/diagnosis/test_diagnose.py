@@ -177,3 +177,26 @@ def test_faults_end_in_one_line(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["diagnose", "none.toml", "none.csv"])
     assert done.exit_code == 2
     assert len(done.output.strip().splitlines()) == 1
+
+
+@pytest.mark.long
+def test_friction_is_another_name_of_lost_motion() -> None:
+    """Where the joint yields, friction winds it up by as much: the class says so."""
+    cell, data, held = measured("backlash:A3", [3e-4])
+    found = calib.diagnose(cell, data, heldout=held)
+    assert found.verdict == "explained"
+    (cause,) = found.causes
+    names = [(c.key, p) for c, p in cause.named.members]
+    assert [key for key, _ in names] == ["backlash:A3", "friction_windup:A3"]
+    assert names[0][1] == pytest.approx(names[1][1])
+    assert names[0][1] > 0.4
+
+
+@pytest.mark.long
+def test_lost_motion_at_every_joint_is_found_joint_by_joint() -> None:
+    """Small at each, as no joint alone would be believed among all that is asked."""
+    cell, data, held = measured("backlash", [3e-5] * 6)
+    found = calib.diagnose(cell, data, heldout=held)
+    named = {c.named.candidate.key for c in found.causes}
+    assert len(named) >= 4
+    assert named <= {f"backlash:A{k}" for k in range(1, 7)}

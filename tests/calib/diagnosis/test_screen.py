@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import Array
 from calib.diagnosis.detection_limit import detectable, entry_limit
-from calib.diagnosis.screen import ScoreRequest, field, score, scored
+from calib.diagnosis.screen import Field, ScoreRequest, field, score, scored
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
 
@@ -100,3 +101,31 @@ def test_what_the_model_contains_is_invisible(rng: np.random.Generator) -> None:
     assert score(view, np.arange(2)).fall == 0.0
     assert score(view, np.arange(2), np.eye(2)).fall == 0.0
     assert np.isinf(detectable(view, np.arange(2), 10, 0.01).smallest).all()
+
+
+def field_of(X: Array, r: Array) -> Field:
+    return Field(X, r, np.linalg.norm(X, axis=0), len(r), len(r))
+
+
+def test_of_many_parameters_those_count_that_pay() -> None:
+    """Two of thirty columns carry the signal: best subset by hand against the score's choice."""
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=(300, 30))
+    r = X[:, [4, 17]] @ np.array([0.8, -0.6]) + rng.normal(size=300)
+    field, columns, limits = field_of(X, r), np.arange(30), np.full(30, 100.0)
+    whole, few = (score(field, columns, None, limits, eliminate) for eliminate in (False, True))
+    alone = score(field, np.array([4, 17]), None, limits[:2])
+    assert few.fall == pytest.approx(alone.fall, rel=1e-3)
+    choices = 2.0 * np.log(30 * 29 / 2)
+    assert few.price == pytest.approx(alone.price + choices, rel=1e-6)
+    assert few.gain > whole.gain + 50.0
+
+
+def test_nothing_is_chosen_from_noise() -> None:
+    rng = np.random.default_rng(4)
+    found = 0
+    for _ in range(100):
+        X, r = rng.normal(size=(200, 20)), rng.normal(size=200)
+        one = score(field_of(X, r), np.arange(20), None, np.full(20, 100.0), True)
+        found += one.p < 0.05
+    assert found <= 11  # 5 expected of a p value that holds; 11 once in a hundred

@@ -88,7 +88,7 @@ def test_the_markers_tell_the_same_as_the_frame() -> None:
     """What a load moves is found from the markers: tried on an effect whose twist is known."""
     result, curve = found("backlash:A3", (HALF,))
     joint = result.after.model.robot.joints.index("A3")
-    given = error_curve._Given("approach:A3", curve.variable)
+    given = error_curve._GivenVariable("approach:A3", curve.variable)
     line = TwistCurve("A3", joint + 1, curve.directions, given, Polyline(curve.knots))
     alike = error_curve._alike(result, curve.candidate, line)[:, 0]
     expected = result.causes[0].values[0] * result.data.poses.approach[:, joint]  # type: ignore[index]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.plots.errors import before_and_after
 from studies.plots.style import (
     BLUE,
     FAINT,
@@ -15,10 +16,10 @@ from studies.plots.style import (
     SOFT,
     VERMILLION,
     Cell,
+    Look,
     Picture,
     brief,
     legend_below,
-    pose_ticks,
     sheet,
     styled,
     tidy,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from studies.changes.record import ChangesRecord
 
 _NARROWEST = 3.0  # standard deviations to either side
+_MOVED = Look("the robot itself moved", BLUE, "o", "", "", "●")
+_TOLERANCE = Look("tolerance", INK, "", "-.", "", "")
 _LINEAR = 5.0  # standard deviations; beyond, the scale is logarithmic
 
 
@@ -98,30 +101,18 @@ def _far_ticks(panel: Axes, low: float, high: float) -> None:
     panel.set_xticks([tick for tick in ticks if low <= tick <= high])
 
 
-@styled
 def errors_at_targets(record: ChangesRecord) -> Picture:
     """The error at each target with the earlier values, and what the robot itself moved by."""
     targets = sorted(record.at_targets, key=lambda target: -target.kept_mm.value)
-    at = np.arange(len(targets))
-    figure = sheet(PANEL, 3.8)
-    panel = figure.subplots()
-    tidy(panel, "y")
-    handles = []
-    for errors, color, mark, label in (
-        ([t.kept_mm for t in targets], VERMILLION, "^", f"off today with {record.before}"),
-        ([t.change_mm for t in targets], BLUE, "o", "the robot itself moved"),
-    ):
-        value = np.array([error.value for error in errors])
-        low, high = (np.array([getattr(e, end) for e in errors]) for end in ("low", "high"))
-        panel.vlines(at, low, high, color=color, linewidth=0.8, alpha=0.5)
-        handles += panel.plot(at, value, color=color, marker=mark, markersize=4, linestyle="",
-                              label=label)  # fmt: skip
-    if record.tolerance_mm is not None:
-        line = panel.axhline(record.tolerance_mm, color=INK, linestyle="-.", label="tolerance")
-        handles.append(line)
-    panel.set(xlabel="target, the worst first", ylabel="error at the target [mm]", ylim=(0.0, None))
-    pose_ticks(panel, [target.pose for target in targets])
-    legend_below(figure, handles)
+    off = Look(f"off today with {record.before}", VERMILLION, "^", "", "", "▲")
+    series = [(off, [t.kept_mm for t in targets]), (_MOVED, [t.change_mm for t in targets])]
+    figure = before_and_after(
+        [target.pose for target in targets],
+        [(look, np.array([(e.value, e.low, e.high) for e in errors]).T) for look, errors in series],
+        "error at the target [mm]",
+        of="target, the worst first",
+        level=None if record.tolerance_mm is None else (_TOLERANCE, record.tolerance_mm),
+    )
     caption = (
         "By how much each target is missed on the later day with the earlier calibration, and how far "
         "the robot itself moved there between the days, with 95 % intervals."

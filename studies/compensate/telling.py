@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from studies.compensate.pictures import errors_by_target
+import numpy as np
+
 from studies.compensate.record import CompensateRecord, Target
 from studies.document import (
     MM,
@@ -25,8 +26,12 @@ from studies.document import (
 )
 from studies.joints import joint_columns
 from studies.noise import counts, lacks, moves_on, undecided
+from studies.plots.errors import before_and_after
+from studies.plots.style import BLUE, VERMILLION, Look, Picture, short
 
 _MOST = 8  # targets that are worth a line each
+_NOMINAL = Look("nominal command", VERMILLION, "^", "", "", "▲")
+_CORRECTED = Look("corrected command, expected", BLUE, "o", "", "", "●")
 _PLACES = {"markers": "markers", "tip": "tip's origin"}
 _SCATTERS = {
     "arm": "the arm's repeatability",
@@ -104,6 +109,28 @@ def _errors(record: CompensateRecord) -> Iterator[_Error]:
     yield _Error("  of it: what the model lacks", rms.unexplained)
     if rms.trend:
         yield _Error("  of it: drift until then", rms.trend)
+
+
+def errors_by_target(record: CompensateRecord) -> Picture:
+    """By how much each target is missed, with its nominal and with its corrected command."""
+    names = [target.pose for target in record.targets]
+    series = [
+        (_NOMINAL, np.array([target.before_mm for target in record.targets])),
+        (_CORRECTED, np.array([target.expected_mm for target in record.targets])),
+    ]
+    figure = before_and_after(names, series, "error at the target [mm]", of="target", log=True)
+    caption = (
+        "By how much the arm misses each target with its nominal command, and is expected to with its "
+        "corrected one: what is left is the parameters' uncertainty, what the model lacks, and what "
+        "the arm cannot reach."
+    )
+    rows = tuple(
+        (t.pose, t.before_mm, t.left_mm, t.expected_mm, t.limited_by) for t in record.targets
+    )
+    header = ("target", "before [mm]", "left [mm]", "expected [mm]", "limited by")
+    was, now = (short(value, 2) for value in (record.rms_mm.before, record.rms_mm.expected))
+    title = f"Error at each target: {was} mm RMS before, {now} mm expected after correction"
+    return Picture("errors_by_target", title, caption, figure, header, rows)
 
 
 _POSE: Column[Target] = Column("target", lambda row: row.pose)

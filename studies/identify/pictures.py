@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import Array
 from studies.plots import ellipses, residuals
-from studies.plots.by_pose import by_pose
-from studies.plots.histogram import histogram
+from studies.plots.errors import by_pose, histogram
 from studies.plots.image import over_image
 from studies.plots.style import Picture
 

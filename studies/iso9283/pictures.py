@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.plots.errors import over_poses
 from studies.plots.style import (
     BLUE,
     PANEL,
     VERMILLION,
     Cell,
+    Look,
     Picture,
     legend_below,
-    pose_ticks,
     sheet,
     styled,
-    tidy,
 )
 
 if TYPE_CHECKING:
-    from calib.arrays import Array
     from studies.iso9283.record import Figure, Iso9283Record
 
 
@@ -30,28 +28,21 @@ def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
     """Measured poses filled, predicted ones open; the interval as a line."""
     figure = sheet(PANEL, 5.0)
     panels = figure.subplots(2, 1, sharex=True)  # AP is often a hundred times RP
-    handles = []
-    measured = np.array([pose.how == "measured" for pose in record.poses])
-    for panel, name, found, color, mark in (
-        (panels[0], "AP", [pose.ap_mm for pose in record.poses], VERMILLION, "^"),
-        (panels[1], "RP", [pose.rp_mm for pose in record.poses], BLUE, "o"),
+    handles: list[Any] = []
+    names = [pose.pose for pose in record.poses]
+    for panel, name, color, mark, found in (
+        (panels[0], "AP", VERMILLION, "^", [pose.ap_mm for pose in record.poses]),
+        (panels[1], "RP", BLUE, "o", [pose.rp_mm for pose in record.poses]),
     ):
-        tidy(panel, "y")
-        value, low, high = _columns(found)
-        at = np.arange(len(value))
-        panel.vlines(at, low, high, color=color, linewidth=0.8, alpha=0.6)
-        for how, chosen, face in (
-            ("measured", measured, color), ("predicted", ~measured, "none")
-        ):  # fmt: skip
-            here = chosen & np.isfinite(value)
-            if here.any():
-                handles += panel.plot(
-                    at[here], value[here], color=color, markerfacecolor=face, marker=mark,
-                    linestyle="", label=f"{name}, {how}",
-                )  # fmt: skip
-        panel.set(ylabel=f"{name} [mm]", ylim=(0.0, None))
-    pose_ticks(panels[-1], [pose.pose for pose in record.poses])
-    panels[-1].set_xlabel("pose")
+        values = np.array([_numbers(own) for own in found], dtype=float).T
+        values[1:] = np.where(np.isnan(values[1:]), values[0], values[1:])  # an open end
+        series = []
+        for how, face in (("measured", color), ("predicted", "none")):
+            own = np.array([pose.how == how for pose in record.poses])
+            look = Look(f"{name}, {how}", color, mark, "", "", "", face)
+            if (own & np.isfinite(values[0])).any():
+                series.append((look, np.where(own, values, np.nan)))
+        handles += over_poses(panel, names, series, f"{name} [mm]")
     legend_below(figure, handles)
     caption = (
         f"Pose accuracy AP and pose repeatability RP of ISO 9283 at {record.marker}, with 95 % "
@@ -75,11 +66,3 @@ def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
 
 def _numbers(found: Figure | None) -> tuple[float | None, float | None, float | None]:
     return (None, None, None) if found is None else (found.value, found.low, found.high)
-
-
-def _columns(found: Sequence[Figure | None]) -> tuple[Array, Array, Array]:
-    """Values and ends of intervals, NaN where there are none; an open end stays at its value."""
-    rows = np.array([_numbers(own) for own in found], dtype=float)
-    value = rows[:, 0]
-    low, high = (np.where(np.isnan(rows[:, k]), value, rows[:, k]) for k in (1, 2))
-    return value, low, high

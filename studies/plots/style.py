@@ -99,7 +99,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Look:
-    """How one line, bar or point is drawn; ``sign`` is its marker as a character."""
+    """How one line, bar or point is drawn.
+
+    sign : its marker as a character; face : colour of the marker's inside where it is another
+    """
 
     label: str
     color: str
@@ -107,11 +110,21 @@ class Look:
     linestyle: str
     hatch: str
     sign: str
+    face: str = ""
+
+    @property
+    def mark(self) -> dict[str, Any]:
+        """Keywords of markers."""
+        return {
+            "color": self.color,
+            "marker": self.marker,
+            "markerfacecolor": self.face or self.color,
+        }
 
     @property
     def line(self) -> dict[str, Any]:
         """Keywords of a line with markers."""
-        return {"color": self.color, "marker": self.marker, "linestyle": self.linestyle}
+        return {**self.mark, "linestyle": self.linestyle}
 
 
 APPROACHES: Mapping[str, Look] = {

@@ -30,7 +30,7 @@ from studies.plots import Picture, files
 from studies.plots.accuracy import against_number, length_unit
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
-from studies.plots.histogram import histogram
+from studies.plots.errors import histogram
 from studies.plots.information import by_pose, derivative
 from studies.plots.residuals import by_pose_and_axis
 from studies.plots.style import (

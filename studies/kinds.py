@@ -25,7 +25,7 @@ _HOMES = {
     "compensate": ("compensate.record", "CompensateRecord", "compensate.telling"),
     "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.telling"),
     "changes": ("changes.record", "ChangesRecord", "changes.telling"),
-    "report": ("report.record", "ReportRecord", "report.telling"),
+    "report": ("report.record", "ReportRecord", "report.record"),
     "demo": ("demo.record", "DemoRecord", "demo.record"),
 }
 """Kind -> module of the record, its name, and module of :func:`told`."""

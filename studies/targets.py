@@ -54,7 +54,7 @@ def at_targets(
 
 def over_the_workspace(rows: Sequence[TargetAccuracy]) -> Picture:
     """The error that the parameters' uncertainty leaves, where the tip is at the targets."""
-    from studies.plots.workspace import workspace
+    from studies.plots.accuracy import workspace
 
     tips = np.array([[row.tip_x_mm, row.tip_y_mm, row.tip_z_mm] for row in rows])
     errors = [np.inf if row.expected_mm is None else row.expected_mm for row in rows]

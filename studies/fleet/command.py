@@ -16,8 +16,7 @@ from studies.command.options import PATH, engine_options, processes, result_opti
 from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
-    from studies.fleet.find import Job
-    from studies.fleet.one import Asked, Done
+    from studies.fleet.tables import Asked, Done, Job
     from studies.prior import PriorRecord
 
 AHEAD = 1000
@@ -70,9 +69,8 @@ def fleet(
     from studies.document import plural
     from studies.document.terminal import terminal
     from studies.engines import engine
-    from studies.fleet.find import find
-    from studies.fleet.one import VERBS, Asked, share
     from studies.fleet.record import fleet_record, results_of
+    from studies.fleet.tables import VERBS, Asked, find, share
     from studies.kinds import tell
     from studies.record import envelope
 
@@ -143,7 +141,7 @@ def _done(
 ) -> list[Done]:
     """What became of every table, in the order of the jobs, whoever was first."""
     from studies.engines import computed
-    from studies.fleet.one import do
+    from studies.fleet.tables import do
 
     done: dict[int, Done] = {}
     names: dict[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]] = {}

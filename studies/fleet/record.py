@@ -23,7 +23,7 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from studies.fleet.one import Asked, Done
+    from studies.fleet.tables import Asked, Done
 
 Status: TypeAlias = Literal["converged", "not_converged", "rank_deficient"]
 Verdict: TypeAlias = Literal["no_gap", "explained", "ambiguous", "unknown"]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import Array
-from studies.fleet.one import Done
+from studies.fleet.tables import Done
 
 _FEWEST = 6
 """Robots of a type by which one of them can stand out."""

@@ -22,7 +22,7 @@ from calib.model.reduction import carried_over
 from calib.population import Key, Population, population
 from calib.population.hierarchy import Robot
 from studies.changes.days import known_of_record
-from studies.fleet.one import Done
+from studies.fleet.tables import Done
 from studies.identify.record import IdentifyRecord
 from studies.results import read_as
 

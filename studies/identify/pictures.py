@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from studies.plots import ellipses, residuals
 from studies.plots.errors import by_pose, histogram
-from studies.plots.image import over_image
+from studies.plots.residuals import over_image
 from studies.plots.style import Picture
 
 if TYPE_CHECKING:

@@ -49,7 +49,7 @@ def iso9283(
       posecal iso9283 cell.toml cycles.csv result.json
     """
     import calib
-    from studies.iso9283.make import criteria
+    from studies.iso9283.record import criteria
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)

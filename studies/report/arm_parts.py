@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import IntArray
-from studies.report.arm_picture import Dot, Line, Part, Picture, Rods, Run, Text
+from studies.report.arm_drawing import Dot, Line, Part, Picture, Rods, Run, Text
 from studies.report.arm_scene import ArmScene, shared
 from studies.report.surroundings import Outline, Surroundings
 

@@ -17,9 +17,8 @@ from calib.instruments import Socket, Tracker
 from calib.model.build import build, parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
-from studies.report.arm_fixtures import Fixture, within
-from studies.report.arm_fixtures import placed as where
-from studies.report.arm_sketches import fixtures
+from studies.report.arm_instruments import Fixture, fixtures, within
+from studies.report.arm_instruments import placed as where
 from studies.report.surroundings import Surroundings, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}

@@ -8,9 +8,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from studies.report.arm_drawing import START, drawing
+from studies.report.arm_drawing import START, Part, Picture, drawing
 from studies.report.arm_parts import CROSS, MARKER, picture
-from studies.report.arm_picture import Part, Picture
 from studies.report.arm_scene import ArmScene
 
 

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 from markupsafe import Markup
 
 from studies.document.page import Writer
-from studies.report.assets import asset
 from studies.report.evidence import Evidence, load_evidence
 from studies.report.sections import Placed, sections
+
+
+def asset(name: str) -> Markup:
+    """The text of a file, to stand inside ``<style>`` or ``<script>``."""
+    return Markup((files("studies.report") / name).read_text(encoding="utf-8"))  # noqa: S704
+
 
 _STYLES = ("page.css", "highlight.css", "arm_view.css")
 _SCRIPTS = ("page.js", "arm_view.js")

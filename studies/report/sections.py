@@ -17,7 +17,7 @@ from studies.document.page import shown, table_of
 from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
-from studies.plots import against as plot
+from studies.plots import residuals
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.certificate import certificate
@@ -112,7 +112,7 @@ def against(evidence: Evidence, result: Result) -> Section | None:
     found = found.take(np.array([row is not None for row in read], dtype=bool))
     variables, sigma = dict(_variables(cell.robot, rows)), record.noise.instrument_mm * 1e-3
     rms = found.by_pose(found.after)
-    figure = Figure(lambda: plot.against(found.poses, rms, variables, sigma, found.heldout))
+    figure = Figure(lambda: residuals.against(found.poses, rms, variables, sigma, found.heldout))
     return Section("against", "What is left, against what it may depend on", (figure,))
 
 

@@ -17,12 +17,51 @@ from doe.constraints.obstacles import (
     obstacles_of,
 )
 
+_FLAT = 1e-6  # of the size
+_TURN = np.linspace(0.0, 2.0 * np.pi, 37)
 _CELLS = 5  # of the floor along the arm's length, at least
 _NEAR = 1.6  # arm lengths; what stands farther from the middle is not in the picture
 _FOOT = 0.09  # arm lengths
-_TURN = np.linspace(0.0, 2.0 * np.pi, 37)
 _FACE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=float)
 _LEVEL = 1.0  # mm; a plane this close to z = 0 is the floor
+
+
+def hull_runs(points: Array) -> list[list[int]]:
+    """Points (n, 3) by their numbers, one after the other along the edges of their hull.
+
+    Of points in a plane the one closed line around them, of points on a line that line.
+    """
+    from scipy.spatial import ConvexHull
+
+    _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    spread = int((size > _FLAT * max(float(size[0]), _FLAT)).sum())
+    flat = points @ axes[:spread].T
+    if len(points) <= spread or spread < 2:
+        return [np.argsort(flat[:, 0]).tolist()] if spread else [list(range(len(points)))]
+    hull = ConvexHull(flat)
+    if spread == 2:
+        return [[*hull.vertices.tolist(), int(hull.vertices[0])]]
+    edges: dict[frozenset[int], list[Array]] = {}
+    for face, plane in zip(hull.simplices.tolist(), hull.equations, strict=True):
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            edges.setdefault(frozenset((face[a], face[b])), []).append(plane[:3])
+    sharp = (edge for edge, (one, other) in edges.items() if one @ other < 1.0 - _FLAT)
+    return [sorted(edge) for edge in sharp]
+
+
+def ring(centre: Array, radius: float) -> Array:
+    """A level circle (k, 3)."""
+    circle = np.stack([np.cos(_TURN), np.sin(_TURN), 0.0 * _TURN], axis=1)
+    return np.asarray(centre + radius * circle)
+
+
+def grid_lines(middle: Array, u: Array, v: Array, half: float, step: float) -> list[Array]:
+    """Lines (2, 3) of a square grid about a point, along u and v, so far to each side."""
+    return [
+        np.stack([middle + t * a - half * b, middle + t * a + half * b])
+        for a, b in ((u, v), (v, u))
+        for t in np.arange(-half, half + step / 2.0, step)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +122,7 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
     return Surroundings(
         floor=floor,
         step=step,
-        foot=_ring(_FOOT * length),
+        foot=whole_mm(ring(np.zeros(3), _FOOT * length / 1e3)),
         outlines=solids,
         instrument=instrument,
         far=instrument is not None and not near(instrument),
@@ -116,19 +155,14 @@ def floor_lines(low: IntArray, high: IntArray, step: int) -> IntArray:
     return np.array(along_x + along_y, dtype=int)
 
 
-def _ring(radius: float) -> IntArray:
-    """A level circle about the origin."""
-    circle = np.stack([np.cos(_TURN), np.sin(_TURN), 0.0 * _TURN], axis=1)
-    return np.asarray(np.rint(radius * circle), dtype=int)
-
-
 def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Outline | None:
     if isinstance(obstacle, BoxObstacle):
         return _box(obstacle)
     if isinstance(obstacle, BallObstacle):
         ball = obstacle.sphere
         centre, radius = whole_mm(ball.centre), round(ball.radius * 1e3)
-        return Outline(obstacle.name, (centre + _ring(radius),), centre, radius)
+        level = whole_mm(ring(ball.centre, ball.radius))
+        return Outline(obstacle.name, (level,), centre, radius)
     if isinstance(obstacle, HalfSpaceObstacle):
         return _patch(obstacle, middle, half, step)
     return None
@@ -151,12 +185,7 @@ def _patch(obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int) -
     if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:
         return None
     u, v = across(normal)
-    ends = [
-        [centre + t * a - half * b, centre + t * a + half * b]
-        for a, b in ((u, v), (v, u))
-        for t in np.arange(-half, half + 1, step)
-    ]
-    lines = tuple(np.rint(ends).astype(int))
+    lines = tuple(np.rint(grid_lines(centre, u, v, half, step)).astype(int))
     return Outline(obstacle.name, lines, np.rint(centre).astype(int), plane=True)
 
 

@@ -19,7 +19,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
-from studies.fleet import command, one
+from studies.fleet import command, tables
 from studies.results import json_schema
 from tests.studies.fleet.robots import SIGMA, put, table
 
@@ -213,7 +213,7 @@ def test_the_summary_takes_no_place_of_a_table(few: Path) -> None:
 
 def test_a_fault_of_our_own_ends_no_run(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (few / "r0" / "measurements.identify.json").unlink()
-    monkeypatch.setattr(one, "_made", lambda *_: divmod(1, 0))
+    monkeypatch.setattr(tables, "_made", lambda *_: divmod(1, 0))
     fields, _ = fleet(few, "--holdout", 0.3)
     (own,) = [s for s in fields["sessions"] if s["robot"] == "r0"]
     assert own["fault"].startswith("a fault of posecal itself (ZeroDivisionError")

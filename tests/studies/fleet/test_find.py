@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from studies.fleet.find import Job, find
+from studies.fleet.tables import Job, find
 
 POINTS = "pose,marker,j1_deg,x_mm,y_mm,z_mm\n"
 

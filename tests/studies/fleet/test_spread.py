@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from studies.fleet.one import Cause, Done, Values
 from studies.fleet.spread import latest, off, shared, trend_p
+from studies.fleet.tables import Cause, Done, Values
 
 NAMES = tuple((f"geometry:A{k}.x", "um") for k in range(12))
 

@@ -16,12 +16,11 @@ from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
 from studies.report.arm_drawing import drawing
-from studies.report.arm_fixtures import Fixture, Placed, within
+from studies.report.arm_instruments import Fixture, Placed, fixtures, within
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
-from studies.report.arm_sketches import fixtures
 from studies.report.arm_view import figure_html
-from studies.report.outlines import hull_runs
+from studies.report.surroundings import hull_runs
 from tests.calib.instruments.test_camera_in_mujoco import (
     ARM,
     GRID,

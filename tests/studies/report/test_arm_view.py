@@ -22,12 +22,11 @@ from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo.embedded import embedded_text, simulated
-from studies.report.arm_drawing import drawing
+from studies.report.arm_drawing import Line, Picture, drawing
 from studies.report.arm_parts import picture
-from studies.report.arm_picture import Line, Picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
-from studies.report.assets import asset
+from studies.report.page import asset
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped

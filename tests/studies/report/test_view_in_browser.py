@@ -17,7 +17,7 @@ from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
-from studies.report.assets import asset
+from studies.report.page import asset
 from tests.helpers import read_by
 from tests.studies.report.cells import HOSTILE, hostile, shaped
 from tests.studies.report.test_arm_fixtures import Q, cameras_of

@@ -23,11 +23,12 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.change import Changes
     from calib.change.at_targets import AtTargets, Length
-    from calib.change.causes import Explanation
+    from calib.change.causes import Cause, Explanation
     from studies.changes.days import Days
 
 _MM = 1e3
 _MOST = 8  # causes that are kept
+_KNOWN = 1e8  # degrees of freedom from which noise counts as known
 
 
 class Test(Entry):
@@ -165,109 +166,83 @@ class ChangesRecord(Record):
 
 def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:
     """The record of a comparison."""
+    from calib.change.difference import FALSE_ALARM
+
+    apart = found.difference
     rms, worst = found.expected
-    return ChangesRecord(
+    before, after = apart.left
+    return ChangesRecord.from_result(
+        found,
         **made_from,
         warnings=days.notes,
         before=days.before_path.name,
         after=days.after_path.name,
-        status="changed" if found.difference.changed else "unchanged",
-        test=_test(found),
+        status="changed" if apart.changed else "unchanged",
+        test=Test.from_result(
+            apart,
+            rows=len(apart.whitened),
+            dof=apart.dof if apart.dof < _KNOWN else None,
+            p=apart.p_value,
+            false_alarm=FALSE_ALARM,
+        ),
         parameters=_parameters(found),
-        apart=found.difference.apart,
+        apart=apart.apart,
         alone=tuple(
             Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
-            for (effect, where, name), sigmas in found.difference.alone.items()
+            for (effect, where, name), sigmas in apart.alone.items()
         ),
-        left=_left(found, days),
+        left=Left(
+            before_mm=before * _MM,
+            after_mm=after * _MM,
+            p=apart.grown,
+            grown=apart.leaves_more,
+            excess_mm=max(days.before.excess, days.after.excess) * _MM,
+        ),
         cause=found.told,
-        causes=tuple(map(_explained, found.explanations[:_MOST]))
-        if found.difference.changed
-        else (),
-        same_as=tuple(CauseEntry(effect=c.kind, where=c.where) for c in found.same_as),
-        hidden=tuple(
-            CauseEntry(effect=e.cause.kind, where=e.cause.where)
-            for e in found.explanations
-            if e.hidden
-        ),
+        causes=tuple(map(_explained, found.explanations[:_MOST])) if apart.changed else (),
+        same_as=tuple(map(_named, found.same_as)),
+        hidden=tuple(_named(e.cause) for e in found.explanations if e.hidden),
         targets=days.cell.targets_in_words,
         change_rms_mm=_error(found.change.rms),
         change_worst_mm=_error(found.change.worst),
         kept_rms_mm=_error(rms),
         kept_worst_mm=_error(worst),
         renewed_rms_mm=float(np.hypot(found.renewed, found.rest)) * _MM,
-        rest_mm=found.rest * _MM,
-        outside_mm=None if found.outside is None else found.outside * _MM,
         worst_at=found.targets.names[found.kept.worst_at],
-        at_targets=_at_targets(found),
-        tolerance_mm=None if found.tolerance is None else found.tolerance * _MM,
-        verdict=found.verdict,
-    )
-
-
-def _left(found: Changes, days: Days) -> Left:
-    before, after = found.difference.left
-    return Left(
-        before_mm=before * _MM,
-        after_mm=after * _MM,
-        p=found.difference.grown,
-        grown=found.difference.leaves_more,
-        excess_mm=max(days.before.excess, days.after.excess) * _MM,
-    )
-
-
-def _at_targets(found: Changes) -> tuple[AtTarget, ...]:
-    changes, kept = _errors(found.change, 0.0), _errors(found.kept, found.rest)
-    return tuple(
-        AtTarget(pose=name, change_mm=change, kept_mm=own)
-        for name, change, own in zip(found.targets.names, changes, kept, strict=True)
-    )
-
-
-def _test(found: Changes) -> Test:
-    from calib.change.difference import FALSE_ALARM
-
-    difference = found.difference
-    return Test(
-        statistic=difference.statistic,
-        rows=len(difference.whitened),
-        dof=difference.dof if difference.dof < 1e8 else None,
-        p=difference.p_value,
-        false_alarm=FALSE_ALARM,
-    )
-
-
-def _parameters(found: Changes) -> tuple[Parameter, ...]:
-    difference = found.difference
-    return tuple(
-        Parameter(
-            id=p.id, effect=p.effect, where=p.where, name=p.name, change=change / p.scale,
-            std=std / p.scale, family_p=family, moved=bool(named), unit=p.unit,
-        )
-        for p, change, std, family, named in zip(
-            found.parameters, difference.change.tolist(), difference.std.tolist(),
-            difference.family_p.tolist(), difference.changed_parameters, strict=True,
-        )
-    )  # fmt: skip
-
-
-def _explained(found: Explanation) -> Explained:
-    cause = found.cause
-    return Explained(
-        effect=cause.kind,
-        where=cause.where,
-        probability=found.probability,
-        share=found.share,
-        p_left=found.p_left,
-        explains=found.explains,
-        likely=found.likely,
-        sizes=tuple(
-            Size(name=p.name, value=value / p.scale, std=std / p.scale, unit=p.unit)
-            for p, value, std in zip(
-                cause.parameters, found.values.tolist(), found.std.tolist(), strict=True,
+        at_targets=tuple(
+            AtTarget(pose=name, change_mm=change, kept_mm=kept)
+            for name, change, kept in zip(
+                found.targets.names, _errors(found.change, 0.0), _errors(found.kept, found.rest),
+                strict=True,
             )
         ),
     )  # fmt: skip
+
+
+def _named(cause: Cause) -> CauseEntry:
+    return CauseEntry(effect=cause.kind, where=cause.where)
+
+
+def _parameters(found: Changes) -> tuple[Parameter, ...]:
+    own = found.difference
+    columns = own.change, own.std, own.family_p, own.changed_parameters
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return tuple(
+        Parameter.from_result(
+            p, change=change / p.scale, std=std / p.scale, family_p=family, moved=bool(named)
+        )
+        for p, (change, std, family, named) in zip(found.parameters, rows, strict=True)
+    )
+
+
+def _explained(found: Explanation) -> Explained:
+    own, values, std = found.cause.parameters, found.values.tolist(), found.std.tolist()
+    sizes = tuple(
+        Size(name=p.name, value=value / p.scale, std=error / p.scale, unit=p.unit)
+        for p, value, error in zip(own, values, std, strict=True)
+    )
+    cause = found.cause
+    return Explained.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
 
 
 def _error(length: Length) -> Error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from calib.arm.robot import Robot
     from calib.arrays import Array
 
-_MM = 1e3
+_MM = 1e3  # and milliradians
 _HOUR = 3600.0
 
 
@@ -90,58 +91,51 @@ class CompensateRecord(Record):
 
 def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:
     """The record of a compensation."""
+    errors = {
+        "before": found.before,
+        "left": found.left,
+        "expected": found.expected,
+        "from_parameters": found.spread,
+        "scatter": found.scatter,
+        "unexplained": found.lacking,
+        "trend": found.trend,
+    }
     reasons = sorted({*found.limited_by} - {""})
+    later = None if found.an_hour_on is None else found.rms(found.an_hour_on) * _MM
     return CompensateRecord(
         **made_from,
         warnings=found.notes,
         errors_at="markers" if found.at == "markers" else "tip",
-        rms_mm=Rms(
-            before=found.rms(found.before) * _MM,
-            left=found.rms(found.left) * _MM,
-            expected=found.rms(found.expected) * _MM,
-            from_parameters=found.rms(found.spread) * _MM,
-            scatter=found.rms(found.scatter) * _MM,
-            unexplained=found.rms(found.lacking) * _MM,
-            trend=found.rms(found.trend) * _MM,
-        ),
+        rms_mm=Rms(**{name: found.rms(own) * _MM for name, own in errors.items()}),
         p95_mm=_distances(found, 0.95),
         max_mm=_distances(found, 1.0),
         unexplained_from=found.unexplained.source,
         scatter_of="undecided" if found.rest_of == "undecided" else "arm",
         targets_after_h=None if found.after is None else found.after / _HOUR,
-        trend_an_hour_later_mm=None
-        if found.an_hour_on is None
-        else found.rms(found.an_hour_on) * _MM,
+        trend_an_hour_later_mm=later,
         limited={reason: found.limited_by.count(reason) for reason in reasons},
-        targets=tuple(_target(robot, found, i) for i in range(len(found.q))),
+        targets=tuple(_targets(robot, found, errors)),
     )
 
 
 def _distances(found: Compensation, share: float) -> Distances:
     """A quantile over the targets."""
-
-    def shown(values: Array) -> float:
-        return float(np.quantile(values, share)) * _MM
-
-    return Distances(
-        before=shown(found.before), left=shown(found.left), expected=shown(found.expected)
-    )
+    errors = {"before": found.before, "left": found.left, "expected": found.expected}
+    return Distances(**{n: float(np.quantile(own, share)) * _MM for n, own in errors.items()})
 
 
-def _target(robot: Robot, found: Compensation, i: int) -> Target:
-    return Target(
-        pose=found.targets.names[i],
-        **shown_joints(robot, found.q[i]),
-        **shown_joints(robot, found.targets.q[i], "nominal_"),
-        **shown_joints(robot, found.correction[i], "correction_"),
-        before_mm=float(found.before[i]) * _MM,
-        left_mm=float(found.left[i]) * _MM,
-        from_parameters_mm=float(found.spread[i]) * _MM,
-        scatter_mm=float(found.scatter[i]) * _MM,
-        unexplained_mm=float(found.lacking[i]) * _MM,
-        trend_mm=float(found.trend[i]) * _MM,
-        expected_mm=float(found.expected[i]) * _MM,
-        turn_before_mrad=float(found.turn_before[i]) * 1e3,
-        turn_left_mrad=float(found.turn_left[i]) * 1e3,
-        limited_by=found.limited_by[i] or None,
-    )
+def _targets(robot: Robot, found: Compensation, errors: dict[str, Array]) -> Iterator[Target]:
+    turns = {"turn_before_mrad": found.turn_before, "turn_left_mrad": found.turn_left}
+    columns = {**{f"{name}_mm": own for name, own in errors.items()}, **turns}
+    for i, name in enumerate(found.targets.names):
+        lengths = {column: float(own[i]) * _MM for column, own in columns.items()}
+        yield Target.model_validate(
+            {
+                "pose": name,
+                **shown_joints(robot, found.q[i]),
+                **shown_joints(robot, found.targets.q[i], "nominal_"),
+                **shown_joints(robot, found.correction[i], "correction_"),
+                **lengths,
+                "limited_by": found.limited_by[i] or None,
+            }
+        )

@@ -16,13 +16,11 @@ if TYPE_CHECKING:
     from calib.compensation.estimate import Estimate
     from calib.iso9283 import Measured, Predicted, Session
     from calib.iso9283.formulas import Figure as Found
-    from calib.iso9283.measured import Compliance as Bent
     from calib.iso9283.measured import Cycles
     from calib.iso9283.predicted import Pose as Expected
 
 
-_MM = _MRAD = 1e3
-_MEASURED, _PREDICTED = "measured", "predicted"
+_MM = 1e3  # and milliradians
 
 How = Literal["measured", "predicted"]
 
@@ -135,19 +133,13 @@ def iso9283_record(
             for name, (value, ways) in found.several.items()
         ),
         distances=tuple(
-            Distance(
-                first=own.first,
-                second=own.second,
-                cycles=own.cycles,
-                commanded_mm=own.commanded * _MM,
-                ad_mm=_figure(own.accuracy),
-                rd_mm=_figure(own.repeatability),
-            )
+            Distance.from_result(own, ad_mm=_figure(own.accuracy), rd_mm=_figure(own.repeatability))
             for own in found.distances
         ),
-        compliance=(
-            *(_compliance(own, _MEASURED) for own in found.compliance),
-            *(_compliance(own, _PREDICTED) for own in expected.compliance),
+        compliance=tuple(
+            Compliance.from_result(own, pose=own.name, how=how, mm_per_n=_figure(own.figure))
+            for how, every in (("measured", found.compliance), ("predicted", expected.compliance))
+            for own in every
         ),
     )
 
@@ -158,24 +150,22 @@ def _figure(found: Found) -> Figure:
 
 def _measured(own: Cycles) -> Pose:
     accuracy, off = own.accuracy
-    turned = own.angles
-    return Pose(
+    ap_angles, rp_angles = (None, None) if own.angles is None else own.angles
+    return Pose.from_result(
+        own,
         pose=own.name,
-        approach=own.approach,
         how="measured",
         cycles=len(own.points),
         ap_mm=_figure(accuracy),
-        ap_xyz_mm=three(off * _MM),
+        ap_xyz_mm=off * _MM,
         ap_identified_mm=_figure(own.left),
         rp_mm=_figure(own.repeatability),
-        ap_angles_mrad=None if turned is None else three(turned[0] * _MRAD),
-        rp_angles_mrad=None if turned is None else three(turned[1] * _MRAD),
-        drift_mm=None if own.drift is None else own.drift * _MM,
+        ap_angles_mrad=None if ap_angles is None else ap_angles * _MM,
+        rp_angles_mrad=None if rp_angles is None else rp_angles * _MM,
     )
 
 
 def _predicted(own: Expected) -> Pose:
-    again = own.repeatability
     return Pose(
         pose=own.name,
         approach="",
@@ -184,22 +174,10 @@ def _predicted(own: Expected) -> Pose:
         ap_mm=_figure(own.accuracy),
         ap_xyz_mm=three(np.asarray(own.off) * _MM),
         ap_identified_mm=None,
-        rp_mm=None if again is None else _figure(again),
+        rp_mm=None if own.repeatability is None else _figure(own.repeatability),
         ap_angles_mrad=None,
         rp_angles_mrad=None,
         drift_mm=None,
-    )
-
-
-def _compliance(own: Bent, how: str) -> Compliance:
-    return Compliance.model_validate(
-        {
-            "pose": own.name,
-            "direction": own.direction,
-            "how": how,
-            "readings": own.readings,
-            "mm_per_N": _figure(own.figure),
-        }
     )
 
 

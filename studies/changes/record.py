@@ -44,7 +44,7 @@ class Test(Entry):
     false_alarm: Positive
 
 
-class Parameter(Entry):
+class ChangedParameter(Entry):
     """A parameter, after minus before; std and family_p are None where a day does not determine it."""
 
     id: str
@@ -132,7 +132,7 @@ class ChangesRecord(Record):
     after: str
     status: Literal["unchanged", "changed"]
     test: Test
-    parameters: tuple[Parameter, ...] = Field(min_length=1)
+    parameters: tuple[ChangedParameter, ...] = Field(min_length=1)
     apart: tuple[str, ...]
     alone: tuple[Alone, ...]
     left: Left
@@ -223,12 +223,12 @@ def _named(cause: Cause) -> CauseEntry:
     return CauseEntry(effect=cause.kind, where=cause.where)
 
 
-def _parameters(found: Changes) -> tuple[Parameter, ...]:
+def _parameters(found: Changes) -> tuple[ChangedParameter, ...]:
     own = found.difference
     columns = own.change, own.std, own.family_p, own.changed_parameters
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return tuple(
-        Parameter.from_result(
+        ChangedParameter.from_result(
             p, change=change / p.scale, std=std / p.scale, family_p=family, moved=bool(named)
         )
         for p, (change, std, family, named) in zip(found.parameters, rows, strict=True)

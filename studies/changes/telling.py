@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from studies.causes import CauseEntry, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
-from studies.changes.record import ChangesRecord, Error, Explained, Parameter, Size, Test
+from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Size, Test
 from studies.document import (
     MM,
     PROBABILITY,
@@ -127,7 +127,7 @@ def _tolerance(record: ChangesRecord) -> Sentence:
 # -- what moved --------------------------------------------------------------------------------
 
 
-_PARAMETERS: tuple[Column[Parameter], ...] = (
+_PARAMETERS: tuple[Column[ChangedParameter], ...] = (
     Column("parameter", lambda p: p.id, TEXT),
     Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, TO_STD),
     Column("standard\ndeviation", lambda p: p.std, STD),
@@ -244,14 +244,14 @@ def _causes(record: ChangesRecord) -> Iterator[Part]:
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TargetsRow:
     label: str
     rms: Error | None
     worst: Error | None
     value: float | None = None
 
 
-_TARGETS: tuple[Column[_Row], ...] = (
+_TARGETS: tuple[Column[_TargetsRow], ...] = (
     Column("error at the targets", lambda row: row.label),
     Column("RMS", lambda row: row.rms.value if row.rms else row.value, MM, "mm"),
     Column("from", lambda row: row.rms and row.rms.low, MM, "mm"),
@@ -264,9 +264,9 @@ _TARGETS: tuple[Column[_Row], ...] = (
 
 def _targets(record: ChangesRecord) -> Iterator[Part]:
     rows = [
-        _Row("change of the robot", record.change_rms_mm, record.change_worst_mm),
-        _Row(f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
-        _Row(f"error today with {record.after}", None, None, record.renewed_rms_mm),
+        _TargetsRow("change of the robot", record.change_rms_mm, record.change_worst_mm),
+        _TargetsRow(f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
+        _TargetsRow(f"error today with {record.after}", None, None, record.renewed_rms_mm),
     ]
     caption = (
         f"With 95 % intervals, at {record.targets}. {mm(record.rest_mm)} of the error does not "

@@ -87,7 +87,7 @@ _SIZES = 7
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class AccuracyCurve:
     """Task RMS [m] by a number of things: median, least and largest over subsets of that size.
 
     Sizes at which no way determines every parameter are left out.
@@ -128,7 +128,9 @@ def influence_by_effect(
     return np.stack(summed, axis=1), groups
 
 
-def by_poses(cell: Cell, experiment: Experiment, configurations: int, seed: int = 0) -> Curve:
+def by_poses(
+    cell: Cell, experiment: Experiment, configurations: int, seed: int = 0
+) -> AccuracyCurve:
     """Accuracy of random parts of a plan."""
     targets, weights = targets_of(cell)
     rng = np.random.default_rng(seed)
@@ -144,7 +146,7 @@ def by_poses(cell: Cell, experiment: Experiment, configurations: int, seed: int 
     return _curve(counts, rows)
 
 
-def by_markers(cell: Cell, plan: Poses, length: float = 1.0) -> Curve:
+def by_markers(cell: Cell, plan: Poses, length: float = 1.0) -> AccuracyCurve:
     """Accuracy with fewer markers of the cell, over the sets of each size."""
     targets, weights = targets_of(cell)
     whole = all(i.markers is None for i in cell.instruments)  # else they read parts of a shape
@@ -166,13 +168,13 @@ def _task(experiment: Experiment, targets: Poses, weights: Array) -> dict[str, f
     }
 
 
-def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> Curve:
+def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> AccuracyCurve:
     rms = {}
     for way in WAYS:
         values = [[found.get(way.key, np.inf) for found in row] for row in rows]
         rms[way.key] = np.array([[np.median(v), min(v), max(v)] for v in values]).reshape(-1, 3)
     known = np.any([np.isfinite(v[:, 0]) for v in rms.values()], axis=0)
-    return Curve(counts[known], {key: v[known] for key, v in rms.items()})
+    return AccuracyCurve(counts[known], {key: v[known] for key, v in rms.items()})
 
 
 def _part(experiment: Experiment, kept: IntArray, configurations: int) -> Experiment:

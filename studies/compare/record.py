@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from studies.compare.agreement import Agreement as Agreed
     from studies.compare.compare import Comparison, PlanStudy, Verdict
     from studies.compare.montecarlo import FromScratch as Scratch
-    from studies.compare.prediction import Curve, Reading
+    from studies.compare.prediction import AccuracyCurve, Reading
 
 _MM = 1e3
 _PAIRS = 6  # error ellipses: the parameters most entangled
@@ -29,7 +29,7 @@ Pair = tuple[Number, Number]
 Outline = tuple[Pair, Pair]
 
 
-class Known(Entry):
+class ComparedParameter(Entry):
     """How well a parameter is known, predicted and from the scatter of simulated experiments."""
 
     name: str
@@ -42,7 +42,7 @@ class Known(Entry):
     monte_carlo_bias_in_standard_errors: Maybe
 
 
-class FromScratch(Entry):
+class FromScratchEntry(Entry):
     """Experiments identified as real data are: start values, outliers and noise of their own."""
 
     trials: Count
@@ -67,12 +67,12 @@ class Approach(Entry):
     approach: Literal["points", "pose"]
     weighting: Literal["full", "normalised", "plain"]
     length_mm: Positive | None
-    parameters: tuple[Known, ...]
+    parameters: tuple[ComparedParameter, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
     monte_carlo_task_rms_mm: Maybe
     not_converged: Count
-    from_scratch: FromScratch | None
+    from_scratch: FromScratchEntry | None
     agreement: Tested | None
     reason: str | None
 
@@ -100,7 +100,7 @@ class Worth(Entry):
     effects: dict[str, Number] = Field(default_factory=dict)
 
 
-class Derivatives(Entry):
+class DerivativesEntry(Entry):
     """How far a derivative is off the model's own slope, where it is farthest."""
 
     worst_relative_error: Maybe
@@ -135,7 +135,7 @@ class Plan(Entry):
     poses: Count
     readings: Count
     trials: Count
-    derivatives: Derivatives
+    derivatives: DerivativesEntry
     hidden_markers: Count
     readings_without_pose: Count
     approaches: tuple[Approach, ...] = Field(min_length=1)
@@ -198,7 +198,7 @@ class ReadBy(Entry):
     poses_to_match: Maybe
 
 
-class Agreement(Entry):
+class AgreementEntry(Entry):
     """Whether the prediction can be believed, over all plans and approaches."""
 
     worst_ratio: Maybe
@@ -225,7 +225,7 @@ class CompareRecord(Record):
     trials_asked: Count
     truth: Literal["model", "mujoco"]
     truth_note: str = ""
-    agreement: Agreement
+    agreement: AgreementEntry
     read_by: tuple[ReadBy, ...] = ()
 
 
@@ -283,14 +283,14 @@ def _notes(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _agreement(found: Comparison) -> Agreement:
+def _agreement(found: Comparison) -> AgreementEntry:
     from studies.compare.agreement import BELIEVED, band
     from studies.compare.judgement import believed, says
 
     ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
     levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
     bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
-    return Agreement(
+    return AgreementEntry(
         worst_ratio=found.worst_ratio,
         chi2_p=found.p,
         ratio_band95=bands[0],
@@ -318,7 +318,9 @@ def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
         poses=count,
         readings=len(experiment.poses),
         trials=study.refits.trials,
-        derivatives=Derivatives(worst_relative_error=study.slopes.off, id=study.slopes.parameter),
+        derivatives=DerivativesEntry(
+            worst_relative_error=study.slopes.off, id=study.slopes.parameter
+        ),
         hidden_markers=int((~experiment.seen).sum()),
         readings_without_pose=0 if points is None else int((~orientable(markers, points)).sum()),
         approaches=tuple(_approach(study, verdict) for verdict in study.verdicts),
@@ -368,7 +370,7 @@ def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
         weighting=way.weighting,
         length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
         parameters=tuple(
-            Known(
+            ComparedParameter(
                 name=p.name,
                 effect=p.effect,
                 where=p.where,
@@ -392,10 +394,10 @@ def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
     )
 
 
-def _from_scratch(done: Sequence[Scratch]) -> FromScratch | None:
+def _from_scratch(done: Sequence[Scratch]) -> FromScratchEntry | None:
     if not done:
         return None
-    return FromScratch(
+    return FromScratchEntry(
         trials=len(done),
         same=sum(own.same for own in done),
         with_outliers=sum(own.outliers > 0 for own in done),
@@ -437,7 +439,7 @@ def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
     return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
 
 
-def _by_number(curve: Curve) -> ByNumber:
+def _by_number(curve: AccuracyCurve) -> ByNumber:
     """Medians over the subsets, of approaches that can be had at all."""
     rms = {key: values[:, 0] * _MM for key, values in curve.rms.items()}
     return ByNumber(

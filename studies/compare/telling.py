@@ -90,7 +90,7 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
     yield from _lost(record)
     yield Table(
         _ACCURACY,
-        [_Row(plan, own) for plan in record.plans for own in plan.approaches],
+        [_ApproachRow(plan, own) for plan in record.plans for own in plan.approaches],
         "Error expected at the targets",
         "Simulated: standard deviation over simulated experiments. p: probability of such a difference "
         "by chance.",
@@ -253,7 +253,7 @@ def _lost(record: CompareRecord) -> Iterator[Sentence]:
 
 
 @dataclass(frozen=True)
-class _Row:
+class _ApproachRow:
     """An approach at a plan."""
 
     plan: Plan
@@ -270,7 +270,7 @@ def _label(own: Approach) -> str:
     return APPROACHES[own.key].label + length
 
 
-_ACCURACY: tuple[Column[_Row], ...] = (
+_ACCURACY: tuple[Column[_ApproachRow], ...] = (
     Column("plan", lambda row: row.plan.plan if row.first else ""),
     Column("poses", lambda row: row.plan.poses if row.first else 0, COUNT),
     Column("method", lambda row: _label(row.own)),

@@ -20,7 +20,7 @@ _MM = 1e3  # and milliradians
 _HOUR = 3600.0
 
 
-class Distances(Entry):
+class TargetErrors(Entry):
     """By how much the targets are missed, with nominal and with corrected commands.
 
     left : what corrected commands cannot mend; expected : that and all that is uncertain
@@ -31,7 +31,7 @@ class Distances(Entry):
     expected: NotNegative
 
 
-class Rms(Distances):
+class Rms(TargetErrors):
     """The same over all targets, and what the expected error consists of beside ``left``.
 
     trend : how far the trend of the day will have gone by then
@@ -74,8 +74,8 @@ class CompensateRecord(Record):
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
     rms_mm: Rms
-    p95_mm: Distances
-    max_mm: Distances
+    p95_mm: TargetErrors
+    max_mm: TargetErrors
     unexplained_from: str
     scatter_of: Literal["arm", "undecided"] = "undecided"
     targets_after_h: NotNegative | None = None
@@ -118,10 +118,10 @@ def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) ->
     )
 
 
-def _distances(found: Compensation, share: float) -> Distances:
+def _distances(found: Compensation, share: float) -> TargetErrors:
     """A quantile over the targets."""
     errors = {"before": found.before, "left": found.left, "expected": found.expected}
-    return Distances(**{n: float(np.quantile(own, share)) * _MM for n, own in errors.items()})
+    return TargetErrors(**{n: float(np.quantile(own, share)) * _MM for n, own in errors.items()})
 
 
 def _targets(robot: Robot, found: Compensation, errors: dict[str, Array]) -> Iterator[Target]:

@@ -68,7 +68,7 @@ def _missing(record: CompensateRecord) -> Iterator[Sentence]:
 
 
 def _parts(record: CompensateRecord) -> Iterator[Part]:
-    place = Column[_Error](f"error of the {_PLACES[record.errors_at]}", lambda row: row.label)
+    place = Column[_ErrorRow](f"error of the {_PLACES[record.errors_at]}", lambda row: row.label)
     yield Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
     yield Figure(lambda: errors_by_target(record))
     yield from _limited(record)
@@ -82,7 +82,7 @@ def _parts(record: CompensateRecord) -> Iterator[Part]:
 
 
 @dataclass(frozen=True)
-class _Error:
+class _ErrorRow:
     """A distance over all targets, mm; None where only the RMS tells something."""
 
     label: str
@@ -91,24 +91,24 @@ class _Error:
     largest: float | None = None
 
 
-_ERRORS: tuple[Column[_Error], ...] = (
+_ERRORS: tuple[Column[_ErrorRow], ...] = (
     Column("RMS", lambda row: row.rms, MM, "mm"),
     Column("p95", lambda row: row.p95, MM, "mm"),
     Column("max", lambda row: row.largest, MM, "mm"),
 )
 
 
-def _errors(record: CompensateRecord) -> Iterator[_Error]:
+def _errors(record: CompensateRecord) -> Iterator[_ErrorRow]:
     rms, p95, most = record.rms_mm, record.p95_mm, record.max_mm
-    yield _Error("nominal commands", rms.before, p95.before, most.before)
-    yield _Error("corrected commands, expected", rms.expected)
-    yield _Error("  of it: out of reach of any command", rms.left, p95.left, most.left)
-    yield _Error("  of it: uncertainty of the parameters", rms.from_parameters)
+    yield _ErrorRow("nominal commands", rms.before, p95.before, most.before)
+    yield _ErrorRow("corrected commands, expected", rms.expected)
+    yield _ErrorRow("  of it: out of reach of any command", rms.left, p95.left, most.left)
+    yield _ErrorRow("  of it: uncertainty of the parameters", rms.from_parameters)
     if rms.scatter:
-        yield _Error(f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter)
-    yield _Error("  of it: what the model lacks", rms.unexplained)
+        yield _ErrorRow(f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter)
+    yield _ErrorRow("  of it: what the model lacks", rms.unexplained)
     if rms.trend:
-        yield _Error("  of it: drift until then", rms.trend)
+        yield _ErrorRow("  of it: drift until then", rms.trend)
 
 
 def errors_by_target(record: CompensateRecord) -> Picture:

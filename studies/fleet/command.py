@@ -16,7 +16,7 @@ from studies.command.options import PATH, engine_options, processes, result_opti
 from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
-    from studies.fleet.tables import Asked, Done, Job
+    from studies.fleet.tables import Done, FleetTask, Job
     from studies.prior import PriorRecord
 
 AHEAD = 1000
@@ -70,7 +70,7 @@ def fleet(
     from studies.document.terminal import terminal
     from studies.engines import engine
     from studies.fleet.record import fleet_record, results_of
-    from studies.fleet.tables import VERBS, Asked, find, share
+    from studies.fleet.tables import VERBS, FleetTask, find, share
     from studies.kinds import tell
     from studies.record import envelope
 
@@ -88,7 +88,7 @@ def fleet(
     check_outputs(
         [output_file(json_path), prior_path], [path for path in inputs if path.is_file()], folder
     )
-    asked = Asked(
+    asked = FleetTask(
         tuple(v for v in VERBS if only in (None, v)), holdout, seed, prior_path is not None
     )
     with (
@@ -135,7 +135,7 @@ def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
 
 def _done(
     jobs: Sequence[Job],
-    asked: Asked,
+    asked: FleetTask,
     executor: Executor | None,
     progress: Callable[[int], None],
 ) -> list[Done]:

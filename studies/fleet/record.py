@@ -23,14 +23,14 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from studies.fleet.tables import Asked, Done
+    from studies.fleet.tables import Done, FleetTask
 
 Status: TypeAlias = Literal["converged", "not_converged", "rank_deficient"]
 Verdict: TypeAlias = Literal["no_gap", "explained", "ambiguous", "unknown"]
 Share = tuple[Number, Number]
 
 
-class Distances(Entry):
+class FleetErrors(Entry):
     """RMS distances between measured and predicted points; nominal : base and markers fitted."""
 
     nominal: NotNegative | None = None
@@ -38,13 +38,13 @@ class Distances(Entry):
     heldout: NotNegative | None = None
 
 
-class Named(CauseEntry):
+class NamedEntry(CauseEntry):
     """A cause that was found, and what the data cannot tell from it, itself first."""
 
     alike: tuple[str, ...]
 
 
-class Session(Entry):
+class SessionEntry(Entry):
     """A table of a robot. What was not asked for or could not be done is None; fault says why.
 
     robot, table : their places below the folder; type : name of the robot's model
@@ -58,10 +58,10 @@ class Session(Entry):
     fault: str | None
     status: Status | None
     poses: Count | None
-    rms_mm: Distances
+    rms_mm: FleetErrors
     sigma_mm: NotNegative | None
     verdict: Verdict | None
-    causes: tuple[Named, ...]
+    causes: tuple[NamedEntry, ...]
     results: tuple[str, ...]
 
     @model_validator(mode="after")
@@ -71,7 +71,7 @@ class Session(Entry):
         return self
 
 
-class Shared(CauseEntry):
+class SharedEntry(CauseEntry):
     """A cause among the robots of a type.
 
     robots : in which it is named; possible : in which it is named or cannot be told from what is
@@ -82,18 +82,18 @@ class Shared(CauseEntry):
     share_ci95: Share
 
 
-class Type(Entry):
+class TypeEntry(Entry):
     """Robots of one model; figures are medians of the last table of each."""
 
     type: str
     robots: Count
     diagnosed: Count
-    rms_mm: Distances
+    rms_mm: FleetErrors
     verdicts: dict[Verdict, Count]
-    causes: tuple[Shared, ...]
+    causes: tuple[SharedEntry, ...]
 
 
-class Off(Entry):
+class OffEntry(Entry):
     """A figure by which a robot stands out of its type.
 
     deviation : from the typical value, in spreads; limit : what chance seldom exceeds in any of all
@@ -110,7 +110,7 @@ class Off(Entry):
     limit: Positive
 
 
-class Trend(Entry):
+class TrendEntry(Entry):
     """The tables of a robot that was measured again, in their order.
 
     days : since the first, None where a table has no date; p : of a steady rise or fall of the nominal
@@ -146,10 +146,10 @@ class FleetRecord(Record):
     folder: str
     verbs: tuple[Literal["identify", "diagnose"], ...] = Field(min_length=1)
     holdout: str | None
-    sessions: tuple[Session, ...] = Field(min_length=1)
-    types: tuple[Type, ...]
-    off: tuple[Off, ...]
-    trends: tuple[Trend, ...]
+    sessions: tuple[SessionEntry, ...] = Field(min_length=1)
+    types: tuple[TypeEntry, ...]
+    off: tuple[OffEntry, ...]
+    trends: tuple[TrendEntry, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -168,13 +168,13 @@ class FleetRecord(Record):
         return len({own.robot for own in self.sessions})
 
     @property
-    def faults(self) -> tuple[Session, ...]:
+    def faults(self) -> tuple[SessionEntry, ...]:
         """Tables with which something could not be done."""
         return tuple(own for own in self.sessions if own.fault)
 
 
 def fleet_record(
-    done: Sequence[Done], folder: str, asked: Asked, made_from: Envelope
+    done: Sequence[Done], folder: str, asked: FleetTask, made_from: Envelope
 ) -> FleetRecord:
     """The record of a fleet, its tables in any order."""
     from studies.fleet import spread
@@ -188,7 +188,7 @@ def fleet_record(
         holdout=asked.holdout,
         sessions=tuple(map(_session, ordered)),
         types=tuple(_type(name, robots) for name, robots in groups.items()),
-        off=tuple(Off(**row._asdict()) for own in groups.values() for row in spread.off(own)),
+        off=tuple(OffEntry(**row._asdict()) for own in groups.values() for row in spread.off(own)),
         trends=tuple(_trends(ordered)),
     )
 
@@ -206,9 +206,9 @@ def _ordered(done: Sequence[Done]) -> list[Done]:
     return sorted(done, key=lambda own: (own.robot, own.day if dated[own.robot] else "", own.table))
 
 
-def _session(own: Done) -> Session:
-    causes = (Named(effect=c.effect, where=c.where, alike=c.alike) for c in own.causes)
-    return Session.model_validate(
+def _session(own: Done) -> SessionEntry:
+    causes = (NamedEntry(effect=c.effect, where=c.where, alike=c.alike) for c in own.causes)
+    return SessionEntry.model_validate(
         {
             "robot": own.robot,
             "type": own.type,
@@ -217,7 +217,7 @@ def _session(own: Done) -> Session:
             "fault": own.fault,
             "status": own.status,
             "poses": own.poses,
-            "rms_mm": Distances(**own.rms_mm),
+            "rms_mm": FleetErrors(**own.rms_mm),
             "sigma_mm": own.sigma_mm,
             "verdict": own.verdict,
             "causes": tuple(causes),
@@ -226,23 +226,23 @@ def _session(own: Done) -> Session:
     )
 
 
-def _type(name: str, robots: Sequence[Done]) -> Type:
+def _type(name: str, robots: Sequence[Done]) -> TypeEntry:
     from studies.fleet.spread import shared
 
     verdicts = [own.verdict for own in robots if own.verdict is not None]
     middle = {
         key: float(np.median(known)) if (known := _known(robots, key)) else None
-        for key in Distances.model_fields
+        for key in FleetErrors.model_fields
     }
-    return Type.model_validate(
+    return TypeEntry.model_validate(
         {
             "type": name,
             "robots": len(robots),
             "diagnosed": len(verdicts),
-            "rms_mm": Distances(**middle),
+            "rms_mm": FleetErrors(**middle),
             "verdicts": {verdict: verdicts.count(verdict) for verdict in sorted({*verdicts})},
             "causes": tuple(
-                Shared(
+                SharedEntry(
                     effect=row.effect,
                     where=row.where,
                     robots=row.robots,
@@ -259,7 +259,7 @@ def _known(robots: Sequence[Done], key: str) -> list[float]:
     return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
 
 
-def _trends(done: Sequence[Done]) -> Iterator[Trend]:
+def _trends(done: Sequence[Done]) -> Iterator[TrendEntry]:
     """Of robots with several tables that could be identified."""
     from studies.fleet.spread import days_of, trend_p
 
@@ -268,7 +268,7 @@ def _trends(done: Sequence[Done]) -> Iterator[Trend]:
         if len(tables) < 2:
             continue
         nominal, days = _known(tables, "nominal"), days_of(tables)
-        yield Trend(
+        yield TrendEntry(
             robot=robot,
             type=tables[-1].type,
             tables=tuple(own.table for own in tables),

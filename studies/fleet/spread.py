@@ -22,7 +22,7 @@ _MOST = 4
 _EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
 
 
-class Off(NamedTuple):
+class StandingOut(NamedTuple):
     """A figure by which a robot stands out of its type; limit : of the deviation, in spreads."""
 
     robot: str
@@ -36,7 +36,7 @@ class Off(NamedTuple):
     limit: float
 
 
-class Shared(NamedTuple):
+class SharedCause(NamedTuple):
     """A cause among the diagnosed robots of a type.
 
     robots : in which it is named; possible : in which it is named or cannot be told from what is
@@ -64,7 +64,7 @@ def by_type(done: Iterable[Done]) -> dict[str, list[Done]]:
     return dict(sorted(found.items()))
 
 
-def off(robots: Sequence[Done]) -> list[Off]:
+def off(robots: Sequence[Done]) -> list[StandingOut]:
     """What stands out among robots of one type, the farthest first.
 
     Errors are compared by their logarithm, parameters with what their own standard deviations exceed
@@ -105,7 +105,7 @@ def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
 
 def _beyond(
     known: list[Done], what: str, unit: str, values: Array, std: Array, asked: int
-) -> Iterator[Off]:
+) -> Iterator[StandingOut]:
     """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
 
     The farthest is taken out and compared with those that are left, then the next: all up to the last
@@ -123,7 +123,7 @@ def _beyond(
     for i in out:
         deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
         if deviation > limit:
-            yield Off(
+            yield StandingOut(
                 known[i].robot,
                 known[i].type,
                 what,
@@ -164,7 +164,7 @@ def _limit(rest: int, asked: int) -> float:
     return float(t.isf(_ALARM / (2 * asked), rest - 1))
 
 
-def shared(robots: Sequence[Done]) -> list[Shared]:
+def shared(robots: Sequence[Done]) -> list[SharedCause]:
     """The causes named in robots of a type, the most frequent first."""
     diagnosed = [own for own in robots if own.verdict is not None]
     named, possible = Counter[tuple[str, str]](), Counter[str]()
@@ -172,7 +172,7 @@ def shared(robots: Sequence[Done]) -> list[Shared]:
         named.update({(cause.effect, cause.where) for cause in own.causes})
         possible.update({key for cause in own.causes for key in cause.alike})
     rows = [
-        Shared(*key, count, possible[":".join(key)], _interval(count, len(diagnosed)))
+        SharedCause(*key, count, possible[":".join(key)], _interval(count, len(diagnosed)))
         for key, count in named.items()
     ]
     return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))

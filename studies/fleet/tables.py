@@ -136,7 +136,7 @@ _CLOCK = 1e9  # s: a time beyond it counts from 1970
 
 
 @dataclass(frozen=True)
-class Asked:
+class FleetTask:
     """What is wanted of every table; holdout : a share, or the name of a file beside it.
 
     learning : whether a type is learnt from the results: then sizes found from one robot hold nothing
@@ -174,7 +174,7 @@ class Values:
 
 
 @dataclass(frozen=True)
-class Cause:
+class NamedCause:
     """A named cause, and what the data cannot tell from it, itself included."""
 
     effect: str
@@ -203,13 +203,13 @@ class Done:
     sigma_mm: float | None = None
     values: Values | None = None
     verdict: str | None = None
-    causes: tuple[Cause, ...] = ()
+    causes: tuple[NamedCause, ...] = ()
     files: tuple[tuple[str, str], ...] = ()
     kept: int = 0
 
 
 @one_blas_thread
-def do(job: Job, asked: Asked) -> Done:
+def do(job: Job, asked: FleetTask) -> Done:
     """Identify and diagnose a table, or read what stands of it. A fault is a line of the answer.
 
     So is one of our own code: a run of hours does not end by it, and the command named shows it.
@@ -228,7 +228,7 @@ def do(job: Job, asked: Asked) -> Done:
     return done
 
 
-def _do(job: Job, asked: Asked, done: Done) -> None:
+def _do(job: Job, asked: FleetTask, done: Done) -> None:
     import calib
     from calib.files.read import sha256
     from calib.files.write import write_files
@@ -332,6 +332,8 @@ def _identified(record: IdentifyRecord, done: Done) -> None:
 def _diagnosed(record: DiagnoseRecord, done: Done) -> None:
     done.verdict = record.verdict
     done.causes = tuple(
-        Cause(own.effect, own.where, tuple(dict.fromkeys((own.key, *(c.key for c in own.alike)))))
+        NamedCause(
+            own.effect, own.where, tuple(dict.fromkeys((own.key, *(c.key for c in own.alike))))
+        )
         for own in record.effects
     )

@@ -26,7 +26,14 @@ from studies.document import (
     plural,
 )
 from studies.fleet.pictures import errors_by_robot, over_days
-from studies.fleet.record import FleetRecord, Off, Session, Shared, Trend, Type
+from studies.fleet.record import (
+    FleetRecord,
+    OffEntry,
+    SessionEntry,
+    SharedEntry,
+    TrendEntry,
+    TypeEntry,
+)
 
 _MOST = 20  # lines of a table that a terminal shows
 _SURE = 0.01  # chance below which a rise or fall is said to be steady
@@ -63,7 +70,7 @@ def _headline(record: FleetRecord) -> Iterator[Sentence]:
             yield Sentence(f"In most robots of {own.type}: {listed(frequent, 3)}.")
 
 
-def _shared(own: Type, cause: Shared) -> str:
+def _shared(own: TypeEntry, cause: SharedEntry) -> str:
     also = f", possible in {cause.possible}" if cause.possible > cause.robots else ""
     return f"{cause.key} (found in {cause.robots} of {own.diagnosed}{also})"
 
@@ -79,13 +86,13 @@ def _robots(record: FleetRecord) -> Iterator[Part]:
         yield Figure(lambda: errors_by_robot(record), numbers=False)
 
 
-_TABLE: tuple[Column[Session], ...] = (
+_TABLE: tuple[Column[SessionEntry], ...] = (
     Column("robot", lambda row: row.robot),
     Column("type", lambda row: row.type),
     Column("table", lambda row: row.table, detail=True),
 )
-_DAY: tuple[Column[Session], ...] = (Column("day", lambda row: row.day, TEXT),)
-_IDENTIFIED: tuple[Column[Session], ...] = (
+_DAY: tuple[Column[SessionEntry], ...] = (Column("day", lambda row: row.day, TEXT),)
+_IDENTIFIED: tuple[Column[SessionEntry], ...] = (
     Column("status", lambda row: row.status, TEXT),
     Column("poses", lambda row: row.poses, COUNT),
     Column("nominal", lambda row: row.rms_mm.nominal, MM, "mm RMS"),
@@ -93,14 +100,14 @@ _IDENTIFIED: tuple[Column[Session], ...] = (
     Column("held out", lambda row: row.rms_mm.heldout, MM, "mm RMS"),
     Column("noise", lambda row: row.sigma_mm, MM, "mm", detail=True),
 )
-_DIAGNOSED: tuple[Column[Session], ...] = (
+_DIAGNOSED: tuple[Column[SessionEntry], ...] = (
     Column("verdict", lambda row: row.verdict, TEXT),
     Column("causes", lambda row: [cause.key for cause in row.causes], NAMES),
 )
-_FILES: tuple[Column[Session], ...] = (
+_FILES: tuple[Column[SessionEntry], ...] = (
     Column("results", lambda row: row.results, NAMES, detail=True),
 )
-_FAULTS: tuple[Column[Session], ...] = (
+_FAULTS: tuple[Column[SessionEntry], ...] = (
     Column("table with a fault", lambda row: row.robot),
     Column("what is wrong", lambda row: row.fault, TEXT),
 )
@@ -116,7 +123,7 @@ def _off(record: FleetRecord) -> Iterator[Part]:
     yield Table(_OFF, record.off, "Figures that differ", most=_MOST)
 
 
-_OFF: tuple[Column[Off], ...] = (
+_OFF: tuple[Column[OffEntry], ...] = (
     Column("robot", lambda row: row.robot),
     Column("type", lambda row: row.type),
     Column("figure", lambda row: row.what),
@@ -133,8 +140,8 @@ _OFF: tuple[Column[Off], ...] = (
 class _OfType:
     """A cause in a type."""
 
-    type: Type
-    cause: Shared
+    type: TypeEntry
+    cause: SharedEntry
 
     @property
     def between(self) -> str:
@@ -152,16 +159,16 @@ def _types(record: FleetRecord) -> Iterator[Part]:
     yield Table(_CAUSES, rows, "Causes by type", most=_MOST)
 
 
-_TYPES: tuple[Column[Type], ...] = (
+_TYPES: tuple[Column[TypeEntry], ...] = (
     Column("type", lambda row: row.type),
     Column("robots", lambda row: row.robots, COUNT),
 )
-_OF_ERRORS: tuple[Column[Type], ...] = (
+_OF_ERRORS: tuple[Column[TypeEntry], ...] = (
     Column("nominal", lambda row: row.rms_mm.nominal, MM, "mm RMS"),
     Column("identified", lambda row: row.rms_mm.fitted, MM, "mm RMS"),
     Column("held out", lambda row: row.rms_mm.heldout, MM, "mm RMS"),
 )
-_OF_VERDICTS: tuple[Column[Type], ...] = (
+_OF_VERDICTS: tuple[Column[TypeEntry], ...] = (
     Column("diagnosed", lambda row: row.diagnosed, COUNT),
     Column(
         "verdicts", lambda row: [f"{n} {verdict}" for verdict, n in row.verdicts.items()], NAMES
@@ -189,7 +196,7 @@ def _days(record: FleetRecord) -> Iterator[Part]:
     yield Figure(lambda: over_days(record), numbers=False)
 
 
-_TRENDS: tuple[Column[Trend], ...] = (
+_TRENDS: tuple[Column[TrendEntry], ...] = (
     Column("robot", lambda row: row.robot),
     Column("tables", lambda row: len(row.tables), COUNT),
     Column("days", lambda row: None if row.days is None else row.days[-1], COUNT),

@@ -20,7 +20,7 @@ from studies.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from studies.iso9283.record import Figure, Iso9283Record
+    from studies.iso9283.record import CriterionEntry, Iso9283Record
 
 
 @styled
@@ -64,5 +64,5 @@ def accuracy_and_repeatability(record: Iso9283Record) -> Picture:
     )
 
 
-def _numbers(found: Figure | None) -> tuple[float | None, float | None, float | None]:
+def _numbers(found: CriterionEntry | None) -> tuple[float | None, float | None, float | None]:
     return (None, None, None) if found is None else (found.value, found.low, found.high)

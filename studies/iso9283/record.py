@@ -25,7 +25,7 @@ _MM = 1e3  # and milliradians
 How = Literal["measured", "predicted"]
 
 
-class Figure(Entry):
+class CriterionEntry(Entry):
     """A value with its 95 % interval; None where that is open."""
 
     value: Number
@@ -33,7 +33,7 @@ class Figure(Entry):
     high: Maybe
 
 
-class Pose(Entry):
+class PoseEntry(Entry):
     """One pose from one side.
 
     approach : signs of the joints' last motions, empty where the table does not say them
@@ -46,10 +46,10 @@ class Pose(Entry):
     approach: str
     how: How
     cycles: Count
-    ap_mm: Figure
+    ap_mm: CriterionEntry
     ap_xyz_mm: Three
-    ap_identified_mm: Figure | None
-    rp_mm: Figure | None
+    ap_identified_mm: CriterionEntry | None
+    rp_mm: CriterionEntry | None
     ap_angles_mrad: Three | None
     rp_angles_mrad: Three | None
     drift_mm: NotNegative | None
@@ -63,25 +63,25 @@ class Several(Entry):
     vap_mm: NotNegative
 
 
-class Distance(Entry):
+class DistanceEntry(Entry):
     """AD and RD between two poses."""
 
     first: str
     second: str
     cycles: Count
     commanded_mm: NotNegative
-    ad_mm: Figure
-    rd_mm: Figure
+    ad_mm: CriterionEntry
+    rd_mm: CriterionEntry
 
 
-class Compliance(Entry):
+class ComplianceEntry(Entry):
     """Displacement along a force of the base's axes, by that force."""
 
     pose: str
     direction: str
     how: How
     readings: Count
-    mm_per_n: Figure = Field(alias="mm_per_N")
+    mm_per_n: CriterionEntry = Field(alias="mm_per_N")
 
 
 class Iso9283Record(Record):
@@ -95,10 +95,10 @@ class Iso9283Record(Record):
     marker: str
     same_data: bool
     instrument_rp_mm: NotNegative
-    poses: tuple[Pose, ...] = Field(min_length=1)
+    poses: tuple[PoseEntry, ...] = Field(min_length=1)
     several: tuple[Several, ...]
-    distances: tuple[Distance, ...]
-    compliance: tuple[Compliance, ...]
+    distances: tuple[DistanceEntry, ...]
+    compliance: tuple[ComplianceEntry, ...]
 
     @model_validator(mode="after")
     def _repeats_are_whole(self) -> Self:
@@ -106,7 +106,7 @@ class Iso9283Record(Record):
             raise ValueError("a measured pose lacks rp_mm")
         return self
 
-    def of(self, how: How) -> list[Pose]:
+    def of(self, how: How) -> list[PoseEntry]:
         """The poses that were repeated, or those that were not."""
         return [own for own in self.poses if own.how == how]
 
@@ -133,25 +133,27 @@ def iso9283_record(
             for name, (value, ways) in found.several.items()
         ),
         distances=tuple(
-            Distance.from_result(own, ad_mm=_figure(own.accuracy), rd_mm=_figure(own.repeatability))
+            DistanceEntry.from_result(
+                own, ad_mm=_figure(own.accuracy), rd_mm=_figure(own.repeatability)
+            )
             for own in found.distances
         ),
         compliance=tuple(
-            Compliance.from_result(own, pose=own.name, how=how, mm_per_n=_figure(own.figure))
+            ComplianceEntry.from_result(own, pose=own.name, how=how, mm_per_n=_figure(own.figure))
             for how, every in (("measured", found.compliance), ("predicted", expected.compliance))
             for own in every
         ),
     )
 
 
-def _figure(found: Found) -> Figure:
-    return Figure(value=found.value * _MM, low=found.low * _MM, high=found.high * _MM)
+def _figure(found: Found) -> CriterionEntry:
+    return CriterionEntry(value=found.value * _MM, low=found.low * _MM, high=found.high * _MM)
 
 
-def _measured(own: Cycles) -> Pose:
+def _measured(own: Cycles) -> PoseEntry:
     accuracy, off = own.accuracy
     ap_angles, rp_angles = (None, None) if own.angles is None else own.angles
-    return Pose.from_result(
+    return PoseEntry.from_result(
         own,
         pose=own.name,
         how="measured",
@@ -165,8 +167,8 @@ def _measured(own: Cycles) -> Pose:
     )
 
 
-def _predicted(own: Expected) -> Pose:
-    return Pose(
+def _predicted(own: Expected) -> PoseEntry:
+    return PoseEntry(
         pose=own.name,
         approach="",
         how="predicted",
@@ -181,7 +183,7 @@ def _predicted(own: Expected) -> Pose:
     )
 
 
-class _Known(NamedTuple):
+class _EstimateOfTable(NamedTuple):
     """An estimate, degrees of freedom behind it, and whether it was fitted to the table in hand."""
 
     estimate: Estimate
@@ -222,15 +224,15 @@ def criteria(
     )
 
 
-def _fitted(cell: Cell, data: Measurements) -> _Known:
+def _fitted(cell: Cell, data: Measurements) -> _EstimateOfTable:
     import calib
     from calib.compensation.estimate import estimate_of
 
     found = calib.identify(cell, data)
-    return _Known(estimate_of(found), found.freedom, True)
+    return _EstimateOfTable(estimate_of(found), found.freedom, True)
 
 
-def _read(cell: Cell, data_path: Path, path: Path) -> _Known:
+def _read(cell: Cell, data_path: Path, path: Path) -> _EstimateOfTable:
     from calib.errors import InputError
     from calib.files.estimate import load_estimate
     from calib.files.read import sha256
@@ -244,7 +246,9 @@ def _read(cell: Cell, data_path: Path, path: Path) -> _Known:
     if isinstance(record, IdentifyRecord):
         behind += [p.degrees_of_freedom for p in record.parameters if p.degrees_of_freedom]
     own = sha256(data_path)
-    return _Known(estimate, min(behind), any(entry.sha256 == own for entry in record.inputs))
+    return _EstimateOfTable(
+        estimate, min(behind), any(entry.sha256 == own for entry in record.inputs)
+    )
 
 
 def _once(session: Session, found: Measured) -> IntArray:

@@ -20,7 +20,7 @@ from studies.document import (
     plural,
 )
 from studies.iso9283.pictures import accuracy_and_repeatability
-from studies.iso9283.record import Compliance, Distance, Iso9283Record, Pose, Several
+from studies.iso9283.record import ComplianceEntry, DistanceEntry, Iso9283Record, PoseEntry, Several
 
 _MOST = 8
 _CYCLES = 30  # that the standard asks for
@@ -38,16 +38,16 @@ def _end(value: float | None) -> str:
     return "open" if value is None else MM(value)
 
 
-_POSE: Column[Pose] = Column("pose", lambda row: row.pose)
-_AP: tuple[Column[Pose], ...] = (
+_POSE: Column[PoseEntry] = Column("pose", lambda row: row.pose)
+_AP: tuple[Column[PoseEntry], ...] = (
     Column("AP", lambda row: row.ap_mm, _FIGURE, "mm"),
     Column("95 %", lambda row: row.ap_mm, _RANGE, "mm"),
 )
-_RP: tuple[Column[Pose], ...] = (
+_RP: tuple[Column[PoseEntry], ...] = (
     Column("RP", lambda row: row.rp_mm, _FIGURE, "mm"),
     Column("95 %", lambda row: row.rp_mm, _RANGE, "mm"),
 )
-_MEASURED: tuple[Column[Pose], ...] = (
+_MEASURED: tuple[Column[PoseEntry], ...] = (
     _POSE,
     Column("from", lambda row: row.approach),
     Column("cycles", lambda row: row.cycles, COUNT),
@@ -56,13 +56,13 @@ _MEASURED: tuple[Column[Pose], ...] = (
     *_RP,
     Column("dAP", lambda row: row.drift_mm, MM, "mm"),
 )
-_TURNED: tuple[Column[Pose], ...] = (
+_TURNED: tuple[Column[PoseEntry], ...] = (
     _POSE,
     Column("from", lambda row: row.approach),
     Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
     Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
 )
-_DISTANCES: tuple[Column[Distance], ...] = (
+_DISTANCES: tuple[Column[DistanceEntry], ...] = (
     Column("from", lambda row: row.first),
     Column("to", lambda row: row.second),
     Column("cycles", lambda row: row.cycles, COUNT),
@@ -77,7 +77,7 @@ _SEVERAL: tuple[Column[Several], ...] = (
     Column("approach directions", lambda row: row.ways, COUNT),
     Column("vAP", lambda row: row.vap_mm, MM, "mm"),
 )
-_COMPLIANCE: tuple[Column[Compliance], ...] = (
+_COMPLIANCE: tuple[Column[ComplianceEntry], ...] = (
     Column("pose", lambda row: row.pose),
     Column("force along", lambda row: row.direction),
     Column("how", lambda row: row.how),

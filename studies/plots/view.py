@@ -11,7 +11,7 @@ from calib.arrays import Array
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """A direction of view: azimuth and elevation of the viewer [deg], seen without perspective."""
 
     azimuth: float

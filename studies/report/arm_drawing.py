@@ -15,14 +15,14 @@ import numpy as np
 from markupsafe import Markup
 
 from calib.arrays import Array, IntArray
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 
 Run: TypeAlias = tuple[int, ...]
 """Points by their numbers, one after the other; ``~c`` is what lies on the floor below point c."""
 
 
 @dataclass(frozen=True)
-class Part:
+class DrawnPart:
     """What stands at some points, under the class or classes ``css``.
 
     at : tuple of Run
@@ -38,7 +38,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Line(Part):
+class Stroke(DrawnPart):
     """A line through the points of each run, all in one path.
 
     tail : str, path data from the end of each run on, px
@@ -52,7 +52,7 @@ class Line(Part):
 
 
 @dataclass(frozen=True)
-class Dot(Part):
+class Dot(DrawnPart):
     """A circle about each point of the runs, with a radius of so many mm and px."""
 
     _: KW_ONLY
@@ -61,7 +61,7 @@ class Dot(Part):
 
 
 @dataclass(frozen=True)
-class Rods(Part):
+class Rods(DrawnPart):
     """A broad line along each run, nearer ones over farther ones, in a group of their own.
 
     mm : tuple of int, their radii
@@ -73,7 +73,7 @@ class Rods(Part):
 
 
 @dataclass(frozen=True)
-class Text(Part):
+class Text(DrawnPart):
     """Words in the middle of each run; none where that is outside of the drawing.
 
     down : float, px
@@ -89,7 +89,7 @@ class Text(Part):
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class ArmPicture:
     """What is to be seen at m poses.
 
     title, description : str
@@ -108,19 +108,19 @@ class Picture:
     tip: int
     lost: tuple[tuple[int, ...], ...]
     frame: IntArray
-    parts: tuple[Part, ...]
+    parts: tuple[DrawnPart, ...]
 
 
-START = View(-52.0, 20.0)
+START = Viewpoint(-52.0, 20.0)
 _SIZE, _MARGIN = np.array([720.0, 480.0]), 32.0  # px
 
 
-def drawing(picture: Picture, key: str) -> Markup:
+def drawing(picture: ArmPicture, key: str) -> Markup:
     """The picture at its first pose as SVG.
 
     key : str, begins the identifiers in it
     """
-    sheet = Sheet(picture)
+    sheet = DrawingPlane(picture)
     drawn = [element for part in picture.parts for element in _elements(part, sheet)]
     return Markup(
         '<svg class="arm-drawing" viewBox="0 0 {:.0f} {:.0f}" role="img" '
@@ -129,10 +129,10 @@ def drawing(picture: Picture, key: str) -> Markup:
     ).format(*_SIZE, key, key, key, picture.title, key, picture.description, Markup("").join(drawn))
 
 
-class Sheet:
+class DrawingPlane:
     """The drawing's plane: a picture seen without perspective, all of its frame in the drawing."""
 
-    def __init__(self, picture: Picture) -> None:
+    def __init__(self, picture: ArmPicture) -> None:
         seen = START.flat(np.asarray(picture.frame, dtype=float))
         low, high = seen.min(axis=0), seen.max(axis=0)
         self.picture = picture
@@ -147,7 +147,7 @@ class Sheet:
         away = (START.flat(points) - self.middle) * self.scale
         return np.asarray(_SIZE / 2.0 + away * [1.0, -1.0])
 
-    def runs(self, part: Part) -> list[Array]:
+    def runs(self, part: DrawnPart) -> list[Array]:
         """Where a part stands: an array (k, 2) px for each of its runs."""
         places = [self.places[list(run)] for run in part.at]
         return [max(places, key=_low_and_wide)] if part.lowest else places
@@ -157,13 +157,13 @@ def _low_and_wide(places: Array) -> tuple[int, int]:
     return round(places[0, 1]), round(abs(places[-1, 0] - places[0, 0]))
 
 
-def _elements(part: Part, sheet: Sheet) -> Iterator[Markup]:
+def _elements(part: DrawnPart, sheet: DrawingPlane) -> Iterator[Markup]:
     """A part at the first pose."""
     if part.when is None or (part.when[0] in sheet.picture.lost[0]) == part.when[1]:
         yield from _DRAWN[type(part)](part, sheet)
 
 
-def _line(part: Line, sheet: Sheet) -> Iterator[Markup]:
+def _line(part: Stroke, sheet: DrawingPlane) -> Iterator[Markup]:
     runs = sheet.runs(part)
     if part.every:
         runs = [at for run in part.at for at in sheet.at(sheet.picture.points[:, run])]
@@ -172,14 +172,14 @@ def _line(part: Line, sheet: Sheet) -> Iterator[Markup]:
     yield Markup('<path class="{}" d="{}"{}/>').format(part.css, data, opacity)
 
 
-def _dots(part: Dot, sheet: Sheet) -> Iterator[Markup]:
+def _dots(part: Dot, sheet: DrawingPlane) -> Iterator[Markup]:
     for x, y in np.concatenate(sheet.runs(part)):
         yield Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{:.1f}"/>').format(
             part.css, x, y, part.mm * sheet.scale + part.px
         )
 
 
-def _rods(part: Rods, sheet: Sheet) -> Iterator[Markup]:
+def _rods(part: Rods, sheet: DrawingPlane) -> Iterator[Markup]:
     rods = sorted(zip(part.at, part.mm, strict=True), key=lambda rod: _depth(sheet, rod[0]))
     yield Markup('<g class="{}">').format(part.css)
     for run, radius in rods:
@@ -190,11 +190,11 @@ def _rods(part: Rods, sheet: Sheet) -> Iterator[Markup]:
     yield Markup("</g>")
 
 
-def _depth(sheet: Sheet, run: Run) -> float:
+def _depth(sheet: DrawingPlane, run: Run) -> float:
     return float(sheet.depths[list(run)].mean())
 
 
-def _text(part: Text, sheet: Sheet) -> Iterator[Markup]:
+def _text(part: Text, sheet: DrawingPlane) -> Iterator[Markup]:
     for places in sheet.runs(part):
         at = places.mean(axis=0)
         if part.beyond is not None:
@@ -211,8 +211,8 @@ def _text(part: Text, sheet: Sheet) -> Iterator[Markup]:
             )
 
 
-_DRAWN: dict[type[Part], Callable[[Any, Sheet], Iterator[Markup]]] = {
-    Line: _line,
+_DRAWN: dict[type[DrawnPart], Callable[[Any, DrawingPlane], Iterator[Markup]]] = {
+    Stroke: _line,
     Dot: _dots,
     Rods: _rods,
     Text: _text,

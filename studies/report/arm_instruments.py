@@ -68,7 +68,7 @@ class Fixture:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class InstrumentPlaces:
     """Where instruments stand and markers sit, as given or as the readings tell.
 
     places : dict, name of an instrument, or of one of its sites -> place (u,)
@@ -79,23 +79,23 @@ class Placed:
     markers: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-def placed(cell: Cell, plan: Poses | Measurements) -> Placed:
+def placed(cell: Cell, plan: Poses | Measurements) -> InstrumentPlaces:
     """From measured readings as an identification starts; else what the cell says, and no more."""
     known = {name: i.guess_at(name) for i in cell.instruments if _given(i) for name in i.names}
     placing = tuple(e for e in cell.effects if parse_effect(e)[0] in ("base", "tool"))
     if not isinstance(plan, Measurements) or not placing:
-        return Placed(known, cell.markers)
+        return InstrumentPlaces(known, cell.markers)
     try:
         model = build(replace(cell, effects=placing), plan.poses).model
         values = initial_values(model, plan)
     except CalibError:  # too little to tell
-        return Placed(known, cell.markers)
+        return InstrumentPlaces(known, cell.markers)
     found = {
         (effect.where if effect.of.sites else effect.of.name): values[part]
         for effect, part in zip(model.effects, model.slices, strict=True)
         if isinstance(effect, Base) and effect.station in (None, 0)
     }
-    return Placed({**known, **found}, model.marker_positions(values))
+    return InstrumentPlaces({**known, **found}, model.marker_positions(values))
 
 
 def _given(instrument: Instrument) -> bool:
@@ -132,7 +132,7 @@ _UP = np.array([[0.4, 0.0], [0.5, -0.12], [0.6, 0.0]])  # of a camera's image
 
 
 def fixtures(
-    cell: Cell, plan: Poses | Measurements, scene: Scene, found: Placed, length: float
+    cell: Cell, plan: Poses | Measurements, scene: Scene, found: InstrumentPlaces, length: float
 ) -> Iterator[Fixture]:
     """All that can be drawn, of an arm of some length, m."""
     sketch = _Sketch(cell, plan, scene, found, length)
@@ -150,7 +150,7 @@ class _Sketch:
     cell: Cell
     plan: Poses | Measurements
     scene: Scene
-    found: Placed
+    found: InstrumentPlaces
     length: float
 
     def on_tip(self, points: Array) -> Array:

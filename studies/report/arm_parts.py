@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import IntArray
-from studies.report.arm_drawing import Dot, Line, Part, Picture, Rods, Run, Text
+from studies.report.arm_drawing import ArmPicture, Dot, DrawnPart, Rods, Run, Stroke, Text
 from studies.report.arm_scene import ArmScene, shared
-from studies.report.surroundings import Outline, Surroundings
+from studies.report.surroundings import ArmSurroundings, Outline
 
 CROSS = "m-6 -6l12 12m-12 0l12 -12"
 MARKER = 4.5  # px, radius
@@ -42,7 +42,7 @@ class _Stands(NamedTuple):
     fixtures: IntArray
 
 
-def picture(scene: ArmScene) -> Picture:
+def picture(scene: ArmScene) -> ArmPicture:
     """The arm at each pose, faintly at all others, and what stands around it."""
     stands = _stands(scene)
     count = len(scene.poses)
@@ -53,7 +53,7 @@ def picture(scene: ArmScene) -> Picture:
         *_stage(scene, at), *_all_arms(scene, at), *_arm(scene, at), *_fixtures(scene, at),
         *_markers(scene, at),
     )  # fmt: skip
-    return Picture(
+    return ArmPicture(
         title=f"{scene.name}: the arm at {count} {'pose' if count == 1 else 'poses'}",
         description=_description(scene),
         points=points,
@@ -101,7 +101,7 @@ def _fixture_points(scene: ArmScene) -> IntArray:
     return np.concatenate([np.zeros((count, 0, 3), dtype=int), *spread], axis=1)
 
 
-def _ruler(around: Surroundings) -> IntArray:
+def _ruler(around: ArmSurroundings) -> IntArray:
     """Both sides of the floor cell at each corner of the floor, both from the corner, (16, 3) mm."""
     low, high = around.floor.min(axis=(0, 1)), around.floor.max(axis=(0, 1))
     corners = np.array([(x, y, 0) for x, y in product((low[0], high[0]), (low[1], high[1]))])
@@ -137,11 +137,11 @@ def _chain(scene: ArmScene, at: _Stands) -> Run:
     return _run(at.arm[list(scene.chain)])
 
 
-def _stage(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _stage(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """Floor with its scale, and obstacles."""
-    yield Line("arm-floor", _pairs(at.floor))
-    yield Line("arm-foot", (_run(at.foot),))
-    yield Line("arm-scale", _pairs(at.ruler), lowest=True)
+    yield Stroke("arm-floor", _pairs(at.floor))
+    yield Stroke("arm-foot", (_run(at.foot),))
+    yield Stroke("arm-scale", _pairs(at.ruler), lowest=True)
     length = f"{scene.around.step} mm"
     yield Text("arm-label", _pairs(at.ruler), length, down=15, lowest=True)
     outlines = scene.around.outlines
@@ -150,30 +150,30 @@ def _stage(scene: ArmScene, at: _Stands) -> Iterator[Part]:
         yield from _obstacle(outline, numbers)
 
 
-def _obstacle(outline: Outline, numbers: IntArray) -> Iterator[Part]:
+def _obstacle(outline: Outline, numbers: IntArray) -> Iterator[DrawnPart]:
     kind = "arm-plane" if outline.plane else "arm-solid"
     *lines, centre = map(_run, _cut(numbers, [*map(len, outline.lines), 1]))
-    yield Line(kind, tuple(lines))
+    yield Stroke(kind, tuple(lines))
     if outline.radius:
         yield Dot(kind, (centre,), mm=outline.radius)
     yield Text("arm-label", (centre,), outline.name)
 
 
-def _all_arms(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _all_arms(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """All poses faintly, each from the last point on that all have in common."""
     first = next((i for i, point in enumerate(scene.chain) if point >= scene.still), 0)
     moving = _chain(scene, at)[max(0, first - 1) :]
     opacity = round(min(1.0, (_FAINT / len(scene.poses)) ** 0.5), 2)
-    yield Line("arm-all", (moving,), every=True, opacity=opacity)
-    yield Line("arm-tips", (moving[-1:],), tail="h0", every=True, opacity=opacity)
+    yield Stroke("arm-all", (moving,), every=True, opacity=opacity)
+    yield Stroke("arm-tips", (moving[-1:],), tail="h0", every=True, opacity=opacity)
 
 
-def _arm(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _arm(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """The arm at the picked pose, with its shadow, both frames and the lines of sight."""
     chain = _chain(scene, at)
     tip = chain[-1]
-    yield Line("arm-shadow", (_run(~c for c in chain),))
-    yield Line("arm-drop", ((tip, ~tip),))
+    yield Stroke("arm-shadow", (_run(~c for c in chain),))
+    yield Stroke("arm-drop", ((tip, ~tip),))
     yield Rods(
         "arm-shape" if scene.shaped else "arm-links",
         tuple(_run(at.arm[[body.start, body.end]]) for body in scene.bodies),
@@ -181,7 +181,7 @@ def _arm(scene: ArmScene, at: _Stands) -> Iterator[Part]:
         layers=(("arm-rim", 2), ("arm-body", 0)),
     )
     if scene.shaped:
-        yield Line("arm-chain", (chain,))
+        yield Stroke("arm-chain", (chain,))
     yield Dot("arm-joint", (chain[:-1],), px=_JOINT)
     origin, *ends = _run(at.base)
     yield from _triad(origin, ends, "XYZ", "arm-base-axis")
@@ -189,14 +189,14 @@ def _arm(scene: ArmScene, at: _Stands) -> Iterator[Part]:
     yield from _triad(tip, _run(at.tip), "xyz", "arm-tip-axis")
 
 
-def _triad(origin: int, ends: Iterable[int], names: str, kind: str) -> Iterator[Part]:
+def _triad(origin: int, ends: Iterable[int], names: str, kind: str) -> Iterator[DrawnPart]:
     """Axes with their letters; one that is seen end on has none."""
     for end, name in zip(ends, names, strict=True):
-        yield Line(kind, ((origin, end),))
+        yield Stroke(kind, ((origin, end),))
         yield Text(f"{kind}-name", ((end,),), name, beyond=(origin, 8), least=20, down=4)
 
 
-def _sight(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _sight(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """Lines from the markers to the instrument, or towards it, where it stands far off."""
     around = scene.around
     if around.instrument is None:
@@ -205,32 +205,32 @@ def _sight(scene: ArmScene, at: _Stands) -> Iterator[Part]:
     ends = _run(at.sights) if around.far else _run(at.instrument) * len(markers)
     for j, line in enumerate(zip(markers, ends, strict=True)):
         yield from _seen_or_lost(
-            scene, j, [Line("arm-sight", (line,))], [Line("arm-blocked", (line,))]
+            scene, j, [Stroke("arm-sight", (line,))], [Stroke("arm-blocked", (line,))]
         )
     if around.far:
         away = float(np.linalg.norm(around.instrument)) / 1e3
         yield Text("arm-label", (ends[:1],), f"instrument {away:.1f} m from base")
         return
     place = _run(at.instrument)
-    yield Line("arm-drop", ((place[0], ~place[0]),))
+    yield Stroke("arm-drop", ((place[0], ~place[0]),))
     yield Dot("arm-instrument", (place,), px=7)
-    yield Line("arm-instrument", (place,), tail=_TARGET)
+    yield Stroke("arm-instrument", (place,), tail=_TARGET)
     yield Text("arm-label", (place,), "instrument", down=-17)
 
 
-def _fixtures(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _fixtures(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
     counts = [sum(points.shape[1] for points in own.points) for own in scene.fixtures]
-    names: list[Part] = []
+    names: list[DrawnPart] = []
     for own, numbers in zip(scene.fixtures, _cut(at.fixtures, counts), strict=True):
         *lines, dots, label = map(_run, _cut(numbers, [p.shape[1] for p in own.points]))
         kind = f"arm-{own.kind}"
         if lines:
-            yield Line(kind, tuple(lines))
+            yield Stroke(kind, tuple(lines))
         if own.label.shape[0] > 1:
-            yield Line("arm-tool", ((_chain(scene, at)[-1], label[0]),))
+            yield Stroke("arm-tool", ((_chain(scene, at)[-1], label[0]),))
         if own.dropped:
-            yield Line("arm-drop", ((label[0], ~label[0]),))
+            yield Stroke("arm-drop", ((label[0], ~label[0]),))
         if dots:
             yield Dot(kind, (dots,), mm=own.radius, px=0.0 if own.radius else DOT[own.kind])
         if own.words:
@@ -238,23 +238,23 @@ def _fixtures(scene: ArmScene, at: _Stands) -> Iterator[Part]:
     yield from names
 
 
-def _markers(scene: ArmScene, at: _Stands) -> Iterator[Part]:
+def _markers(scene: ArmScene, at: _Stands) -> Iterator[DrawnPart]:
     """Markers on their stems; a lost one is hollow and crossed."""
     tip = _chain(scene, at)[-1]
     for j, (name, column) in enumerate(zip(scene.markers, scene.marker_points, strict=True)):
         place = _run([at.arm[column]])
-        yield Line("arm-tool", ((tip, *place),))
+        yield Stroke("arm-tool", ((tip, *place),))
         crossed = [
             Dot("arm-marker arm-hidden", (place,), px=MARKER),
-            Line("arm-hidden", (place,), tail=CROSS),
+            Stroke("arm-hidden", (place,), tail=CROSS),
         ]
         yield from _seen_or_lost(scene, j, [Dot("arm-marker", (place,), px=MARKER)], crossed)
         yield Text("arm-name", (place,), name, beyond=(tip, 13), down=4)
 
 
 def _seen_or_lost(
-    scene: ArmScene, marker: int, seen: list[Part], lost: list[Part]
-) -> Iterator[Part]:
+    scene: ArmScene, marker: int, seen: list[DrawnPart], lost: list[DrawnPart]
+) -> Iterator[DrawnPart]:
     """The one at poses where a marker is seen, the other where it is lost."""
     times = sum((i, marker) in scene.hidden for i in range(len(scene.poses)))
     if times < len(scene.poses):

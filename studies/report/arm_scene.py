@@ -19,7 +19,7 @@ from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
 from studies.report.arm_instruments import Fixture, fixtures, within
 from studies.report.arm_instruments import placed as where
-from studies.report.surroundings import Surroundings, surroundings, whole_mm
+from studies.report.surroundings import ArmSurroundings, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
 _CARRIED = 0.5  # of the reach with what it carries, an arm's length at least
@@ -28,7 +28,7 @@ _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no s
 
 
 @dataclass(frozen=True)
-class Body:
+class ArmBody:
     """A piece of the arm: the points between which its axis runs, and its radius in mm."""
 
     start: int
@@ -73,9 +73,9 @@ class ArmScene:
     marker_points: tuple[int, ...]
     hidden: dict[tuple[int, int], str]
     seen: str
-    bodies: tuple[Body, ...]
+    bodies: tuple[ArmBody, ...]
     shaped: bool
-    around: Surroundings
+    around: ArmSurroundings
     fixtures: tuple[Fixture, ...] = ()
     beyond: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
@@ -231,13 +231,13 @@ def _markers(
     return hidden, placed.markers, "" if cell.instrument is None else "in sight"
 
 
-def _capsules(placed: Scene, number: list[int]) -> tuple[Body, ...]:
+def _capsules(placed: Scene, number: list[int]) -> tuple[ArmBody, ...]:
     pairs = zip(number[::2], number[1::2], placed.capsules, strict=True)
-    return tuple(Body(a, b, max(1, round(c.radius * 1e3))) for a, b, c in pairs)
+    return tuple(ArmBody(a, b, max(1, round(c.radius * 1e3))) for a, b, c in pairs)
 
 
-def _links(chain: tuple[int, ...], radius: float) -> tuple[Body, ...]:
-    return tuple(Body(a, b, max(1, round(radius))) for a, b in pairwise(chain))
+def _links(chain: tuple[int, ...], radius: float) -> tuple[ArmBody, ...]:
+    return tuple(ArmBody(a, b, max(1, round(radius))) for a, b in pairwise(chain))
 
 
 def shared(points: IntArray) -> tuple[IntArray, IntArray, int]:

@@ -20,7 +20,7 @@
 
   // What each kind of part is made of, at the picked pose of a view.
   const DRAWN = {
-    *Line({ css, tail = "", opacity, ...part }, view) {
+    *Stroke({ css, tail = "", opacity, ...part }, view) {
       const d = view.runs(part).map((places) => track(places) + tail).join("");
       yield element("path", { class: css, d, ...(opacity && { opacity: opacity.toFixed(2) }) });
     },

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from studies.report.arm_drawing import START, Part, Picture, drawing
+from studies.report.arm_drawing import START, ArmPicture, DrawnPart, drawing
 from studies.report.arm_parts import CROSS, MARKER, picture
 from studies.report.arm_scene import ArmScene
 
@@ -110,7 +110,7 @@ _SIGNS = {
 }
 
 
-def figure_data(scene: ArmScene, shown: Picture) -> dict[str, Any]:
+def figure_data(scene: ArmScene, shown: ArmPicture) -> dict[str, Any]:
     """What the script draws from, in mm and the shown units, and what it says of each pose."""
     told = [scene.readout(i)[1] for i in range(len(scene.poses))]
     states = list(dict.fromkeys(zip(told, shown.lost, strict=True)))
@@ -130,7 +130,7 @@ def figure_data(scene: ArmScene, shown: Picture) -> dict[str, Any]:
     }
 
 
-def _plain(part: Part) -> dict[str, Any]:
+def _plain(part: DrawnPart) -> dict[str, Any]:
     """A part by its kind, and what of it is not as usual."""
     said = {f.name: v for f in fields(part) if (v := getattr(part, f.name)) != f.default}
     return {"kind": type(part).__name__, **said}

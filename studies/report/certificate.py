@@ -12,7 +12,7 @@ import numpy as np
 
 from studies.document import Column, Section, Sentence, Table, mm, plural
 from studies.identify.record import IdentifyRecord
-from studies.report.evidence import Evidence, Result
+from studies.report.evidence import ReportEvidence, Result
 
 _ASKED: dict[str, tuple[str, ...]] = {
     "number of the certificate": ("certificate", "number"),
@@ -44,7 +44,7 @@ _DISCLAIMER = (
 )
 
 
-def certificate(evidence: Evidence, told: Mapping[str, str]) -> Iterator[Section]:
+def certificate(evidence: ReportEvidence, told: Mapping[str, str]) -> Iterator[Section]:
     """One section for the first identification of a cell that tells of itself or has a tolerance."""
     result = evidence.first("identify")
     if result is None or not isinstance(result.record, IdentifyRecord):
@@ -71,7 +71,9 @@ def _first(about: Mapping[str, str], keys: tuple[str, ...]) -> str:
     return f"not given; write {keys[0]} into [report]" if found is None else found
 
 
-def _found(evidence: Evidence, result: Result, record: IdentifyRecord) -> Iterator[tuple[str, str]]:
+def _found(
+    evidence: ReportEvidence, result: Result, record: IdentifyRecord
+) -> Iterator[tuple[str, str]]:
     yield (
         "method",
         f"parameters identified from {plural(record.poses, 'reading')}, "
@@ -105,7 +107,7 @@ def _found(evidence: Evidence, result: Result, record: IdentifyRecord) -> Iterat
         yield "left out", f"poses {names}, as outliers"
 
 
-def _temperatures(evidence: Evidence, result: Result) -> str | None:
+def _temperatures(evidence: ReportEvidence, result: Result) -> str | None:
     measured = evidence.data.get(result.path)
     heat = None if measured is None else measured.data.poses.temperature
     if heat is None or not np.isfinite(heat).any():

@@ -63,7 +63,7 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredTables:
     """The measurements of a result, and those of the poses held out where they are another file."""
 
     data: Measurements
@@ -77,7 +77,7 @@ class Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ReportEvidence:
     """All that a report is made of.
 
     results : tuple of Result, in the order given
@@ -89,7 +89,7 @@ class Evidence:
 
     results: tuple[Result, ...]
     cell: Cell | None
-    data: dict[Path, Measured]
+    data: dict[Path, MeasuredTables]
     plans: dict[Path, Poses]
     notes: tuple[str, ...]
 
@@ -141,7 +141,7 @@ class Evidence:
         yield from self.plans.items()
 
 
-def load_evidence(paths: Sequence[Path]) -> Evidence:
+def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
     """Read results and what they were made from.
 
     Raises InputError where a file is no result of posecal, or misses what results of its kind hold.
@@ -160,7 +160,7 @@ def load_evidence(paths: Sequence[Path]) -> Evidence:
             notes += lost
             if measured is not None:
                 data[result.path] = measured
-    return Evidence(results, cell, data, plans, tuple(dict.fromkeys(notes)))
+    return ReportEvidence(results, cell, data, plans, tuple(dict.fromkeys(notes)))
 
 
 def _of_one_cell(results: tuple[Result, ...]) -> tuple[Result, ...]:
@@ -173,7 +173,7 @@ def _digest(results: tuple[Result, ...]) -> str:
     return results[0].inputs[0].sha256
 
 
-def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
+def _measured(cell: Cell, result: Result) -> tuple[MeasuredTables | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
     held = [source for source in sources[1:] if source.file == _holdout(result.record)]
@@ -187,7 +187,7 @@ def _measured(cell: Cell, result: Result) -> tuple[Measured | None, list[str]]:
     if lost or not paths:
         return None, lost
     tables = [load_measurements(cell, path, every_marker=False) for path in paths]
-    return Measured(tables[0], tables[1] if held else None), lost
+    return MeasuredTables(tables[0], tables[1] if held else None), lost
 
 
 def _holdout(record: Record) -> str | None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from markupsafe import Markup
 
 from studies.document.page import Writer
-from studies.report.evidence import Evidence, load_evidence
-from studies.report.sections import Placed, sections
+from studies.report.evidence import ReportEvidence, load_evidence
+from studies.report.sections import PlacedSection, sections
 
 
 def asset(name: str) -> Markup:
@@ -62,13 +62,13 @@ def report_page(
     return html, evidence.notes
 
 
-def _name(evidence: Evidence) -> str:
+def _name(evidence: ReportEvidence) -> str:
     """Of the cell, also where its file is gone."""
     if evidence.cell is not None:
         return evidence.cell.name
     return next((own.record.cell for own in evidence.results if own.record.cell), "Calibration")
 
 
-def _shown(writer: Writer, placed: Placed) -> _Shown:
+def _shown(writer: Writer, placed: PlacedSection) -> _Shown:
     html = writer.section(placed.section, placed.highlight)
     return _Shown(placed.section.key, placed.section.title, html)

@@ -21,11 +21,11 @@ from studies.plots import residuals
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.certificate import certificate
-from studies.report.evidence import Evidence, Result
+from studies.report.evidence import ReportEvidence, Result
 from studies.report.summary import summary
 
 
-def cell(evidence: Evidence) -> Section | None:
+def cell(evidence: ReportEvidence) -> Section | None:
     """What was measured with what."""
     if evidence.cell is None:
         return None
@@ -99,7 +99,7 @@ def _noise(own: Cell) -> str:
 Reading = tuple[Poses, int]
 
 
-def against(evidence: Evidence, result: Result) -> Section | None:
+def against(evidence: ReportEvidence, result: Result) -> Section | None:
     """Errors against what they may depend on; None where cell or tables are gone."""
     cell, data, record = evidence.cell, evidence.data.get(result.path), result.record
     if cell is None or data is None or not isinstance(record, IdentifyRecord):
@@ -139,7 +139,7 @@ def _known(values: list[float | None]) -> Array | None:
     return None if None in values else np.array(values, dtype=np.float64)
 
 
-def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
+def provenance(evidence: ReportEvidence, told: dict[str, str]) -> Section:
     """Everything needed to make the same figures again."""
     commands = [
         (
@@ -170,7 +170,7 @@ def provenance(evidence: Evidence, told: dict[str, str]) -> Section:
     return Section("provenance", "Where the figures come from", tuple(parts))
 
 
-def arm(evidence: Evidence) -> Section | None:
+def arm(evidence: ReportEvidence) -> Section | None:
     """The measured poses where there are any, else those of the first plan."""
     if evidence.cell is None:
         return None
@@ -198,16 +198,16 @@ def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | 
     return replace(shown.take(first), poses=kept) if isinstance(shown, Measurements) else kept
 
 
-OF_THE_CELL: tuple[Callable[[Evidence], Section | None], ...] = (arm, cell)
+OF_THE_CELL: tuple[Callable[[ReportEvidence], Section | None], ...] = (arm, cell)
 
-WITH_INPUTS: dict[str, tuple[Callable[[Evidence, Result], Section | None], ...]] = {
+WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, Result], Section | None], ...]] = {
     "identify": (against,),
 }
 """What is told of a record and its inputs, where these are unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class PlacedSection:
     """A section on the page.
 
     highlight : pose -> the name under which the page highlights it
@@ -217,30 +217,30 @@ class Placed:
     highlight: Mapping[str, str]
 
 
-def sections(evidence: Evidence, told: dict[str, str]) -> Iterator[Placed]:
+def sections(evidence: ReportEvidence, told: dict[str, str]) -> Iterator[PlacedSection]:
     """All sections that the evidence allows.
 
     told : what the user tells of the measurement, by label
 
     """
-    yield Placed(summary(evidence, told), {})
+    yield PlacedSection(summary(evidence, told), {})
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:
-            yield Placed(section, {})
+            yield PlacedSection(section, {})
     for kind in KINDS:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
             highlight = evidence.highlight.get(result.path, {})
             for section in _of(evidence, result):
                 own = _own(section, result, number) if len(several) > 1 else section
-                yield Placed(own, highlight)
+                yield PlacedSection(own, highlight)
     for section in certificate(evidence, told):
-        yield Placed(section, {})
-    yield Placed(provenance(evidence, told), {})
+        yield PlacedSection(section, {})
+    yield PlacedSection(provenance(evidence, told), {})
 
 
-def _of(evidence: Evidence, result: Result) -> Iterator[Section]:
+def _of(evidence: ReportEvidence, result: Result) -> Iterator[Section]:
     yield from result.told.sections
     told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
     yield from (section for section in told if section is not None)

@@ -17,7 +17,7 @@ from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
 from studies.noise import NoiseEntry
 from studies.plots.style import short
-from studies.report.evidence import Evidence, Result
+from studies.report.evidence import ReportEvidence, Result
 from studies.report.fall import FALLING, Fall, fall
 
 _BELOW = 2.0  # the scale begins at so much less than the least
@@ -91,7 +91,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
 """What stands in the box, and the keys of [report] that tell it, the first that is there."""
 
 
-def verdict(evidence: Evidence, told: Mapping[str, str]) -> Raw | None:
+def verdict(evidence: ReportEvidence, told: Mapping[str, str]) -> Raw | None:
     """Of the first result that holds an error before and after; None where none does.
 
     told : what the user tells of the measurement, by label; it outweighs the cell's [report]
@@ -131,7 +131,7 @@ def _look(found: Fall) -> str:
 
 
 def _facts(
-    evidence: Evidence, result: Result, told: Mapping[str, str]
+    evidence: ReportEvidence, result: Result, told: Mapping[str, str]
 ) -> Iterator[tuple[str, str]]:
     about = {**result.record.about, **told}
     for label, keys in _KEYS.items():
@@ -144,7 +144,7 @@ def _facts(
             yield label, text
 
 
-def _day(evidence: Evidence, result: Result) -> str:
+def _day(evidence: ReportEvidence, result: Result) -> str:
     """Of the first reading, where the column time_s counts from 1970; else empty."""
     measured = evidence.data.get(result.path)
     time = None if measured is None else measured.data.poses.time
@@ -156,7 +156,7 @@ def _day(evidence: Evidence, result: Result) -> str:
 _FIRST = ("fleet", "prior", "identify", "diagnose")  # what a reader asks for before the rest
 
 
-def summary(evidence: Evidence, told: Mapping[str, str]) -> Section:
+def summary(evidence: ReportEvidence, told: Mapping[str, str]) -> Section:
     """The verdict, what to do next, how the error fell, and the headline of each result.
 
     told : what the user tells of the measurement, by label
@@ -194,7 +194,7 @@ _LABELS = {
 }
 
 
-def _caption(evidence: Evidence) -> str:
+def _caption(evidence: ReportEvidence) -> str:
     """Of the bars: where the errors are, and what the line is."""
     where = (
         "held-out poses, which took no part in the fit" if _held(evidence) else "the fitted poses"
@@ -205,7 +205,7 @@ def _caption(evidence: Evidence) -> str:
     )
 
 
-def _held(evidence: Evidence) -> bool:
+def _held(evidence: ReportEvidence) -> bool:
     """Whether every result with bars has held-out poses, so that they can be compared there."""
     identified, diagnosed = _records(evidence)
     return all(
@@ -217,7 +217,7 @@ def _held(evidence: Evidence) -> bool:
     )
 
 
-def _records(evidence: Evidence) -> tuple[IdentifyRecord | None, DiagnoseRecord | None]:
+def _records(evidence: ReportEvidence) -> tuple[IdentifyRecord | None, DiagnoseRecord | None]:
     """What the bars are of: an identification and a diagnosis of the same data, in millimetres."""
     first, second = evidence.first("identify"), evidence.first("diagnose")
     identified = None if first is None else first.record
@@ -231,7 +231,7 @@ def _records(evidence: Evidence) -> tuple[IdentifyRecord | None, DiagnoseRecord 
     return identified, diagnosed
 
 
-def _bars(evidence: Evidence) -> Iterator[Bar]:
+def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
     """Errors from the nominal model to what the diagnosis leaves, and the noise, at the same poses."""
     identified, diagnosed = _records(evidence)
     held = _held(evidence)
@@ -265,7 +265,7 @@ def _same_data(first: Result, second: Result) -> bool:
     return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]
 
 
-def _next(evidence: Evidence) -> Iterator[Sentence]:
+def _next(evidence: ReportEvidence) -> Iterator[Sentence]:
     """What a reader should do with this."""
     diagnosed, identified = (
         None if own is None else own.record

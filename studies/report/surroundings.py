@@ -82,7 +82,7 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ArmSurroundings:
     """All that does not move, and what the picture must show.
 
     floor : ndarray of int, shape (l, 2, 3), lines of the plane z = 0, ``step`` mm apart
@@ -101,7 +101,7 @@ class Surroundings:
     frame: IntArray
 
 
-def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
+def surroundings(cell: Cell, arms: IntArray, length: float) -> ArmSurroundings:
     """What stands around an arm of some length [mm] that reaches the points (k, 3)."""
     step = floor_step(length)
     low, high = arms.min(axis=0), arms.max(axis=0)
@@ -119,7 +119,7 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> Surroundings:
     shown = [points for o in solids if near(points := np.concatenate(o.lines))]
     if instrument is not None and near(instrument):
         shown.append(np.stack([instrument, instrument * [1, 1, 0]]))
-    return Surroundings(
+    return ArmSurroundings(
         floor=floor,
         step=step,
         foot=whole_mm(ring(np.zeros(3), _FOOT * length / 1e3)),

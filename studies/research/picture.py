@@ -28,14 +28,14 @@ from studies.plots.style import (
     svg_text,
     tidy,
 )
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 from studies.research.paper import drawing as draw
 from studies.results import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_VIEW = View(-58.0, 18.0)
+_VIEW = Viewpoint(-58.0, 18.0)
 
 
 @styled

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from studies.plots.style import BLUE, GREEN, INK, VERMILLION
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ def stage(panel: Axes) -> None:
     panel.set_axis_off()
 
 
-def line(panel: Axes, view: View, points: Array, lift: float = 0.0, **style: Any) -> None:
+def line(panel: Axes, view: Viewpoint, points: Array, lift: float = 0.0, **style: Any) -> None:
     """A polyline (k, 3) m; lift brings it forward in the drawing order."""
     at = view.flat(points)
     order = view.order(points) + lift
@@ -33,7 +33,7 @@ def line(panel: Axes, view: View, points: Array, lift: float = 0.0, **style: Any
 
 
 def arrow(
-    panel: Axes, view: View, start: Array, end: Array, lift: float = 0.0, **style: Any
+    panel: Axes, view: Viewpoint, start: Array, end: Array, lift: float = 0.0, **style: Any
 ) -> None:
     """An arrow from start to end (3,) m."""
     points = np.array([start, end])
@@ -50,7 +50,7 @@ def arrow(
 
 
 def label(
-    panel: Axes, view: View, point: Array, text: str, shift: tuple[float, float], **style: Any
+    panel: Axes, view: Viewpoint, point: Array, text: str, shift: tuple[float, float], **style: Any
 ) -> None:
     """Text beside a point, shifted by points of type; above everything."""
     side = "center" if abs(shift[0]) < 3.0 else "left" if shift[0] > 0.0 else "right"
@@ -73,7 +73,7 @@ symbol = partial(label, parse_math=True)
 
 def frame(
     panel: Axes,
-    view: View,
+    view: Viewpoint,
     T: Array,
     size: float,
     name: str = "",
@@ -92,7 +92,9 @@ def frame(
         label(panel, view, T[:3, 3], name, shift)
 
 
-def ball(panel: Axes, view: View, centre: Array, radius: float, color: str, **style: Any) -> None:
+def ball(
+    panel: Axes, view: Viewpoint, centre: Array, radius: float, color: str, **style: Any
+) -> None:
     """A sphere as a disc with a highlight."""
     from matplotlib.patches import Circle
 
@@ -109,7 +111,7 @@ def ball(panel: Axes, view: View, centre: Array, radius: float, color: str, **st
 
 
 def tube(
-    panel: Axes, view: View, points: Array, radii: Array | tuple[float, float], **style: Any
+    panel: Axes, view: Viewpoint, points: Array, radii: Array | tuple[float, float], **style: Any
 ) -> None:
     """A link: two points (2, 3) m with rounded ends of two radii [m], as an outline."""
     ends = view.flat(points)
@@ -119,7 +121,13 @@ def tube(
 
 
 def cylinder(
-    panel: Axes, view: View, centre: Array, axis: Array, radius: float, height: float, **style: Any
+    panel: Axes,
+    view: Viewpoint,
+    centre: Array,
+    axis: Array,
+    radius: float,
+    height: float,
+    **style: Any,
 ) -> None:
     """A drum about an axis (3,), centred, with its nearer face."""
     axis = axis / np.linalg.norm(axis)
@@ -133,7 +141,7 @@ def cylinder(
     _outline(panel, view.flat(faces[1]), order + 1e-3, {"facecolor": LIGHT, **style})
 
 
-def plate(panel: Axes, view: View, corners: Array, **style: Any) -> None:
+def plate(panel: Axes, view: Viewpoint, corners: Array, **style: Any) -> None:
     """A flat polygon (k, 3) m."""
     from matplotlib.patches import Polygon
 
@@ -142,7 +150,7 @@ def plate(panel: Axes, view: View, corners: Array, **style: Any) -> None:
     panel.add_patch(Polygon(view.flat(corners), closed=True, zorder=order, **look))
 
 
-def ground(panel: Axes, view: View, points: Array, margin: float) -> None:
+def ground(panel: Axes, view: Viewpoint, points: Array, margin: float) -> None:
     """The floor z = 0 below some points (k, 3) m."""
     (left, near, _), (right, far, _) = points.min(axis=0) - margin, points.max(axis=0) + margin
     corners = np.array([[left, near], [right, near], [right, far], [left, far]])
@@ -151,7 +159,13 @@ def ground(panel: Axes, view: View, points: Array, margin: float) -> None:
 
 
 def arc(
-    panel: Axes, view: View, centre: Array, start: Array, axis: Array, angle: float, **style: Any
+    panel: Axes,
+    view: Viewpoint,
+    centre: Array,
+    start: Array,
+    axis: Array,
+    angle: float,
+    **style: Any,
 ) -> Array:
     """The arc of a joint angle [rad] with an arrow: start is a vector (3,) m; returns its middle."""
     from calib.arm.se3 import rotate, so3_exp

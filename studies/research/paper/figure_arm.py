@@ -11,7 +11,7 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import fit_rigid, rotate, so3_log, transform
 from calib.arrays import Array
 from studies.plots.style import BLUE, FAINT, SOFT, VERMILLION, Picture, sheet, styled
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 from studies.research.paper.arm import arm_of_equation_21
 from studies.research.paper.drawing import (
     LIGHT,
@@ -48,11 +48,11 @@ def figure_2(q: Array = ARM_POSE, markers: Array = TRIANGLE) -> Picture:
     figure = sheet(8.8, 5.2)
     grid = figure.add_gridspec(2, 2, width_ratios=[1.1, 1.0])
     arm = figure.add_subplot(grid[:, 0])
-    _draw_arm(arm, View(-62.0, 16.0), q, origins, points)
+    _draw_arm(arm, Viewpoint(-62.0, 16.0), q, origins, points)
     for row, approach in enumerate((_draw_pose, _draw_points)):
         panel = figure.add_subplot(grid[row, 1])
         stage(panel)
-        approach(panel, View(-28.0, 14.0), tip, points)
+        approach(panel, Viewpoint(-28.0, 14.0), tip, points)
         panel.margins(0.12)
         panel.autoscale_view()
     computed = fit_rigid(points, markers)
@@ -81,7 +81,7 @@ def figure_2(q: Array = ARM_POSE, markers: Array = TRIANGLE) -> Picture:
     )
 
 
-def _draw_arm(panel: Axes, view: View, q: Array, origins: Array, points: Array) -> None:
+def _draw_arm(panel: Axes, view: Viewpoint, q: Array, origins: Array, points: Array) -> None:
     """Links, joints, lengths and angles."""
     stage(panel)
     base, shoulder, elbow, tip = origins[0], origins[2], origins[3], origins[4]
@@ -121,7 +121,7 @@ def _draw_arm(panel: Axes, view: View, q: Array, origins: Array, points: Array) 
     panel.autoscale_view()
 
 
-def _draw_pose(panel: Axes, view: View, tip: Array, points: Array) -> None:
+def _draw_pose(panel: Axes, view: Viewpoint, tip: Array, points: Array) -> None:
     """Approach #1: the triangle is replaced by a position and an orientation."""
     plate(panel, view, points, facecolor=LIGHT, edgecolor=SOFT, linestyle="--")
     for j, point in enumerate(points):
@@ -135,7 +135,7 @@ def _draw_pose(panel: Axes, view: View, tip: Array, points: Array) -> None:
     panel.set_title(r"#1: pose $(p_0, \varphi_0)$ computed, 6 numbers a pose", parse_math=True)
 
 
-def _draw_points(panel: Axes, view: View, tip: Array, points: Array) -> None:
+def _draw_points(panel: Axes, view: Viewpoint, tip: Array, points: Array) -> None:
     """Approach #2: the measured points themselves."""
     plate(panel, view, points, facecolor=LIGHT, edgecolor=SOFT, linewidth=0.6)
     for j, point in enumerate(points):
@@ -144,7 +144,7 @@ def _draw_points(panel: Axes, view: View, tip: Array, points: Array) -> None:
     panel.set_title("#2: points $(p_1, p_2, p_3)$ as measured, 9 numbers a pose", parse_math=True)
 
 
-def _outward(view: View, tip: Array, point: Array) -> tuple[float, float]:
+def _outward(view: Viewpoint, tip: Array, point: Array) -> tuple[float, float]:
     away = view.flat(point - tip[:3, 3])
     away = 13.0 * away / max(float(np.linalg.norm(away)), 1e-9)
     return float(away[0]), float(away[1])

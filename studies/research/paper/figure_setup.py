@@ -26,7 +26,7 @@ from studies.plots.style import (
     sheet,
     styled,
 )
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 from studies.research.paper.drawing import (
     BODY,
     LIGHT,
@@ -63,7 +63,7 @@ def figure_3(cell: Cell, plan: Poses, pose: str = "p06") -> Picture:
     largest = float(np.linalg.norm(moved, axis=1).max())
     factor = _round_factor(_SHOWN_DEFLECTION / largest)
     drawn = before + factor * moved
-    view = View(-16.0, 16.0)
+    view = Viewpoint(-16.0, 16.0)
     figure = sheet(8.6, 4.9)
     panel = figure.subplots()
     stage(panel)
@@ -133,7 +133,7 @@ def _instrument(cell: Cell, plan: Poses) -> Array:
     return np.asarray(inverse(transform(R[0], p[0]))[:3, 3])
 
 
-def _draw_robot(panel: Axes, view: View, points: Array, markers: int, solid: bool) -> None:
+def _draw_robot(panel: Axes, view: Viewpoint, points: Array, markers: int, solid: bool) -> None:
     """Links between the joints' origins; the loaded arm as a dashed line."""
     joints, tool = points[: -1 - markers], points[-1 - markers :]
     if not solid:
@@ -163,7 +163,7 @@ def _draw_robot(panel: Axes, view: View, points: Array, markers: int, solid: boo
         ball(panel, view, point, 0.035, VERMILLION, lift=1.2)
 
 
-def _draw_load(panel: Axes, view: View, hook: Array, cell: Cell) -> None:
+def _draw_load(panel: Axes, view: Viewpoint, hook: Array, cell: Cell) -> None:
     """The mass below its hook: a drum on a rope."""
     down = cell.gravity / np.linalg.norm(cell.gravity)
     drop = min(0.55, max(0.2, 0.6 * float(hook[2])))
@@ -173,7 +173,7 @@ def _draw_load(panel: Axes, view: View, hook: Array, cell: Cell) -> None:
     label(panel, view, centre, f"{_mass(cell):g} kg", (17, 0))
 
 
-def _draw_tracker(panel: Axes, view: View, head: Array, markers: Array) -> None:
+def _draw_tracker(panel: Axes, view: Viewpoint, head: Array, markers: Array) -> None:
     """A stand, a head, and a beam to each marker."""
     up = np.array([0.0, 0.0, 1.0])
     neck = head - 0.15 * up

@@ -21,7 +21,7 @@ from studies.plots.style import (
     styled,
     tidy,
 )
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 from studies.research.paper.drawing import (
     BODY,
     LIGHT,
@@ -47,7 +47,7 @@ def figure_1(cell: Cell) -> Picture:
 
     Counterpart of the paper's photograph, with the vectors p_tool of equation (6).
     """
-    view = View(-38.0, 20.0)
+    view = Viewpoint(-38.0, 20.0)
     figure = sheet(6.0, 4.4)
     panel = figure.subplots()
     stage(panel)
@@ -76,7 +76,7 @@ def figure_1(cell: Cell) -> Picture:
 def figure_4(cell: Cell) -> Picture:
     """The tool of the experiment with its dimensions: three markers and the point of the load."""
     load = load_point(cell)
-    view = View(-38.0, 20.0)
+    view = Viewpoint(-38.0, 20.0)
     figure = sheet(9.6, 4.0)
     space, side, front = figure.subplots(1, 3, width_ratios=[340, 370, 290])
     stage(space)
@@ -119,14 +119,14 @@ def load_point(cell: Cell) -> Array:
     return np.array(cell.load.com)
 
 
-def _flange(panel: Axes, view: View) -> None:
+def _flange(panel: Axes, view: Viewpoint) -> None:
     """Last link up to the flange's face, which is the plane x = 0 of the tip frame."""
     x = np.array([1.0, 0.0, 0.0])
     cylinder(panel, view, -0.055 * x, x, 0.065, 0.05, facecolor=BODY)
     cylinder(panel, view, -0.015 * x, x, 0.10, 0.03, facecolor=BODY)
 
 
-def _bracket(panel: Axes, view: View, markers: Array) -> None:
+def _bracket(panel: Axes, view: Viewpoint, markers: Array) -> None:
     """A bar along x and an arm to each marker."""
     hub = np.array([markers[:, 0].mean(), 0.0, 0.0])
     tube(panel, view, np.array([np.zeros(3), hub]), (0.014, 0.014), facecolor=LIGHT)
@@ -134,7 +134,7 @@ def _bracket(panel: Axes, view: View, markers: Array) -> None:
         tube(panel, view, np.array([hub, marker]), (0.009, 0.009), facecolor=LIGHT)
 
 
-def _hook(panel: Axes, view: View, load: Array) -> None:
+def _hook(panel: Axes, view: Viewpoint, load: Array) -> None:
     x, y = view.flat(load)
     panel.plot([x], [y], marker="v", markersize=9.0, color=INK, zorder=50.0)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from studies.fleet.spread import latest, off, shared, trend_p
-from studies.fleet.tables import Cause, Done, Values
+from studies.fleet.tables import Done, NamedCause, Values
 
 NAMES = tuple((f"geometry:A{k}.x", "um") for k in range(12))
 
@@ -85,7 +85,10 @@ def test_too_few_to_say_and_the_last_table_of_each(rng: np.random.Generator) -> 
 
 
 def test_causes_are_counted_by_robot() -> None:
-    lag, sag = Cause("backlash", "A3", ("backlash:A3", "sag:A3")), Cause("sag", "A3", ("sag:A3",))
+    lag, sag = (
+        NamedCause("backlash", "A3", ("backlash:A3", "sag:A3")),
+        NamedCause("sag", "A3", ("sag:A3",)),
+    )
     robots = [Done(f"r{i}", "", verdict="explained", causes=(lag,)) for i in range(6)]
     robots += [Done("s", "", verdict="explained", causes=(sag,)), Done("t", "", verdict="no_gap")]
     robots += [Done("u", "", status="converged")]  # nobody asked

@@ -16,7 +16,7 @@ from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
 from studies.report.arm_drawing import drawing
-from studies.report.arm_instruments import Fixture, Placed, fixtures, within
+from studies.report.arm_instruments import Fixture, InstrumentPlaces, fixtures, within
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
@@ -120,7 +120,7 @@ PLACES = {
 
 def test_what_is_touched(touched: Cell, table_two: Poses) -> None:
     places = scene_of(touched, table_two.q)
-    placed = Placed(PLACES, touched.markers)
+    placed = InstrumentPlaces(PLACES, touched.markers)
     drawn = {f.name: f for f in fixtures(touched, table_two, places, placed, 2.5)}
     ends = drawn["wire"].lines[0]
     np.testing.assert_allclose(ends[:, 0], np.tile([1500, 1000, 100], (15, 1)), atol=HALF)
@@ -156,7 +156,7 @@ def test_a_wire_goes_where_it_is_read(touched: Cell, table_two: Poses) -> None:
 
 def test_what_stands_far_off_is_told(kr270: Cell, touched: Cell, table_two: Poses) -> None:
     places = scene_of(touched, table_two.q)
-    away = Placed({**PLACES, "dome": np.array([30.0, 40.0, 0.0])}, touched.markers)
+    away = InstrumentPlaces({**PLACES, "dome": np.array([30.0, 40.0, 0.0])}, touched.markers)
     drawn = tuple(fixtures(touched, table_two, places, away, 2.5))
     frame = scene(kr270, table_two).around.frame
     kept, beyond, wider = within(drawn, frame, 2500.0)

@@ -22,7 +22,7 @@ from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo.embedded import embedded_text, simulated
-from studies.report.arm_drawing import Line, Picture, drawing
+from studies.report.arm_drawing import ArmPicture, Stroke, drawing
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
@@ -262,9 +262,9 @@ def test_a_far_instrument_is_a_direction(kr270: Cell, table_two: Poses) -> None:
         np.testing.assert_allclose(end - start, towards[:, j], atol=2 * HALF)
 
 
-def segments(shown: Picture, css: str) -> list[tuple[Array, Array]]:
+def segments(shown: ArmPicture, css: str) -> list[tuple[Array, Array]]:
     """Both ends (m, 3) mm of the lines of a class, over all poses."""
-    lines = [part for part in shown.parts if isinstance(part, Line) and part.css == css]
+    lines = [part for part in shown.parts if isinstance(part, Stroke) and part.css == css]
     return [(shown.points[:, a], shown.points[:, b]) for line in lines for a, b in line.at]
 
 

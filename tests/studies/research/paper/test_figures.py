@@ -14,7 +14,7 @@ from calib import Cell, Poses
 from calib.arm.kinematics import forward
 from studies.plots import Picture
 from studies.plots.style import svg_text
-from studies.plots.view import View
+from studies.plots.view import Viewpoint
 from studies.research.paper import figures
 from studies.research.paper.arm import LENGTHS_M, arm_of_equation_21
 
@@ -95,10 +95,10 @@ def test_setup_stands_at_table_two(kr270: Cell, table_two: Poses) -> None:
 
 
 def test_view_is_orthographic() -> None:
-    view = View(-35.0, 20.0)
+    view = Viewpoint(-35.0, 20.0)
     np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
     assert view.order(view.axes[2]) > view.order(np.zeros(3))
-    np.testing.assert_allclose(View(0.0, 0.0).flat(np.array([5.0, 1.0, 2.0])), [1.0, 2.0])
+    np.testing.assert_allclose(Viewpoint(0.0, 0.0).flat(np.array([5.0, 1.0, 2.0])), [1.0, 2.0])
 
 
 def test_command_writes_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from calib.cell import Cell
     from calib.effects.protocol import Parameter
-    from studies.compare.agreement import Agreement as Agreed
     from studies.compare.compare import Comparison, PlanStudy, Verdict
     from studies.compare.montecarlo import FromScratch as Scratch
     from studies.compare.prediction import AccuracyCurve, Reading
@@ -244,15 +243,15 @@ def compare_record(
     from calib.effects.tool import Tool
 
     tool = bool(len(found.plans[0].experiment.model.where(Tool)))
-    return CompareRecord(
+    return CompareRecord.from_result(
+        found,
         **made_from,
+        warnings=(),
         plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
         targets=found.cell.targets_in_words,
         task_at="markers" if tool else "tip origin",
         notes=_notes(found.cell),
-        trials=found.trials,
         trials_asked=found.asked,
-        truth=found.truth,
         truth_note=found.why_not,
         agreement=_agreement(found),
         read_by=tuple(_read_by(own, read_by) for own in read_by),
@@ -262,13 +261,10 @@ def compare_record(
 def _read_by(own: Reading, every: Sequence[Reading]) -> ReadBy:
     first = next(one for one in every if one.plan == own.plan)
     known = math.isfinite(first.task_rms)
-    return ReadBy(
+    return ReadBy.from_result(
+        own,
         cell=own.cell.name,
         instruments=tuple(f"{i.name} ({i.kind})" for i in own.cell.instruments),
-        plan=own.plan,
-        poses=own.poses,
-        task_rms_mm=own.task_rms * _MM,
-        task_worst_mm=own.task_worst * _MM,
         arm_rms_mm=own.arm_rms * _MM if own.cell.scatters else None,
         poses_to_match=own.poses * (own.task_rms / first.task_rms) ** 2 if known else None,
     )
@@ -290,8 +286,8 @@ def _agreement(found: Comparison) -> AgreementEntry:
     ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
     levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
     bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
-    return AgreementEntry(
-        worst_ratio=found.worst_ratio,
+    return AgreementEntry.from_result(
+        found,
         chi2_p=found.p,
         ratio_band95=bands[0],
         worst_ratio_band99=bands[1],
@@ -350,7 +346,7 @@ def _improvement(study: PlanStudy) -> tuple[Factor, ...]:
     if study.improvement is None:
         return ()
     return tuple(
-        Factor(name=p.name, effect=p.effect, where=p.where, id=p.id, factor=factor)
+        Factor.from_result(p, factor=factor)
         for p, factor in zip(_parameters(study), study.improvement.tolist(), strict=True)
     )
 
@@ -363,34 +359,27 @@ def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
     found, way = verdict.agreement, verdict.way
     parameters = _parameters(study)
     nothing = np.full(len(parameters), np.nan)
-    simulated = nothing if found is None else found.std
-    bias = nothing if found is None else found.bias_share
-    return Approach(
-        approach=way.approach,
-        weighting=way.weighting,
+    simulated, bias = (nothing, nothing) if found is None else (found.std, found.bias_share)
+    known = zip(parameters, verdict.prediction.std, simulated, bias, strict=True)
+    return Approach.from_result(
+        verdict,
+        way,
         length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
         parameters=tuple(
-            ComparedParameter(
-                name=p.name,
-                effect=p.effect,
-                where=p.where,
-                id=p.id,
+            ComparedParameter.from_result(
+                p,
                 std=float(std) / p.scale,
-                unit=p.unit,
                 monte_carlo_std=float(own) / p.scale,
                 monte_carlo_bias_in_standard_errors=float(shift),
             )
-            for p, std, own, shift in zip(
-                parameters, verdict.prediction.std, simulated, bias, strict=True
-            )
+            for p, std, own, shift in known
         ),
-        task_rms_mm=verdict.task_rms * _MM,
-        task_worst_mm=verdict.task_worst * _MM,
         monte_carlo_task_rms_mm=verdict.simulated_rms * _MM,
         not_converged=verdict.unsettled,
         from_scratch=_from_scratch(study.refits.scratch.get(way.key, [])),
-        agreement=None if found is None else _tested(found),
-        reason=verdict.reason,
+        agreement=None
+        if found is None
+        else Tested.from_result(found, variance_ratio=found.total, chi2_p=found.p),
     )
 
 
@@ -403,15 +392,6 @@ def _from_scratch(done: Sequence[Scratch]) -> FromScratchEntry | None:
         with_outliers=sum(own.outliers > 0 for own in done),
         noise=dict(Counter(own.noise for own in done)),
         farthest_in_standard_deviations=max(own.apart for own in done),
-    )
-
-
-def _tested(found: Agreed) -> Tested:
-    return Tested(
-        worst_ratio=found.worst_ratio,
-        variance_ratio=found.total,
-        chi2_p=found.p,
-        tests=found.tests,
     )
 
 

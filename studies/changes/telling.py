@@ -273,4 +273,4 @@ def _targets(record: ChangesRecord) -> Iterator[Part]:
         f"come from the parameters. The worst target is {record.worst_at}"
     )
     yield Table(_TARGETS, rows, "Errors at the targets", caption)
-    yield Figure(lambda: errors_at_targets(record))
+    yield Figure(lambda: errors_at_targets(record), highlight=False)

@@ -70,7 +70,7 @@ def _missing(record: CompensateRecord) -> Iterator[Sentence]:
 def _parts(record: CompensateRecord) -> Iterator[Part]:
     place = Column[_ErrorRow](f"error of the {_PLACES[record.errors_at]}", lambda row: row.label)
     yield Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
-    yield Figure(lambda: errors_by_target(record))
+    yield Figure(lambda: errors_by_target(record), highlight=False)
     yield from _limited(record)
     commands: tuple[Column[Target], ...] = (
         _POSE,

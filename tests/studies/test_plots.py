@@ -37,7 +37,6 @@ from studies.plots.style import (
     APPROACHES,
     RC,
     SERIES,
-    folder_files,
     log_ticks,
     looks,
     settle,
@@ -176,12 +175,6 @@ def test_equal_data_give_equal_bytes() -> None:
     made = files(first, Path())
     assert made == files(first, Path())
     assert made == files(second, Path())
-
-
-def test_pictures_of_a_folder_are_together() -> None:
-    made = folder_files([_accuracy(), _markers()], Path("out"))
-    assert len(made) == 6
-    assert made.items() >= files(_markers(), Path("out")).items()
 
 
 def test_approaches_look_different_without_colour() -> None:

@@ -76,23 +76,6 @@ def test_it_prints_on_few_pages(open_page: Callable[..., Any], html: str) -> Non
     assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= PAGES
 
 
-def test_structure_seen(open_page: Callable[..., Any], html: str) -> None:
-    """What stands where: every section has a title in view and a height, figures fill their width."""
-    page = open_page(html)
-    boxes = page.evaluate(
-        """() => [...document.querySelectorAll("section")].map(s => {
-            const box = s.getBoundingClientRect();
-            const title = s.querySelector("h2").getBoundingClientRect();
-            return [s.id, box.height, title.height, title.width]; })"""
-    )
-    assert all(height > 60 and h > 15 and w > 40 for _, height, h, w in boxes)
-    plots = page.evaluate(
-        """() => [...document.querySelectorAll("svg.plot")].map(s => {
-            const box = s.getBoundingClientRect(); return [box.width, box.height]; })"""
-    )
-    assert all(width > 250 and height > 100 for width, height in plots)
-
-
 def test_a_pose_lights_up_everywhere(open_page: Callable[..., Any], html: str) -> None:
     page = open_page(html)
     row = page.locator("#plan tr[data-pose]").nth(3)

@@ -18,8 +18,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from calib.errors import InputError
-from calib.files.write import write_files
 from studies.changes.pictures import changed_parameters
 from studies.changes.record import ChangesRecord
 from studies.compare.agreement import band
@@ -298,18 +296,6 @@ def test_names_in_any_script_are_drawn_in_silence() -> None:
     assert all(
         name in text for name in ("\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\N{REPLACEMENT CHARACTER}")
     )
-
-
-def test_bytes_are_written_as_they_are(tmp_path: Path) -> None:
-    png, text = tmp_path / "a.png", tmp_path / "a.csv"
-    write_files({png: b"\x89PNG\r\n\x1a\n", text: "µ\n"})
-    assert png.read_bytes() == b"\x89PNG\r\n\x1a\n"
-    assert text.read_bytes() == "µ\n".encode()
-    missing = tmp_path / "missing" / "b.png"
-    with pytest.raises(InputError):
-        write_files({png: b"new", missing: b"new"})
-    assert png.read_bytes().startswith(b"\x89PNG")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png"]
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ _LACKED = ("transmission_scale", "transmission_harmonic", "backlash", "gravity_s
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class ChangeCause:
     """What may have happened.
 
     kind : "base", "tool", "marker", or a kind of effect; where : its place
@@ -69,7 +69,7 @@ class Explanation:
     hidden : whether a plausible size would not show
     """
 
-    cause: Cause
+    cause: ChangeCause
     probability: float
     share: float
     p_left: float
@@ -88,7 +88,7 @@ class Explanation:
         return self.explains and self.probability > _LIKELY
 
 
-def explanations(found: Difference, causes: Sequence[Cause]) -> tuple[Explanation, ...]:
+def explanations(found: Difference, causes: Sequence[ChangeCause]) -> tuple[Explanation, ...]:
     """All causes, those that explain the difference first, each by its probability."""
     whitened = [found.half @ (cause.columns * cause.sizes) for cause in causes]
     score = np.array([_evidence(found.whitened, Y) for Y in whitened])
@@ -118,7 +118,7 @@ def _basis(Y: Array) -> Array:
     return np.asarray(U[:, s > 1e-6 * max(s.max(initial=0.0), 1e-12)])
 
 
-def _explained(found: Difference, cause: Cause, Y: Array, probability: float) -> Explanation:
+def _explained(found: Difference, cause: ChangeCause, Y: Array, probability: float) -> Explanation:
     y, U = found.whitened, _basis(Y)
     along = float(((U.T @ y) ** 2).sum())
     left, rows = float(y @ y) - along, len(y) - U.shape[1]
@@ -135,7 +135,9 @@ def _explained(found: Difference, cause: Cause, Y: Array, probability: float) ->
     )
 
 
-def same_as(found: Difference, cause: Cause, others: Iterable[Cause]) -> tuple[Cause, ...]:
+def same_as(
+    found: Difference, cause: ChangeCause, others: Iterable[ChangeCause]
+) -> tuple[ChangeCause, ...]:
     """Causes that can do all that one does."""
     own = _basis(found.half @ (cause.columns * cause.sizes))
     bases = ((other, _basis(found.half @ (other.columns * other.sizes))) for other in others)
@@ -148,7 +150,7 @@ def same_as(found: Difference, cause: Cause, others: Iterable[Cause]) -> tuple[C
 
 def candidates(
     found: Difference, model: Model, values: Array, poses: Poses, context: Context
-) -> tuple[Cause, ...]:
+) -> tuple[ChangeCause, ...]:
     """Every cause that may be asked here.
 
     model, values : of the later day; poses : that it was identified at
@@ -168,17 +170,17 @@ def candidates(
     return tuple(cause for cause in causes if _shows(found, cause) > _NOTHING)
 
 
-def _shows(found: Difference, cause: Cause) -> float:
+def _shows(found: Difference, cause: ChangeCause) -> float:
     """By how many standard deviations a plausible size shifts what is compared."""
     return float(np.linalg.norm(found.half @ (cause.columns * cause.sizes)))
 
 
-def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> Cause:
+def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> ChangeCause:
     where = effect.where.removeprefix("marker:")
-    return Cause(kind, where, effect.parameters, columns, sizes)
+    return ChangeCause(kind, where, effect.parameters, columns, sizes)
 
 
-def _of_the_model(found: Difference, model: Model) -> Iterator[Cause]:
+def _of_the_model(found: Difference, model: Model) -> Iterator[ChangeCause]:
     """Effects whose parameters are compared, each by itself; of the geometry nothing."""
     for effect in model.effects:
         if isinstance(effect, Geometry) or effect.kind == "base":

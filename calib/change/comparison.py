@@ -11,9 +11,8 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.change.at_targets import AtTargets, Length, Verdict, at_targets, rows_at, verdict
 from calib.change.causes import (
-    Cause,
+    ChangeCause,
     Explanation,
     candidates,
     explanations,
@@ -21,16 +20,17 @@ from calib.change.causes import (
     shown_otherwise,
 )
 from calib.change.difference import Difference, difference
-from calib.change.known import Known
+from calib.change.known import DayEstimate
 from calib.compensation.estimate import Estimate
 from calib.compensation.unexplained import scatter_at
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import context_of
+from calib.model.covariance import working_points
 from calib.model.reduction import generic_configurations
 from calib.poses import Poses, poses_at
-from calib.uncertainty.expanded import freedom
+from calib.uncertainty.expanded import Interval, freedom, lengths
 
 _LIMIT = 1.96  # standard deviations of the difference of two mean squares, 97.5 % from above
 Told: TypeAlias = Literal["none", "named", "ambiguous", "unclear"]
@@ -80,7 +80,7 @@ class Changes:
         return self.explanations[0] if self.told in ("named", "ambiguous") else None
 
     @cached_property
-    def same_as(self) -> tuple[Cause, ...]:
+    def same_as(self) -> tuple[ChangeCause, ...]:
         """What looks like the likeliest cause at any measurement of these points."""
         if self.cause is None:
             return ()
@@ -88,7 +88,7 @@ class Changes:
         return same_as(self.difference, self.cause.cause, every)
 
     @property
-    def expected(self) -> tuple[Length, Length]:
+    def expected(self) -> tuple[Interval, Interval]:
         """Errors at the targets if the earlier values are kept, RMS and worst, with all the rest."""
         return self.kept.rms.beside(self.rest), self.kept.worst.beside(self.rest)
 
@@ -100,8 +100,8 @@ class Changes:
 
 def changes(
     cell: Cell,
-    before: Known,
-    after: Known,
+    before: DayEstimate,
+    after: DayEstimate,
     estimate: Estimate,
     tolerance: float | None = None,
 ) -> Changes:
@@ -145,7 +145,12 @@ def changes(
 
 
 def _with_lacking(
-    cell: Cell, model: Model, values: Array, found: Difference, before: Known, after: Known
+    cell: Cell,
+    model: Model,
+    values: Array,
+    found: Difference,
+    before: DayEstimate,
+    after: DayEstimate,
 ) -> Difference:
     """The difference with what the model lacks in its covariance."""
     if before.poses is None or after.poses is None:
@@ -164,7 +169,7 @@ def _spread(rows: Array, cov: Array, share: Array) -> float:
     return float(np.sqrt(max(float(share @ squared), 0.0)))
 
 
-def outside(before: Known, after: Known) -> float | None:
+def outside(before: DayEstimate, after: DayEstimate) -> float | None:
     """Upper limit of what came up that no parameter of the model can express, RMS at other poses, 3-D
     per point, m; None where a day tells no poses.
 
@@ -179,8 +184,74 @@ def outside(before: Known, after: Known) -> float | None:
     return float(np.sqrt(max(now - then, 0.0) + _LIMIT * doubt))
 
 
-def _square(known: Known) -> tuple[float, float]:
+def _square(known: DayEstimate) -> tuple[float, float]:
     """Mean square of what a fit leaves, m^2, and its degrees of freedom."""
     poses = 0 if known.poses is None else len(known.poses)
     free = freedom(np.inf, poses, len(known.values), as_a_whole=True)
     return known.left**2 * poses / free, free
+
+
+Verdict = Literal["holds", "does_not", "cannot_be_said"]
+
+
+@dataclass(frozen=True, eq=False)
+class AtTargets:
+    """Errors over the m targets.
+
+    rms, worst : Interval; worst_at : int, position of the target that errs most
+    errors : ndarray, shape (m, 3), m, of each: value, low, high
+    """
+
+    rms: Interval
+    worst: Interval
+    worst_at: int
+    errors: Array
+
+
+def rows_at(
+    model: Model, values: Array, targets: Poses, found: Difference, weights: Array
+) -> Array:
+    """How the error at each target follows the difference, shape (m, 3 M, k), RMS over M points.
+
+    Bases and markers that are not compared are placed anew, so as to fit the targets best.
+    """
+    model = working_points(model)
+    _, J = model.jacobian(values, targets)
+    J = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(len(model.markers))
+    keys = [(p.effect, p.where, p.name) for p in model.parameters]
+    own = J[..., [keys.index(key) for key in found.keys]]
+    free = [i for i, key in enumerate(keys) if key[0] in ("base", "tool") and key not in found.keys]
+    placed = J[..., free]
+    placed = placed[..., np.abs(placed).max(axis=(0, 1)) > 0.0] if len(free) else placed
+    if not placed.shape[-1]:
+        return np.asarray(own)
+    root = np.sqrt(weights)[:, None, None]
+    flat = (root * placed).reshape(-1, placed.shape[-1])
+    fit = np.linalg.lstsq(flat, (root * own).reshape(-1, own.shape[-1]), rcond=1e-9)[0]
+    return np.asarray(own - placed @ fit)
+
+
+def at_targets(rows: Array, change: Array, cov: Array, weights: Array) -> AtTargets:
+    """Errors of a difference (k,) with its covariance (k, k).
+
+    rows : ndarray, shape (m, R, k), of :func:`rows_at`; weights : ndarray, shape (m,)
+    The worst target is that of the largest estimate; above it stands the largest upper limit of any.
+    """
+    roots, axes = np.linalg.eigh((cov + cov.T) / 2.0)
+    half = axes * np.sqrt(np.maximum(roots, 0.0))
+    moved, spread = rows @ change, rows @ half
+    share = np.sqrt(weights / weights.sum())
+    all_moved, all_spread = share[:, None] * moved, share[:, None, None] * spread
+    whole = lengths(all_moved.reshape(1, -1), all_spread.reshape(1, -1, len(half)))[0]
+    errors = lengths(moved, spread)
+    counted = np.flatnonzero(weights > 0.0)
+    at = int(counted[np.argmax(errors[counted, 0])])
+    worst = Interval(float(errors[at, 0]), *errors[counted, 1:].max(axis=0).tolist())
+    return AtTargets(Interval(*whole.tolist()), worst, at, errors)
+
+
+def verdict(error: Interval, tolerance: float) -> Verdict:
+    """Whether an error is within a tolerance, by its whole interval (decision rule of ISO 14253-1)."""
+    if error.high <= tolerance:
+        return "holds"
+    return "does_not" if error.low > tolerance else "cannot_be_said"

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.change.known import Known
+from calib.change.known import DayEstimate
 from calib.effects import catalogue
 from calib.effects.protocol import ReadingEffect
 from calib.effects.tuned import Tuned
@@ -146,7 +146,7 @@ class Difference:
         return self.grown < LEAVES_MORE
 
 
-def difference(before: Known, after: Known) -> Difference:
+def difference(before: DayEstimate, after: DayEstimate) -> Difference:
     """What lies between two results. Raises CalibError where they have nothing in common."""
     alone = {key: z for known, other in ((before, after), (after, before))
              for key, z in _alone(known, other).items()}  # fmt: skip
@@ -190,7 +190,7 @@ def lasting(key: Key) -> bool:
     return not (unlike or key[0] in _PLACES or key[0] in _OF_THE_DAY)
 
 
-def _alone(known: Known, other: Known) -> dict[Key, float]:
+def _alone(known: DayEstimate, other: DayEstimate) -> dict[Key, float]:
     """Parameters of the robot that the other result lacks, in standard deviations from nothing."""
     std = np.sqrt(np.diag(known.covariance))
     return {
@@ -200,7 +200,7 @@ def _alone(known: Known, other: Known) -> dict[Key, float]:
     }
 
 
-def _apart(before: Known, after: Known) -> tuple[str, ...]:
+def _apart(before: DayEstimate, after: DayEstimate) -> tuple[str, ...]:
     """Bases and markers of both results that stand elsewhere."""
     found = []
     shared = [key for key in after.keys if key[0] == "base" and key in before.keys]
@@ -225,7 +225,7 @@ def _compared(key: Key, apart: tuple[str, ...]) -> bool:
     return lasting(key)
 
 
-def _grown(before: Known, after: Known) -> float:
+def _grown(before: DayEstimate, after: DayEstimate) -> float:
     """P value of the ratio of what the fits leave, poses erring independently."""
     from scipy.special import fdtrc
 
@@ -235,7 +235,7 @@ def _grown(before: Known, after: Known) -> float:
     return float(fdtrc(after.approaches, before.approaches, ratio))
 
 
-def _unseen(before: Known, after: Known, rows: list[Array]) -> Array:
+def _unseen(before: DayEstimate, after: DayEstimate, rows: list[Array]) -> Array:
     """How the rows follow the errors that either day left open, shape (k, u)."""
     (names, then), (others, now) = before.ignorance(), after.ignorance()
     every = tuple(dict.fromkeys((*names, *others)))

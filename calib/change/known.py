@@ -21,7 +21,7 @@ _COORDINATES = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class DayEstimate:
     """The estimate of one day.
 
     keys : tuple of Key; values : ndarray, shape (p,), SI
@@ -61,7 +61,7 @@ class Known:
         left: float,
         counts: tuple[int, int],
         poses: Poses | None,
-    ) -> Known:
+    ) -> DayEstimate:
         """From what a fit says.
 
         noise_dof, sigma : behind its noise level, and m, of one coordinate of the instrument as stated
@@ -82,7 +82,7 @@ class Known:
             poses=poses,
         )
 
-    def restricted(self, gone: Collection[Key]) -> Known:
+    def restricted(self, gone: Collection[Key]) -> DayEstimate:
         """The same data under a model without some parameters: their values are zero.
 
         Least squares under a linear restriction: values and covariance given that these are zero.
@@ -121,11 +121,11 @@ def approaches(poses: int, parameters: int) -> float:
     return freedom(np.inf, poses, parameters, as_a_whole=True, numbers=_COORDINATES)
 
 
-def known_of(found: Identification) -> Known:
+def known_of(found: Identification) -> DayEstimate:
     """What an identification knows."""
     estimate, model = estimate_of(found), found.model
     fitted = found.fit.data.take(~found.fit.outlier)
-    return Known.of_fit(
+    return DayEstimate.of_fit(
         estimate.covariance,
         keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
         values=found.values,

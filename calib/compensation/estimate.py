@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.compensation.trend import Trend, trend_of
+from calib.compensation.trend import DayTrend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.screen import refuted
@@ -36,7 +36,7 @@ class Estimate:
     unexplained : Unexplained
     variances : Variances or None, of what errs as a whole and is new at every target; rest_of : whose
         those of the configurations are
-    trend : Trend or None, of the day, which goes on
+    trend : DayTrend or None, of the day, which goes on
     undetermined : tuple of str, ids of the parameters that keep their nominal values
     notes : tuple of str, what a user of the values should know
     clock_unit : str, of the session's clock, "s" or "reading"
@@ -54,7 +54,7 @@ class Estimate:
     variances: Variances | None = None
     clock_unit: str = "s"
     rest_of: Owner = "undecided"
-    trend: Trend | None = None
+    trend: DayTrend | None = None
 
     @property
     def arm(self) -> Variances | None:

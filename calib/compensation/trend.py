@@ -26,7 +26,7 @@ _SHOWN = 1e-6  # of the largest: directions that the readings show less are left
 
 
 @dataclass(frozen=True, eq=False)
-class Trend:
+class DayTrend:
     """How the values are off through the day, for K functions ``1 - exp(-t / tau)`` of the clock.
 
     taus, weights : ndarray, shape (K,), in units of the session's clock, and how likely each is
@@ -53,7 +53,7 @@ class Trend:
         return np.asarray(np.sqrt((moved**2).sum(axis=(-1, -2)).mean(axis=-1)))
 
 
-def trend_of(fit: Fitted, sure: float = _SURE) -> Trend | None:
+def trend_of(fit: Fitted, sure: float = _SURE) -> DayTrend | None:
     """The trend of a residual; None where none is shown, nothing tells the time, or the model has one.
 
     sure : p value below which there is one: an F test of the best of the functions, each of them tried
@@ -72,7 +72,7 @@ def trend_of(fit: Fitted, sure: float = _SURE) -> Trend | None:
     moving = np.zeros((len(taus), len(fit.values)))
     moving[:, own] = amplitudes
     taken = -_taken_up(rows, grown, amplitudes) @ fit.span.T
-    return Trend(taus, likely, taken, moving, float(poses.clock.max()))
+    return DayTrend(taus, likely, taken, moving, float(poses.clock.max()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ class Rate:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class DriftTest:
     """What the repeated readings say.
 
     verdict : "steady", "drift" (with time), or "moved" (most of it without a trend, or too few
@@ -101,7 +101,7 @@ class _Part:
         return float(fdtrc(self.dof, against.dof, self.mean / against.mean))
 
 
-def drift_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> Drift | None:
+def drift_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> DriftTest | None:
     """Judge the readings that were repeated after the arm had been elsewhere; None without any
     that share a marker.
 
@@ -129,7 +129,7 @@ def drift_of(data: Measurements, weights: Array, arm: Scatter | None = None) -> 
     p, trend_p = moved.p(noise), steady.p(scatter) if other.dof else np.nan
     # Backlash moves many readings alike: what else moved must not outweigh the trend.
     trend = trend_p < _SURE and (not beyond or steady.sum > other.sum)
-    return Drift(
+    return DriftTest(
         "drift" if trend else "moved" if p < _SURE else "steady",
         tuple(series),
         p,
@@ -210,7 +210,7 @@ def _trend(series: Sequence[Series]) -> _Trend:
     return _Trend(cov @ b, cov, _Part(float(b @ cov @ b), int(rank)), spread)
 
 
-def drift_in(cell: Cell, found: Identification, data: Measurements) -> Drift | None:
+def drift_in(cell: Cell, found: Identification, data: Measurements) -> DriftTest | None:
     """What repeated readings of the tracker say; None without a tracker, or where none was repeated.
 
     data : all that was read, the poses held out included

@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.estimate import Estimate
-from calib.compensation.trend import Trend
+from calib.compensation.trend import DayTrend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.gear_ripple import GearRipple
@@ -130,7 +130,7 @@ def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:
     return Variances(1.0, *found), of
 
 
-def _trend(entry: Any, count: int) -> Trend | None:
+def _trend(entry: Any, count: int) -> DayTrend | None:
     """How so many values were off through the day. Raises KeyError, TypeError, ValueError."""
     if entry is None:
         return None
@@ -141,7 +141,7 @@ def _trend(entry: Any, count: int) -> Trend | None:
     fits = weights.shape == taus.shape and taken.shape == moving.shape == shape
     if not fits or (taus < _SHORTEST_TAU).any() or (weights < 0.0).any():
         raise ValueError
-    return Trend(taus, weights, taken, moving, float(_numbers(entry["last"])))
+    return DayTrend(taus, weights, taken, moving, float(_numbers(entry["last"])))
 
 
 def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:

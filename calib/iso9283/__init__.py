@@ -1,6 +1,6 @@
 """Performance criteria of ISO 9283:1998, measured from repeats and predicted from a model."""
 
-from calib.iso9283.measured import Measured, Session, session_of
-from calib.iso9283.predicted import Predicted
+from calib.iso9283.measured import MarkerReadings, MeasuredCriteria, session_of
+from calib.iso9283.predicted import PredictedCriteria
 
-__all__ = ["Measured", "Predicted", "Session", "session_of"]
+__all__ = ["MarkerReadings", "MeasuredCriteria", "PredictedCriteria", "session_of"]

@@ -7,25 +7,15 @@ say by how much: of scatter by chi-square, of means by what covers them
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from calib.arrays import Array
-from calib.uncertainty.expanded import LEVEL, coverage_factor, directions
+from calib.uncertainty.expanded import LEVEL, Interval, coverage_factor, directions
 
 _DIRECTIONS, _FREEDOM = (1.0, 2.0, 3.0), (0.90, 1.52, 2.04)
 
 
-class Figure(NamedTuple):
-    """A value and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def position_accuracy(points: Array, commanded: Array) -> tuple[Figure, Array]:
+def position_accuracy(points: Array, commanded: Array) -> tuple[Interval, Array]:
     """AP (7.2.1) and its coordinates: mean attained point less the commanded one (3,).
 
     points : ndarray, shape (n, 3)
@@ -35,10 +25,10 @@ def position_accuracy(points: Array, commanded: Array) -> tuple[Figure, Array]:
     away = (points - points.mean(axis=0)) / np.sqrt(max(n - 1, 1) * n)
     spread = float(np.linalg.norm(away))
     sure = spread * float(coverage_factor(n - 1, directions(away.T))) if n > 1 else np.inf
-    return Figure(value, max(0.0, value - sure), value + sure), off
+    return Interval(value, max(0.0, value - sure), value + sure), off
 
 
-def position_repeatability(points: Array) -> Figure:
+def position_repeatability(points: Array) -> Interval:
     """RP (7.2.2) ``mean(l) + 3 S_l``, l the distances of points (n, 3) from their mean.
 
     Of points that scatter in d directions it is as sure as a standard deviation of 0.90, 1.52 and 2.04
@@ -55,7 +45,7 @@ def angles(turns: Array) -> tuple[Array, Array]:
     return turns.mean(axis=0), 3.0 * turns.std(axis=0, ddof=1)
 
 
-def distances(first: Array, second: Array, commanded: float) -> tuple[Figure, Figure]:
+def distances(first: Array, second: Array, commanded: float) -> tuple[Interval, Interval]:
     """AD and RD (7.3): mean distance less the commanded one, and ``3 S``.
 
     first, second : ndarray, shape (n, 3), points of two poses, cycle by cycle
@@ -63,7 +53,7 @@ def distances(first: Array, second: Array, commanded: float) -> tuple[Figure, Fi
     apart = np.linalg.norm(first - second, axis=1)
     n, S = len(apart), float(apart.std(ddof=1))
     mean, sure = float(apart.mean()) - commanded, float(coverage_factor(n - 1)) * S / np.sqrt(n)
-    return Figure(mean, mean - sure, mean + sure), of_scatter(3.0 * S, n - 1)
+    return Interval(mean, mean - sure, mean + sure), of_scatter(3.0 * S, n - 1)
 
 
 def largest_distance(means: Array) -> float:
@@ -76,7 +66,7 @@ def accuracy_drift(means: Array) -> float:
     return float(np.linalg.norm(means - means[0], axis=1).max())
 
 
-def compliance(forces: Array, points: Array, sigma: float) -> Figure:
+def compliance(forces: Array, points: Array, sigma: float) -> Interval:
     """Static compliance (7.10), m/N: slope of displacements along a force over it, both (n,).
 
     sigma : m, of a displacement, which tells how sure it is where two readings cannot
@@ -85,18 +75,18 @@ def compliance(forces: Array, points: Array, sigma: float) -> Figure:
     slope, n = float(x @ y / (x @ x)), len(x)
     left = float(np.sqrt(((y - slope * x) ** 2).sum() / (n - 2))) if n > 2 else sigma
     sure = float(coverage_factor(n - 2 if n > 2 else np.inf) * left / np.sqrt(x @ x))
-    return Figure(slope, slope - sure, slope + sure)
+    return Interval(slope, slope - sure, slope + sure)
 
 
-def of_scatter(value: float, freedom: float) -> Figure:
+def of_scatter(value: float, freedom: float) -> Interval:
     """A figure in proportion to a standard deviation of so many degrees of freedom."""
     from scipy.special import chdtri
 
     if not np.isfinite(freedom):
-        return Figure(value, value, value)
+        return Interval(value, value, value)
     nu = max(freedom, 1.0)
     low, high = (float(np.sqrt(nu / chdtri(nu, p))) for p in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
-    return Figure(value, value * low, value * high)
+    return Interval(value, value * low, value * high)
 
 
 def repeatability_of(covariance: Array) -> float:

@@ -15,7 +15,6 @@ from calib.compensation.estimate import Estimate
 from calib.errors import CalibError
 from calib.identification.noise_level import believed_sigma
 from calib.iso9283.formulas import (
-    Figure,
     accuracy_drift,
     angles,
     compliance,
@@ -28,10 +27,11 @@ from calib.model import Model
 from calib.observations import orientable
 from calib.poses import Measurements, Poses
 from calib.poses.moves import alike, in_order, visits
+from calib.uncertainty.expanded import Interval
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class MarkerReadings:
     """Readings of one marker, and the turns of the tip where its markers tell them, in base axes.
 
     points, seen : ndarray, shapes (m, 3), m, and (m,), of the marker
@@ -54,7 +54,7 @@ class Session:
     sigma: float
 
 
-def session_of(estimate: Estimate, data: Measurements, marker: str | None) -> Session:
+def session_of(estimate: Estimate, data: Measurements, marker: str | None) -> MarkerReadings:
     """The table by what a result knows of base and markers; the first marker that is read, by default.
 
     Raises CalibError: no tracker reads points, or not that marker.
@@ -83,7 +83,7 @@ def session_of(estimate: Estimate, data: Measurements, marker: str | None) -> Se
         T = fit_rigid(points[told], np.broadcast_to(markers, points[told].shape),
                       data.seen[told].astype(float))  # fmt: skip
         turns[told] = so3_log(T[:, :3, :3] @ np.swapaxes(R_tip[told], -1, -2))
-    return Session(
+    return MarkerReadings(
         j, model, estimate, poses, points[:, j], data.seen[:, j], rotate(R_tip, markers[j]) + o_tip,
         model.tip_points(frames, values, poses)[:, j], turns, R, _sigma(model, values, data),
     )  # fmt: skip
@@ -118,16 +118,16 @@ class Cycles:
     predicted: Array
 
     @property
-    def accuracy(self) -> tuple[Figure, Array]:
+    def accuracy(self) -> tuple[Interval, Array]:
         return position_accuracy(self.points, self.commanded)
 
     @property
-    def left(self) -> Figure:
+    def left(self) -> Interval:
         """AP against what the identified arm predicts."""
         return position_accuracy(self.points, self.predicted)[0]
 
     @property
-    def repeatability(self) -> Figure:
+    def repeatability(self) -> Interval:
         return position_repeatability(self.points)
 
     @property
@@ -145,41 +145,41 @@ class Cycles:
 
 
 @dataclass(frozen=True)
-class Distance:
+class DistanceCriteria:
     """AD and RD between two poses of equal load; commanded : m."""
 
     first: str
     second: str
     cycles: int
     commanded: float
-    accuracy: Figure
-    repeatability: Figure
+    accuracy: Interval
+    repeatability: Interval
 
 
 @dataclass(frozen=True)
-class Compliance:
+class StaticCompliance:
     """Static compliance at a pose along a force, in base axes; figure in m/N."""
 
     name: str
     direction: str
     readings: int
-    figure: Figure
+    figure: Interval
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredCriteria:
     """All that the repeats show.
 
     several : pose -> vAP, m, and how many ways of coming
     """
 
     cycles: tuple[Cycles, ...]
-    distances: tuple[Distance, ...]
+    distances: tuple[DistanceCriteria, ...]
     several: dict[str, tuple[float, int]]
-    compliance: tuple[Compliance, ...]
+    compliance: tuple[StaticCompliance, ...]
 
 
-def measured(session: Session) -> Measured:
+def measured(session: MarkerReadings) -> MeasuredCriteria:
     """The criteria of every pose that was reached twice at least, and of every force that changed."""
     cycles = tuple(_cycles(session))
     several = {}
@@ -188,12 +188,12 @@ def measured(session: Session) -> Measured:
         if len(ways) > 1:
             means = np.array([own.points.mean(axis=0) for own in ways])
             several[ways[0].name] = largest_distance(means), len(ways)
-    return Measured(
+    return MeasuredCriteria(
         cycles, tuple(_distances(session, cycles)), several, tuple(_compliance(session))
     )
 
 
-def _cycles(session: Session) -> Iterator[Cycles]:
+def _cycles(session: MarkerReadings) -> Iterator[Cycles]:
     """One for each state and each way of coming to it that was taken twice at least."""
     poses = session.poses
     state, stay = alike(poses), visits(poses)
@@ -229,7 +229,7 @@ def _shown(approach: Array | None, i: int) -> str:
     return "".join("+" if s > 0 else "-" if s < 0 else "0" for s in approach[i])
 
 
-def _distances(session: Session, cycles: tuple[Cycles, ...]) -> Iterator[Distance]:
+def _distances(session: MarkerReadings, cycles: tuple[Cycles, ...]) -> Iterator[DistanceCriteria]:
     """Between poses under one load, cycle by cycle, each by its first way of coming."""
     poses = session.poses
     load = dict(
@@ -242,10 +242,10 @@ def _distances(session: Session, cycles: tuple[Cycles, ...]) -> Iterator[Distanc
         n = min(len(a.points), len(b.points))
         commanded = float(np.linalg.norm(a.commanded - b.commanded))
         found = distances(a.points[:n], b.points[:n], commanded)
-        yield Distance(a.name, b.name, n, commanded, *found)
+        yield DistanceCriteria(a.name, b.name, n, commanded, *found)
 
 
-def _compliance(session: Session) -> Iterator[Compliance]:
+def _compliance(session: MarkerReadings) -> Iterator[StaticCompliance]:
     """Along each axis of the base, or the force's own direction, from what the wrench says."""
     poses, force = session.poses, session.poses.wrench[:, :3]
     size = np.linalg.norm(force, axis=1)
@@ -262,7 +262,7 @@ def _compliance(session: Session) -> Iterator[Compliance]:
             every = np.array([*free, *members])
             pulls = force[every] @ along
             if np.ptp(pulls) > _NOTHING:
-                yield Compliance(
+                yield StaticCompliance(
                     poses.names[own[0]], name, len(every),
                     compliance(pulls, session.points[every] @ along, session.sigma),
                 )  # fmt: skip

@@ -9,42 +9,43 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.change.at_targets import lengths
 from calib.effects.protocol import ElasticEffect
-from calib.iso9283.formulas import Figure, of_scatter, repeatability_of
-from calib.iso9283.measured import AXES, Compliance, Session
+from calib.iso9283.formulas import of_scatter, repeatability_of
+from calib.iso9283.measured import AXES, MarkerReadings, StaticCompliance
 from calib.model.covariance import at_points_read
 from calib.scatter import Variances, scatter_of
-from calib.uncertainty.expanded import coverage_factor
+from calib.uncertainty.expanded import Interval, coverage_factor, lengths
 
 _FORCE = 10.0  # N, to both sides: deflections are next to linear
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class PredictedPose:
     """accuracy : of nominal commands; repeatability : None where nothing says how the arm returns."""
 
     name: str
-    accuracy: Figure
+    accuracy: Interval
     off: Array
-    repeatability: Figure | None
+    repeatability: Interval | None
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedCriteria:
     """What is expected at each configuration; all along lines and axes of the base frame."""
 
-    poses: tuple[Pose, ...]
-    compliance: tuple[Compliance, ...]
+    poses: tuple[PredictedPose, ...]
+    compliance: tuple[StaticCompliance, ...]
 
 
-def predicted(cell: Cell, session: Session, where: IntArray, freedom: float) -> Predicted:
+def predicted(
+    cell: Cell, session: MarkerReadings, where: IntArray, freedom: float
+) -> PredictedCriteria:
     """The criteria at some readings of a table, each a configuration.
 
     where : ndarray of int, positions of the readings; freedom : degrees of freedom behind the result
     """
     if not len(where):
-        return Predicted((), ())
+        return PredictedCriteria((), ())
     poses, estimate = session.poses.take(where), session.estimate
     model = at_points_read(session.model)
     _, J = model.jacobian(estimate.values, poses)
@@ -54,11 +55,11 @@ def predicted(cell: Cell, session: Session, where: IntArray, freedom: float) -> 
     away = np.swapaxes(session.R[where], -1, -2) @ (J[:, session.marker] @ half)
     found = lengths(off, away)
     again = _repeatability(cell, session, where)
-    return Predicted(
+    return PredictedCriteria(
         tuple(
-            Pose(
+            PredictedPose(
                 poses.names[i],
-                Figure(float(np.linalg.norm(off[i])), float(found[i, 1]), float(found[i, 2])),
+                Interval(float(np.linalg.norm(off[i])), float(found[i, 1]), float(found[i, 2])),
                 off[i],
                 None if again is None else of_scatter(repeatability_of(again[i]), freedom),
             )
@@ -68,7 +69,7 @@ def predicted(cell: Cell, session: Session, where: IntArray, freedom: float) -> 
     )
 
 
-def _repeatability(cell: Cell, session: Session, where: IntArray) -> Array | None:
+def _repeatability(cell: Cell, session: MarkerReadings, where: IntArray) -> Array | None:
     """Covariance (m, 3, 3) of the marker from approach to approach, m^2; None where unknown."""
     model, variances = session.model, session.estimate.variances
     if variances is None or not variances.approach.any():
@@ -82,8 +83,8 @@ def _repeatability(cell: Cell, session: Session, where: IntArray) -> Array | Non
 
 
 def _compliance(
-    session: Session, where: IntArray, half: Array, freedom: float
-) -> Iterator[Compliance]:
+    session: MarkerReadings, where: IntArray, half: Array, freedom: float
+) -> Iterator[StaticCompliance]:
     """Along each axis of the base, of a force on the tip; nothing where the model is rigid."""
     model, values = session.model, session.estimate.values
     if not any(isinstance(effect, ElasticEffect) for effect in model.effects):
@@ -104,5 +105,5 @@ def _compliance(
         std = np.linalg.norm(np.einsum("mi,mip->mp", along, slopes) @ half, axis=-1)
         sure = float(coverage_factor(freedom)) * std
         for i, name in enumerate(poses.names):
-            figure = Figure(*(float(v[i]) for v in (value, value - sure, value + sure)))
-            yield Compliance(name, axis, 0, figure)
+            figure = Interval(*(float(v[i]) for v in (value, value - sure, value + sure)))
+            yield StaticCompliance(name, axis, 0, figure)

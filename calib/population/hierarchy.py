@@ -30,7 +30,7 @@ _MOST = 4  # one robot in so many may be of another type
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class RobotEstimate:
     """What one robot says: all k parameters, SI.
 
     values : ndarray, shape (k,); noise : ndarray, shape (k, k); open : ndarray, shape (k, u), how the
@@ -66,7 +66,7 @@ class Population:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _TypeFit:
     """mu (k,) with its covariance (k, k), and Sigma (k, k), in plausible sizes."""
 
     mean: Array
@@ -75,7 +75,7 @@ class _Fit:
 
 
 def population(
-    type_: str, keys: tuple[Key, ...], sizes: Array, robots: Sequence[Robot]
+    type_: str, keys: tuple[Key, ...], sizes: Array, robots: Sequence[RobotEstimate]
 ) -> Population:
     """Learn what a type has in common from its robots, none among them as well.
 
@@ -100,13 +100,13 @@ def population(
     return Population(prior, np.sqrt(np.diag(fit.sigma)) * sizes, tuple(aside))
 
 
-def _error(robot: Robot, sizes: Array) -> Array:
+def _error(robot: RobotEstimate, sizes: Array) -> Array:
     """Covariance of an estimate in plausible sizes, what was not determined as good as unknown."""
     V = _OPEN * robot.open / sizes[:, None]
     return np.asarray(robot.noise / np.outer(sizes, sizes) + V @ V.T)
 
 
-def _fit(t: Array, C: Array) -> _Fit:
+def _fit(t: Array, C: Array) -> _TypeFit:
     k = t.shape[1]
     variance = np.full(k, _variances(np.zeros((0, 1)), np.ones((0, 1)))[0])
     mean, doubt = np.zeros(k), np.eye(k)
@@ -123,7 +123,7 @@ def _fit(t: Array, C: Array) -> _Fit:
     sigma = _correlated(t, C, mean, variance)
     if len(t):
         mean, doubt = _mean(t, np.asarray(np.linalg.inv(C + sigma)))
-    return _Fit(mean, doubt, sigma)
+    return _TypeFit(mean, doubt, sigma)
 
 
 def of_known(t: Array) -> tuple[Array, Array]:
@@ -212,14 +212,14 @@ def _shrunk(squares: Array, counted: Array) -> Array:
     return np.asarray(share * shown + (1.0 - share) * np.eye(len(scale)))
 
 
-def _squares(t: Array, C: Array, fit: _Fit) -> Array:
+def _squares(t: Array, C: Array, fit: _TypeFit) -> Array:
     """How far each robot is off, as a square in its standard deviations, shape (N,)."""
     off = t - fit.mean
     solved = np.linalg.solve(C + fit.sigma + fit.doubt, off[..., None])[..., 0]
     return np.asarray((off * solved).sum(axis=1))
 
 
-def _chance(t: Array, C: Array, fit: _Fit, robots: int) -> float:
+def _chance(t: Array, C: Array, fit: _TypeFit, robots: int) -> float:
     """Of one more robot with any parameter so far off, whatever goes together between robots.
 
     robots : of the fit

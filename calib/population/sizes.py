@@ -108,7 +108,7 @@ def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
         else projected out; y : ndarray, shape (N,), readings less those of the nominal arm, likewise
     dof : int, rows that count less what was projected out
     """
-    found = _Search(of, J.T @ J, J.T @ y, float(y @ y), dof)
+    found = _WidthSearch(of, J.T @ J, J.T @ y, float(y @ y), dof)
     widths = found.typical
     share, noise = np.ones(len(of.sizes)), 1.0
     for _ in range(_MOST_ROUNDS):
@@ -123,7 +123,7 @@ def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _WidthSearch:
     """Normal equations ``A v = g`` of the parameters, ``square`` that of their right-hand side."""
 
     of: Elementary

@@ -22,7 +22,7 @@ from calib.uncertainty.expanded import coverage_factor, directions, effective_fr
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ConformityTest:
     """The points held out against the tolerance.
 
     distances, expanded : ndarray, shape (n,), m, of each point and its 95 % uncertainty as measured
@@ -43,16 +43,18 @@ class Judged:
         return next((own for own in worst if own in self.verdicts), "pass")
 
 
-def judged(cell: Cell, found: Identification) -> Judged | None:
+def judged(cell: Cell, found: Identification) -> ConformityTest | None:
     """Every held-out point whose reading has a length; None without a tolerance."""
     held, acceptance = found.heldout, cell.acceptance
     if acceptance is None:
         return None
     if held is None:
-        return Judged(acceptance, np.zeros(0), np.zeros(0), ())
+        return ConformityTest(acceptance, np.zeros(0), np.zeros(0), ())
     counts = held.data.seen & held.channels.lengths.any(axis=-1)
     distances, expanded = held.lengths(), _expanded(cell, found, held)[counts]
-    return Judged(acceptance, distances, expanded, tuple(acceptance.judge(distances, expanded)))
+    return ConformityTest(
+        acceptance, distances, expanded, tuple(acceptance.judge(distances, expanded))
+    )
 
 
 def _expanded(cell: Cell, found: Identification, held: Residuals) -> Array:

@@ -31,7 +31,7 @@ Evaluation = Literal["A", "B"]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class UncertaintySource:
     """One source.
 
     spread : ndarray, shape (m, 3 M, k), m, of the error at each target
@@ -77,7 +77,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class CombinedUncertainty:
     """What sources together leave at m targets.
 
     errors, expanded : ndarray, shape (m,), m, RMS length of the error, and the length within which 95 %
@@ -100,17 +100,17 @@ class Budget:
 
     targets: Poses
     weights: Array
-    calibration: tuple[Part, ...]
-    beside: tuple[Part, ...] = ()
+    calibration: tuple[UncertaintySource, ...]
+    beside: tuple[UncertaintySource, ...] = ()
     source: str = ""
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[UncertaintySource, ...]:
         """All of them."""
         return self.calibration + self.beside
 
     @cached_property
-    def expected(self) -> Expected:
+    def expected(self) -> CombinedUncertainty:
         """What the parameters alone leave."""
         return combined(self.calibration, self.weights)
 
@@ -155,9 +155,9 @@ def budget_of(
     return Budget(targets, weights, calibration, beside)
 
 
-def combined(parts: Sequence[Part], weights: Array) -> Expected:
+def combined(parts: Sequence[UncertaintySource], weights: Array) -> CombinedUncertainty:
     """What parts leave together at each target."""
-    bases: dict[str, list[Part]] = {}
+    bases: dict[str, list[UncertaintySource]] = {}
     for k, part in enumerate(parts):
         bases.setdefault(part.basis or str(k), []).append(part)
     variances = [np.sum([part.errors**2 for part in own], axis=0) for own in bases.values()]
@@ -167,14 +167,16 @@ def combined(parts: Sequence[Part], weights: Array) -> Expected:
     n = directions(np.concatenate([part.spread for part in parts], axis=-1))
     mean = [float(weights @ own / weights.sum()) for own in variances]
     errors = np.sqrt(total)
-    return Expected(
+    return CombinedUncertainty(
         errors,
         coverage_factor(nu, n) * errors,
         float(effective_freedom(zip(mean, freedoms, strict=True))),
     )
 
 
-def of_calibration(found: Identification, targets: Poses, weights: Array) -> Iterator[Part]:
+def of_calibration(
+    found: Identification, targets: Poses, weights: Array
+) -> Iterator[UncertaintySource]:
     """What the uncertainty of the parameters does at the targets, source by source."""
     model, values = working_points(found.model), found.values
     points, J = model.jacobian_at_rest(values, targets)
@@ -183,30 +185,34 @@ def of_calibration(found: Identification, targets: Poses, weights: Array) -> Ite
     sigma = noise.sigma * found.footprint
     told = noise.source == "cell" and found.freedom == np.inf
     spread = _spread(J @ half(found.covariance))
-    yield Part(
+    yield UncertaintySource(
         "noise of the readings", "B" if told else "A", spread, anew(spread), found.freedom,
         stated=sigma, at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():
         spread = _spread(J @ half(found.ignorance))
-        yield Part("parameters that are not identifiable", "B", spread, anew(spread), np.inf)
+        yield UncertaintySource(
+            "parameters that are not identifiable", "B", spread, anew(spread), np.inf
+        )
     for one in found.common:
         error, spread = one.error, _spread(one.at(model, values, J, targets))
-        yield Part(
+        yield UncertaintySource(
             error.kind.source, "B", spread, anew(spread), error.freedom, error.stated,
             error.divisor, error.kind.unit, error.kind.scale, error.distribution, one.at_reading,
             one.instrument,
         )  # fmt: skip
 
 
-def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterator[Part]:
+def _of_arm(
+    found: Identification, estimate: Estimate, targets: Poses
+) -> Iterator[UncertaintySource]:
     """How the arm scatters; with what these data do not tell from the model's lacks."""
     variances = scatter_at(estimate.model, estimate.values, targets, estimate.arm)
     if variances.any():
         spread = _alike(variances.mean(axis=-1), variances.shape[1])
         shown = found.levels is not None and len(found.levels.free) > 0
         both = estimate.rest_of == "undecided"
-        yield Part(
+        yield UncertaintySource(
             "arm or model, from pose to pose" if both else "repeatability of the arm",
             "A" if shown else "B", spread, spread, found.freedom, basis=_NOISE, of="arm",
         )  # fmt: skip
@@ -214,7 +220,7 @@ def _of_arm(found: Identification, estimate: Estimate, targets: Poses) -> Iterat
 
 def _of_model(
     found: Identification, estimate: Estimate, targets: Poses, after: float
-) -> Iterator[Part]:
+) -> Iterator[UncertaintySource]:
     """What the model lacks: from pose to pose, at poses that the fit was without, and in time."""
     unfollowed = scatter_at(estimate.model, estimate.values, targets, estimate.unfollowed)
     rest, M = estimate.unexplained, unfollowed.shape[1]
@@ -223,12 +229,14 @@ def _of_model(
         by = rest.source if rest.rms else "the fitted poses"
         spread = _alike(variances, M)
         name = f"what the model lacks, from {by}"
-        yield Part(name, "A", spread, spread, _behind(found), of="model")
+        yield UncertaintySource(name, "A", spread, spread, _behind(found), of="model")
     moved_on = estimate.moved_on(targets, after)
     if moved_on.any():
         spread = _alike(moved_on**2, M)
         name = "trend of the day, carried on to the targets' time"
-        yield Part(name, "A", spread, np.zeros_like(spread), _behind(found), of="trend")
+        yield UncertaintySource(
+            name, "A", spread, np.zeros_like(spread), _behind(found), of="trend"
+        )
 
 
 def _behind(found: Identification) -> float:

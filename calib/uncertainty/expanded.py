@@ -13,6 +13,7 @@ Degrees of freedom behind what an identification says: one rule for all who ask.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,20 @@ from calib.arrays import Array
 LEVEL = 0.95
 """Probability that every interval covers, unless it says otherwise."""
 _KNOWN = 1e9  # degrees of freedom of what counts as known
+_TAIL = (1.0 - LEVEL) / 2.0
+_HALVINGS = 60
+
+
+class Interval(NamedTuple):
+    """A value and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def beside(self, other: float) -> Interval:
+        """Of an error, together with an independent one of this size."""
+        return Interval(*(float(np.hypot(own, other)) for own in self))
 
 
 def effective_freedom(parts: Iterable[tuple[ArrayLike, float]]) -> Array:
@@ -86,3 +101,48 @@ def freedom(
     (120.0, 20.0)
     """
     return max(1.0, stays - rank / numbers if as_a_whole else float(noise))
+
+
+def lengths(moved: Array, spread: Array) -> Array:
+    """Value, low and high, shape (m, 3), of lengths estimated as moved (m, R).
+
+    spread : ndarray, shape (m, R, k), covariance ``spread spread^T``
+
+    A squared length ``d' Q d`` of an estimate ``d ~ N(delta, C)`` exceeds ``delta' Q delta`` by
+    ``tr(Q C)`` in the mean, which is taken off. Its interval inverts the distribution, a gamma one of
+    the same mean ``tr(Q C) + s`` and variance ``2 tr(Q C Q C) + 4 delta' Q C Q delta`` (Satterthwaite,
+    Biometrics Bull. 2, 1946), in s. From above a length counts as no smaller than noise alone makes it
+    in the mean: one that is smaller by luck would say that nothing can hide (Cowan et al.,
+    arXiv:1105.3166).
+    """
+    total = (moved**2).sum(axis=1)
+    noise = (spread**2).sum(axis=(1, 2))
+    small = spread.shape[1] <= spread.shape[2]
+    turned = np.swapaxes(spread, 1, 2)
+    noise2 = ((spread @ turned if small else turned @ spread) ** 2).sum(axis=(1, 2))
+    sure = noise <= 0.0
+    noise, noise2 = np.where(sure, 1.0, noise), np.where(sure, 1.0, noise2)
+    along = ((turned @ moved[..., None]) ** 2).sum(axis=(1, 2)) / np.where(total > 0.0, total, 1.0)
+    along = np.maximum(along, noise2 / noise)
+    low = _solved(total, noise, noise2, along, 1.0 - _TAIL)
+    high = _solved(np.maximum(total, noise), noise, noise2, along, _TAIL)
+    squared = np.column_stack([np.maximum(total - noise, 0.0), low, high])
+    return np.asarray(np.sqrt(np.where(sure[:, None], total[:, None], squared)))
+
+
+def _solved(total: Array, noise: Array, noise2: Array, along: Array, level: float) -> Array:
+    """The s at which a square below the one found has a probability, zero where none is so small."""
+    from scipy.special import gammainc
+
+    def below(s: Array) -> Array:
+        mean, variance = noise + s, 2.0 * noise2 + 4.0 * along * s
+        return np.asarray(gammainc(mean**2 / variance, total * mean / variance))
+
+    low, high = np.zeros_like(total), np.maximum(total, noise)
+    while (short := below(high) > level).any():
+        high = np.where(short, 2.0 * high, high)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        more = below(middle) > level
+        low, high = np.where(more, middle, low), np.where(more, high, middle)
+    return np.where(below(np.zeros_like(total)) <= level, 0.0, high)

@@ -19,7 +19,14 @@ from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.forecast import Forecast, NormalEquations, Readings, Step, best_next, open_beside
+from doe.ahead.forecast import (
+    Forecast,
+    ForecastStep,
+    NormalEquations,
+    Readings,
+    best_next,
+    open_beside,
+)
 from doe.ahead.lacking import Lacking, lacking_of
 from doe.ahead.situation import likely_read, refusal
 from doe.ahead.to_come import Match, match, whole_day
@@ -45,10 +52,11 @@ class Enough:
     found : Identification of the data so far, None where they do not suffice for one; why : str
     sigma : float, m, standard deviation of a coordinate, as the data show it
     match : Match, which readings of the plan are done
-    steps : tuple of Step, the first one now, then the poses still to come in the best order
+    steps : tuple of ForecastStep, the first one now, then the poses still to come in the best order
     goal : float, m, or None
     lacking : Lacking, what no reading of these poses lowers
-    fresh : tuple of Step, poses beyond the plan until the goal is reached, empty where not asked
+    fresh : tuple of ForecastStep, poses beyond the plan until the goal is reached; empty where not
+        asked
     fresh_q : ndarray, shape (n, dof), rad or m, their joint values
     """
 
@@ -57,13 +65,13 @@ class Enough:
     why: str
     sigma: float
     match: Match
-    steps: tuple[Step, ...]
+    steps: tuple[ForecastStep, ...]
     goal: float | None
     lacking: Lacking
-    fresh: tuple[Step, ...]
+    fresh: tuple[ForecastStep, ...]
     fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def reaches(self, step: Step) -> bool:
+    def reaches(self, step: ForecastStep) -> bool:
         """Whether the goal is met, 19 times in 20, and nothing is open that the plan determines."""
         met = self.goal is not None and step.task_most <= self.goal
         return met and set(step.open) <= set(self.steps[-1].open)
@@ -246,13 +254,13 @@ def _fresh(
     answer: Enough,
     wanted: int,
     chosen: IntArray,
-) -> tuple[tuple[Step, ...], IntArray]:
+) -> tuple[tuple[ForecastStep, ...], IntArray]:
     """Poses beyond the plan, those that are chosen or each the one that adds most, and which of the
     candidates (m, dof) they are.
 
     So many as are wanted, else until the goal is met or tried enough.
     """
-    steps: list[Step] = []
+    steps: list[ForecastStep] = []
     index: list[int] = []
     count = answer.steps[-1].readings
     while len(candidates) and len(steps) < (wanted or _MOST_FRESH):

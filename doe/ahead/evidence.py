@@ -70,7 +70,7 @@ class ReducedEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class RivalEvidence:
     """Rivals beside all that is modelled, as the data know them.
 
     Z : ndarray, shape (p, n + K), from whitened rows to coordinates of ``ReducedEquations``
@@ -94,7 +94,7 @@ class Evidence:
         sizes: Array,
         rivals: Sequence[IntArray],
         pairs: Sequence[tuple[int, int]],
-    ) -> Evidence:
+    ) -> RivalEvidence:
         """From whitened rows (N, p) of the data, the columns of all parameters.
 
         y : ndarray, shape (N,), whitened residual without any of the rivals, to which each is fitted

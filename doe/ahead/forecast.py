@@ -72,7 +72,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class ForecastStep:
     """What will be known after one more pose.
 
     pose : str, empty for what is known now; readings : int, in all
@@ -151,7 +151,7 @@ class Forecast:
         known: NormalEquations,
         readings: int,
         further: Iterable[tuple[str, int, NormalEquations]],
-    ) -> Iterator[Step]:
+    ) -> Iterator[ForecastStep]:
         """What is known now, then with each further pose: its name, the readings it adds, and all that
         is told by then.
 
@@ -163,7 +163,7 @@ class Forecast:
             readings += count
             yield self._step(name, readings, told)
 
-    def _step(self, pose: str, readings: int, told: NormalEquations) -> Step:
+    def _step(self, pose: str, readings: int, told: NormalEquations) -> ForecastStep:
         p = self.rows.shape[-1]
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(told.root, np.ones(p), ids)
@@ -185,7 +185,7 @@ class Forecast:
         doubted = np.hypot(rms * self.lacking.louder, self.lacking.hidden)
         most = float(doubted) * self._margin(cov, missed, rms)
         by_common = task_error(common, self.weights)[0]
-        return Step(pose, readings, rms, worst, most, parameters, std, lost, by_common)
+        return ForecastStep(pose, readings, rms, worst, most, parameters, std, lost, by_common)
 
     def _margin(self, cov: Array, missed: Array, rms: float) -> float:
         """By how much the error exceeds its expectation once in twenty.

@@ -43,14 +43,14 @@ _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never look
 class PowerAnalysis:
     """What a plan can tell, cause by cause and pair by pair.
 
-    view : View
+    view : PlanView
     seen : tuple of Detectability, E of them; hidden : the same of what cannot be seen
     alike : Likeness, of those seen, None where there are none
     times : ndarray, shape (E, E), multiple of a cause's smallest size (row) from which on it is told
         from another (column); at most one where it always is once it is seen, infinite where never
     """
 
-    view: View
+    view: PlanView
     seen: tuple[Detectability, ...]
     hidden: tuple[Detectability, ...]
     alike: Likeness | None
@@ -163,7 +163,7 @@ class Detectability(Detectable):
         return int(np.argmin(self.smallest / self.sizes))
 
 
-def detectability_of(view: View, position: int) -> Detectability:
+def detectability_of(view: PlanView, position: int) -> Detectability:
     """What can be seen of one suspect."""
     candidate, columns = view.suspects[position], view.columns[position]
     seen = detectable(view.field, columns, view.asked * candidate.tried, ALPHA)
@@ -173,7 +173,7 @@ def detectability_of(view: View, position: int) -> Detectability:
     return Detectability(**vars(seen), candidate=candidate, moved=moved, reason=reason)
 
 
-def _why_hidden(view: View, position: int) -> str:
+def _why_hidden(view: PlanView, position: int) -> str:
     """It moves nothing, or what the model has moves the markers alike."""
     effect, columns = view.suspects[position].effect, view.columns[position]
     sizes = np.array([p.size for p in view.suspects[position].amounts])
@@ -184,7 +184,7 @@ def _why_hidden(view: View, position: int) -> str:
     return f"{together} {'move' if len(kinds) > 1 else 'moves'} the markers in the same way"
 
 
-def _why_still(effect: Effect, view: View) -> str:
+def _why_still(effect: Effect, view: PlanView) -> str:
     if effect.uses:
         return f"{' and '.join(effect.uses)} never changes at these poses"
     model, poses = view.model, view.data.poses
@@ -198,7 +198,7 @@ def _why_still(effect: Effect, view: View) -> str:
     return "no load acts on it at these poses" if elastic else "nothing elastic feels it"
 
 
-def _imitators(view: View, position: int) -> list[str]:
+def _imitators(view: PlanView, position: int) -> list[str]:
     """Kinds of modelled effect without which the cause would be seen, else all."""
     own = [view.model.parameters[i].effect for i in view.kept]
     kinds, columns = list(dict.fromkeys(own)), view.columns[position]
@@ -212,7 +212,7 @@ def _imitators(view: View, position: int) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PlanView:
     """The causes of the catalogue that a model lacks, as a plan shows them.
 
     model : Model; values : ndarray, shape (p,), SI, where it is linearised
@@ -245,7 +245,7 @@ class View:
     assumed: bool
 
 
-def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
+def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
     """Linearise the model and every cause that it lacks at the readings of a plan.
 
     plan : a plan, whose poses are read free and loaded where the cell has a [load], with the markers
@@ -275,7 +275,7 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> View:
     _, J = full.jacobian(start, data.poses)
     added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
     ends = np.cumsum([0, *(len(c.amounts) for c in suspects)])
-    return View(
+    return PlanView(
         model,
         values,
         whole,

@@ -14,10 +14,10 @@ from calib.errors import CalibError
 from calib.poses import Poses, poses_at
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import SURE
-from doe.ahead.places import Form, Shares, accuracy_of, forms_of, with_accuracy
+from doe.ahead.places import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
 from doe.ahead.remedies import changes, easiest
 from doe.ahead.rivals import (
-    Doubt,
+    ContestedPlace,
     data_rows,
     doubt_of,
     evidence_of,
@@ -48,7 +48,7 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PairPrediction:
     """Two rivals, and how likely the true one of them is preferred, whichever it is.
 
     rivals : two keys ``effect:where``
@@ -79,18 +79,18 @@ class NextPoses:
     poses : Poses, configurations in the order of measuring; none where nothing is in doubt, or where
         no pose helps
     splits : for each pose, the pairs that it helps to tell apart
-    predictions : tuple of Prediction, of every pair in doubt, the most doubtful first
+    predictions : tuple of PairPrediction, of every pair in doubt, the most doubtful first
     assumptions : tuple of str, how the poses are to be read for the predictions to hold
-    forms : tuple of Prediction, causes that may have another form than their name's
+    forms : tuple of PairPrediction, causes that may have another form than their name's
     shares : of what as many poses for the causes alone, and for the accuracy alone, would bring; None
         where the accuracy is not asked for
     """
 
     poses: Poses
     splits: tuple[tuple[tuple[str, str], ...], ...] = ()
-    predictions: tuple[Prediction, ...] = ()
+    predictions: tuple[PairPrediction, ...] = ()
     assumptions: tuple[str, ...] = ()
-    forms: tuple[Prediction, ...] = ()
+    forms: tuple[PairPrediction, ...] = ()
     shares: tuple[float, float] | None = None
 
 
@@ -163,8 +163,8 @@ def next_poses(
 
 
 def _search(
-    doubts: Sequence[Doubt],
-    forms: Sequence[Form],
+    doubts: Sequence[ContestedPlace],
+    forms: Sequence[CauseForm],
     offer: Offer,
     situation: Situation,
     count: int,
@@ -178,14 +178,14 @@ def _search(
     return replace(pairs, places=(*pairs.places, *hopeful))
 
 
-def _shown(form: Form, situation: Situation, q: Array) -> Prediction:
+def _shown(form: CauseForm, situation: Situation, q: Array) -> PairPrediction:
     """How surely another form of a cause would be seen, now and with the poses read."""
     names = form.key, f"another form of {form.key}"
     now = float(form.power(form.data.S))
     if not len(q):
-        return Prediction(names, now, now)
+        return PairPrediction(names, now, now)
     whole = form.data.added(form.blocks(situation.in_order(q), q))
-    return Prediction(names, now, float(form.power(whole.S)))
+    return PairPrediction(names, now, float(form.power(whole.S)))
 
 
 def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] | None:
@@ -195,13 +195,16 @@ def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] |
     return float(first), float(second)
 
 
-def _judged(doubt: Doubt, situation: Situation, q: Array) -> list[tuple[Prediction, list[bool]]]:
+def _judged(
+    doubt: ContestedPlace, situation: Situation, q: Array
+) -> list[tuple[PairPrediction, list[bool]]]:
     """Every pair before and after, and which poses it owes that to; the sequence as it is read."""
     evidence, data = doubt.evidence, doubt.evidence.data
     now = evidence.probabilities(data)
     if not len(q):
         return [
-            (Prediction(k, float(p), float(p)), []) for k, p in zip(doubt.keys, now, strict=True)
+            (PairPrediction(k, float(p), float(p)), [])
+            for k, p in zip(doubt.keys, now, strict=True)
         ]
     blocks = evidence.blocks(situation.in_order(q))
     whole = data.added(blocks)
@@ -215,7 +218,7 @@ def _judged(doubt: Doubt, situation: Situation, q: Array) -> list[tuple[Predicti
     helped = (after >= SURE) | (after > now + _HELPED)
     return [
         (
-            Prediction(key, float(now[i]), float(after[i])),
+            PairPrediction(key, float(now[i]), float(after[i])),
             [bool(helped[i] and row[i].any()) for row in serves],
         )
         for i, key in enumerate(doubt.keys)
@@ -223,7 +226,7 @@ def _judged(doubt: Doubt, situation: Situation, q: Array) -> list[tuple[Predicti
 
 
 def _remedies(
-    doubts: Sequence[Doubt],
+    doubts: Sequence[ContestedPlace],
     told: Collection[tuple[str, str]],
     situation: Situation,
     data: tuple[Array, Array],

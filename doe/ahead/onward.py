@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.poses import Measurements, Poses, poses_at
 from calib.threads import one_blas_thread
 from doe.ahead.enough import Enough, enough
-from doe.ahead.forecast import Step
+from doe.ahead.forecast import ForecastStep
 from doe.ahead.next_poses import NextPoses, next_poses
 
 Aim: TypeAlias = Literal["task", "causes", "both"]
@@ -120,7 +120,7 @@ def _task_done(answer: Enough) -> Stop | None:
     return "averages" if works[0] <= (1.0 + _AVERAGES) * works[1] else None
 
 
-def _work(step: Step) -> float:
+def _work(step: ForecastStep) -> float:
     """Squared error by the parameters times readings: constant where readings only average noise."""
     return float(step.readings * step.from_parameters**2)
 

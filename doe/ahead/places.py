@@ -25,7 +25,7 @@ from calib.diagnosis.causes import Cause
 from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
 from calib.diagnosis.stage import positions
 from calib.effects.tool import Tool
-from doe.ahead.evidence import FREE, Evidence, ReducedEquations
+from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
 from doe.ahead.situation import Offer, Situation
@@ -62,16 +62,16 @@ class Runs:
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class CauseForm:
     """A cause that stands alone; its value is how surely another form would be seen.
 
-    evidence : Evidence, of the waves beside all that is modelled
+    evidence : RivalEvidence, of the waves beside all that is modelled
     chances : ndarray, shape (joints,), what each counts; alpha : float, chance of a false doubt
     """
 
     key: str
     runs: Runs
-    evidence: Evidence
+    evidence: RivalEvidence
     chances: Array
     alpha: float
 
@@ -104,7 +104,7 @@ class Form:
         return bool(self.power(self.data.added(blocks).S) >= TESTED)
 
 
-def forms_of(diagnosis: Diagnosis, data: tuple[Array, Array]) -> Iterator[Form]:
+def forms_of(diagnosis: Diagnosis, data: tuple[Array, Array]) -> Iterator[CauseForm]:
     """Causes of which no reading would have shown another form, with what the data tell of it.
 
     data : residual (N,) and independent rows (N, p)
@@ -116,7 +116,7 @@ def forms_of(diagnosis: Diagnosis, data: tuple[Array, Array]) -> Iterator[Form]:
                 yield found
 
 
-def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Form | None:
+def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> CauseForm | None:
     model, q = diagnosis.after.model, diagnosis.data.poses.q
     own = np.setdiff1d(positions(model, cause.named.candidate.effect), model.tunings)
     joints = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
@@ -129,11 +129,11 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Form
     known, by_known = model.beside(diagnosis.after.values)
     columns = np.concatenate([columns, np.pad(by_known, ((0, 0), (0, K)))])
     sizes = np.concatenate([model.sizes, np.ones(K)])
-    evidence = Evidence.of(columns, np.append(r, known), sizes, [np.arange(p, p + K)], ())
+    evidence = RivalEvidence.of(columns, np.append(r, known), sizes, [np.arange(p, p + K)], ())
     robot, where = model.robot, cause.named.candidate.where
     chances = np.array([chance_of(robot, robot.joints[k], where) for k in joints])
     alpha = SHAPE_ALPHA / max(1, len(diagnosis.causes))
-    return Form(cause.named.candidate.key, runs, evidence, chances, alpha)
+    return CauseForm(cause.named.candidate.key, runs, evidence, chances, alpha)
 
 
 @dataclass(frozen=True, eq=False)

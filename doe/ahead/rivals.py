@@ -17,7 +17,7 @@ from calib.diagnosis.stepwise import linear_scores
 from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.instruments import Camera
-from doe.ahead.evidence import Evidence
+from doe.ahead.evidence import RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.situation import Situation, situation_of
 from doe.problem.linearisation import Linearisation, Rows, weighted
@@ -129,11 +129,11 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class ContestedPlace:
     """Rivals of one place and what the data know of them."""
 
     rivalry: Rivalry
-    evidence: Evidence
+    evidence: RivalEvidence
 
     @property
     def keys(self) -> list[tuple[str, str]]:
@@ -141,7 +141,7 @@ class Doubt:
         names = [c.key for c in self.rivalry.members]
         return [(names[i], names[j]) for i, j in self.evidence.pairs]
 
-    def without(self, told: Collection[tuple[str, str]]) -> Doubt:
+    def without(self, told: Collection[tuple[str, str]]) -> ContestedPlace:
         """The same less some pairs, by their keys."""
         each = zip(self.evidence.pairs, self.keys, strict=True)
         pairs = tuple(pair for pair, key in each if key not in told)
@@ -153,7 +153,7 @@ def evidence_of(
     data: tuple[Array, Array],
     rivalry: Rivalry,
     pairs: Sequence[tuple[int, int]],
-) -> Evidence:
+) -> RivalEvidence:
     """What the data know of the rivals of one place, in a situation that may have more parameters."""
     model = situation.model
     at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
@@ -165,10 +165,12 @@ def evidence_of(
     own = np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.
     y = r + rows[:, own] @ situation.values[own]
-    return Evidence.of(rows, y, model.sizes, at, pairs)
+    return RivalEvidence.of(rows, y, model.sizes, at, pairs)
 
 
-def doubt_of(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> Doubt | None:
+def doubt_of(
+    situation: Situation, data: tuple[Array, Array], rivalry: Rivalry
+) -> ContestedPlace | None:
     """The pairs in doubt; those of a class are by declaration, if either explains anything.
 
     A cause that stands alone is in doubt where another would often be preferred though it is true; that
@@ -182,4 +184,4 @@ def doubt_of(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) 
         for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
         if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
     )
-    return Doubt(rivalry, replace(evidence, pairs=pairs)) if pairs else None
+    return ContestedPlace(rivalry, replace(evidence, pairs=pairs)) if pairs else None

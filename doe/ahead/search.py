@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.equivalence import SAME
-from doe.ahead.evidence import Evidence, ReducedEquations
+from doe.ahead.evidence import ReducedEquations, RivalEvidence
 from doe.ahead.situation import Offer
 
 _PASSES = 3  # over all places of the plan, while exchanges still help
@@ -19,7 +19,7 @@ _OTHERS = 1e-3  # weight of the mean beside the worst pair: it decides between e
 _CLEAR = 4.0  # standard deviations beyond which a pair gains nothing any more
 
 
-class Place(Protocol):
+class Objective(Protocol):
     """What poses are asked for, as the search sees it: the larger its values, the better."""
 
     @property
@@ -42,7 +42,7 @@ class Contested:
     lead : float, of -2 log likelihood by which the truth must win to stand alone
     """
 
-    evidence: Evidence
+    evidence: RivalEvidence
     rows: int
     hopeful: Mask
     lead: float = SAME
@@ -60,7 +60,7 @@ class Contested:
 
 
 def contested(
-    evidence: Evidence, offer: Offer, start: Array, count: int, clear: float
+    evidence: RivalEvidence, offer: Offer, start: Array, count: int, clear: float
 ) -> Contested:
     """Which pairs some choice of candidates might tell apart.
 
@@ -88,7 +88,7 @@ class Search:
     weigh : what is made as large as can be, from the values of every place
     """
 
-    places: tuple[Place, ...]
+    places: tuple[Objective, ...]
     offer: Offer
     start: Array
     weigh: Callable[[Sequence[Array]], Array] = worst
@@ -162,7 +162,7 @@ class Search:
 
 
 def search_of(
-    rivals: Sequence[Evidence], offer: Offer, start: Array, count: int, clear: float
+    rivals: Sequence[RivalEvidence], offer: Offer, start: Array, count: int, clear: float
 ) -> Search | None:
     """The search over all places where something can be told apart; None where nothing can.
 

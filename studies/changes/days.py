@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib import Cell, load_cell, load_measurements
-from calib.change import Known
+from calib.change import DayEstimate
 from calib.compensation.estimate import Estimate
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
@@ -31,13 +31,13 @@ class Days:
     before_path: Path
     after_path: Path
     cell: Cell
-    before: Known
-    after: Known
+    before: DayEstimate
+    after: DayEstimate
     estimate: Estimate
     notes: tuple[str, ...]
 
     @property
-    def compared(self) -> tuple[Cell, Known, Known, Estimate]:
+    def compared(self) -> tuple[Cell, DayEstimate, DayEstimate, Estimate]:
         """What :func:`calib.change.comparison` asks for."""
         return self.cell, self.before, self.after, self.estimate
 
@@ -128,7 +128,7 @@ def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None
     return None, ()
 
 
-def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> Known:
+def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> DayEstimate:
     """What a result knows; poses : those of the fit."""
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
@@ -137,7 +137,7 @@ def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> Known
     # Without any length read, what scatters across the line of sight stands for it.
     left = (rms.fitted or rms.fitted_all or 2.0**0.5 * record.noise.sigma_mm) * 1e-3
     lost = [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
-    return Known.of_fit(
+    return DayEstimate.of_fit(
         np.array(estimate.covariance_si),
         keys=keys,
         values=np.array([p.value_si for p in estimate.parameters]),

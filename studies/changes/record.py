@@ -22,8 +22,9 @@ from studies.record import (
 
 if TYPE_CHECKING:
     from calib.change import Changes
-    from calib.change.at_targets import AtTargets, Length
-    from calib.change.causes import Cause, Explanation
+    from calib.change.causes import ChangeCause, Explanation
+    from calib.change.comparison import AtTargets
+    from calib.uncertainty.expanded import Interval
     from studies.changes.days import Days
 
 _MM = 1e3
@@ -219,7 +220,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
     )  # fmt: skip
 
 
-def _named(cause: Cause) -> CauseEntry:
+def _named(cause: ChangeCause) -> CauseEntry:
     return CauseEntry(effect=cause.kind, where=cause.where)
 
 
@@ -245,7 +246,7 @@ def _explained(found: Explanation) -> Explained:
     return Explained.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
 
 
-def _error(length: Length) -> Error:
+def _error(length: Interval) -> Error:
     return Error(value=length.value * _MM, low=length.low * _MM, high=length.high * _MM)
 
 

@@ -20,7 +20,7 @@ from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
 from calib.instruments import Channels
 from calib.poses.moves import thinned
-from doe.ahead.next_poses import NextPoses, Prediction, next_poses
+from doe.ahead.next_poses import NextPoses, PairPrediction, next_poses
 from studies.causes import Sought
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
@@ -262,7 +262,7 @@ def _next_poses(chosen: NextPoses, robot: Robot) -> Iterator[NextPose]:
         yield NextPose(pose=name, **shown_joints(robot, q), splits=splits)
 
 
-def _prediction(predicted: Prediction) -> RivalPrediction:
+def _prediction(predicted: PairPrediction) -> RivalPrediction:
 
     return RivalPrediction.from_result(
         predicted,

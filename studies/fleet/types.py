@@ -11,7 +11,7 @@ import numpy as np
 
 from calib import load_cell
 from calib.arrays import Array
-from calib.change import Known
+from calib.change import DayEstimate
 from calib.change.difference import lasting
 from calib.effects import GROUPS
 from calib.effects.protocol import Parameter
@@ -20,7 +20,7 @@ from calib.files.estimate import load_estimate
 from calib.model.build import build, is_constant, parse_effect
 from calib.model.reduction import carried_over
 from calib.population import Key, Population, population
-from calib.population.hierarchy import Robot
+from calib.population.hierarchy import RobotEstimate
 from studies.changes.days import known_of_record
 from studies.fleet.tables import Done
 from studies.identify.record import IdentifyRecord
@@ -63,7 +63,7 @@ def learnt(robots: Sequence[Done]) -> Iterator[Learnt]:
 
 
 def _learnt(name: str, nominal: tuple[str, ...], members: Sequence[Done]) -> Learnt | None:
-    known, leaning = dict[str, Known](), list[str]()
+    known, leaning = dict[str, DayEstimate](), list[str]()
     for own in members:
         record = read_as(_result(own), IdentifyRecord)
         if record.of_type is None:
@@ -123,16 +123,18 @@ def _result(own: Done) -> Path:
     return path
 
 
-def _own(known: Known) -> tuple[Key, ...]:
+def _own(known: DayEstimate) -> tuple[Key, ...]:
     """Parameters of the robot itself, in an order of their own."""
     return tuple(sorted(key for key in known.keys if lasting(key)))
 
 
-def _robot(name: str, known: Known, T: Array) -> Robot:
+def _robot(name: str, known: DayEstimate, T: Array) -> RobotEstimate:
     """What a robot says, its own parameters turned by T (k, k)."""
     at = [known.keys.index(key) for key in _own(known)]
     _, V = known.ignorance()
-    return Robot(name, T @ known.values[at], T @ known.noise()[np.ix_(at, at)] @ T.T, T @ V[at])
+    return RobotEstimate(
+        name, T @ known.values[at], T @ known.noise()[np.ix_(at, at)] @ T.T, T @ V[at]
+    )
 
 
 def _parameters(own: Done, keys: tuple[Key, ...]) -> tuple[Parameter, ...]:

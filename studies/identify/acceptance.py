@@ -9,7 +9,7 @@ from studies.document import Mood, Sentence, mm, plural
 from studies.record import Count, Entry, NotNegative, Positive
 
 if TYPE_CHECKING:
-    from calib.uncertainty.acceptance import Judged
+    from calib.uncertainty.acceptance import ConformityTest
 
 _MM = 1e3
 
@@ -46,7 +46,7 @@ class AcceptanceEntry(Entry):
         )
 
 
-def acceptance_entry(judged: Judged) -> AcceptanceEntry:
+def acceptance_entry(judged: ConformityTest) -> AcceptanceEntry:
     """The entry of a judgement."""
     count = judged.verdicts.count
     return AcceptanceEntry.from_result(

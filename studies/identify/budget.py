@@ -30,7 +30,7 @@ from studies.record import Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
     from calib.uncertainty.budget import Budget
-    from calib.uncertainty.budget import Part as Source
+    from calib.uncertainty.budget import UncertaintySource as Source
 
 _MM = 1e3
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets

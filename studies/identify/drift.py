@@ -12,7 +12,7 @@ from studies.document import HOURS, TENTH, THREE, Column, P, Section, Sentence, 
 from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
-    from calib.drift import Drift, Motion, Series
+    from calib.drift import DriftTest, Motion, Series
     from studies.identify.record import IdentifyRecord
 
 _HOUR = 3600.0
@@ -66,7 +66,7 @@ class DriftEntry(Entry):
     references: tuple[RepeatedPose, ...] = Field(min_length=1)
 
 
-def drift_entry(found: Drift) -> DriftEntry:
+def drift_entry(found: DriftTest) -> DriftEntry:
     """The entry of what was found."""
     return DriftEntry.from_result(
         found,

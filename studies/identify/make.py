@@ -11,13 +11,13 @@ from calib import Identification
 from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
 from calib.compensation.estimate import Estimate, estimate_of
-from calib.drift import Drift, drift_in
+from calib.drift import DriftTest, drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.uncertainty.acceptance import Judged, judged
+from calib.uncertainty.acceptance import ConformityTest, judged
 from calib.uncertainty.budget import Budget, accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
@@ -95,9 +95,9 @@ def identified(
 def identify_record(
     found: Identification,
     accuracy: Budget,
-    drift: Drift | None,
+    drift: DriftTest | None,
     estimate: Estimate,
-    judged: Judged | None,
+    judged: ConformityTest | None,
     made_from: Envelope,
     **asked: object,
 ) -> IdentifyRecord:

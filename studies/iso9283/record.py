@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from calib import Cell, Measurements
     from calib.arrays import IntArray
     from calib.compensation.estimate import Estimate
-    from calib.iso9283 import Measured, Predicted, Session
-    from calib.iso9283.formulas import Figure as Found
+    from calib.iso9283 import MarkerReadings, MeasuredCriteria, PredictedCriteria
     from calib.iso9283.measured import Cycles
-    from calib.iso9283.predicted import Pose as Expected
+    from calib.iso9283.predicted import PredictedPose as Expected
+    from calib.uncertainty.expanded import Interval as Found
 
 
 _MM = 1e3  # and milliradians
@@ -113,8 +113,8 @@ class Iso9283Record(Record):
 
 def iso9283_record(
     marker: str,
-    found: Measured,
-    expected: Predicted,
+    found: MeasuredCriteria,
+    expected: PredictedCriteria,
     same_data: bool,
     instrument: float,
     made_from: Envelope,
@@ -251,7 +251,7 @@ def _read(cell: Cell, data_path: Path, path: Path) -> _EstimateOfTable:
     )
 
 
-def _once(session: Session, found: Measured) -> IntArray:
+def _once(session: MarkerReadings, found: MeasuredCriteria) -> IntArray:
     """The first reading of each configuration of which nothing was repeated."""
     poses = session.poses
     again = {poses.names.index(own.name) for own in found.cycles}

@@ -34,8 +34,8 @@ from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.cell import Cell, Repeatability
 from calib.cell.planned import Planned
-from calib.change import Changes, Known, changes, known_of
-from calib.change.causes import Cause, candidates
+from calib.change import Changes, DayEstimate, changes, known_of
+from calib.change.causes import ChangeCause, candidates
 from calib.change.difference import difference
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.unexplained import Unexplained
@@ -62,7 +62,7 @@ SCATTER = Repeatability(2e-5, 2e-5)
 class Day:
     """What a day knows, as it is compared."""
 
-    known: Known
+    known: DayEstimate
     estimate: Estimate
     poses: Poses
 
@@ -119,7 +119,9 @@ def linear_day(
         estimate = estimate + cov @ J[:, :own].T @ (J[:, own:] @ size)
     markers = dict(zip(model.marker_names, model.marker_positions(estimate), strict=True))
     keys = tuple((p.effect, p.where, p.name) for p in model.parameters)
-    known = Known(keys, estimate, cov, np.zeros(own, dtype=bool), markers, np.inf, poses=poses)
+    known = DayEstimate(
+        keys, estimate, cov, np.zeros(own, dtype=bool), markers, np.inf, poses=poses
+    )
     rest = Unexplained(0.0, "")
     return Day(known, Estimate(model, estimate, cov, 0.0, rest, ()), poses)
 
@@ -141,7 +143,7 @@ def compare(cell: Cell, before: Day, after: Day) -> Changes:
     return changes(cell, before.known, after.known, after.estimate)
 
 
-def effect_of(cell: Cell, cause: Cause, poses: Poses) -> Effect:
+def effect_of(cell: Cell, cause: ChangeCause, poses: Poses) -> Effect:
     """The effect that a simulated change acts by."""
     robot, context = cell.robot, context_of(cell, poses)
     if cause.kind == "base":
@@ -153,7 +155,7 @@ def effect_of(cell: Cell, cause: Cause, poses: Poses) -> Effect:
 
 def drawn_change(
     before: Day, after: Day, cell: Cell, rng: np.random.Generator
-) -> tuple[Cause, Array]:
+) -> tuple[ChangeCause, Array]:
     """A cause and its size, by what the pair would show of it."""
     found = difference(before.known, after.known)
     estimate = after.estimate
@@ -211,7 +213,7 @@ def pair(cell: Cell, seed: int, full: bool) -> dict[str, Any]:
             "holds": _holds(found, cell, model, truth, later, cause, size)}  # fmt: skip
 
 
-def _told(found: Changes, cause: Cause | None) -> dict[str, Any]:
+def _told(found: Changes, cause: ChangeCause | None) -> dict[str, Any]:
     first = found.cause
     named = [] if first is None else [first.cause, *found.same_as]
     named += [e.cause for e in found.explanations if first is not None and e.likely]
@@ -229,7 +231,7 @@ def _told(found: Changes, cause: Cause | None) -> dict[str, Any]:
 
 
 def _holds(
-    found: Changes, cell: Cell, model: Model, truth: Array, later: Array, cause: Cause | None,
+    found: Changes, cell: Cell, model: Model, truth: Array, later: Array, cause: ChangeCause | None,
     size: Array | None,
 ) -> bool | None:  # fmt: skip
     """Whether the interval of the change at the targets holds the true one.
@@ -244,7 +246,7 @@ def _holds(
             return None
         true = true + cause.columns @ np.asarray(size)
     from calib.cell.targets import targets_of
-    from calib.change.at_targets import rows_at
+    from calib.change.comparison import rows_at
 
     _, weights = targets_of(cell)
     shown = rows_at(model, later, found.targets, found.difference, weights) @ true

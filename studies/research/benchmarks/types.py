@@ -34,7 +34,7 @@ from calib.model.build import build
 from calib.model.covariance import accuracy, covariance
 from calib.noise import Noise
 from calib.population import Prior, population
-from calib.population.hierarchy import Robot
+from calib.population.hierarchy import RobotEstimate
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
 from studies.research.bench import Output, Row, bench, count, each, median_or_more, rate, table
@@ -126,7 +126,7 @@ def learnt(of: Type, count: int, rng: np.random.Generator) -> Prior:
         J = J.reshape(-1, J.shape[-1]) / of.cell.noise.along
         cov = covariance(J, np.eye(len(values)))[np.ix_(of.own, of.own)]
         found = values[of.own] + np.linalg.cholesky(cov) @ rng.normal(size=len(of.own))
-        robots.append(Robot(str(i), found, cov, np.zeros((len(of.own), 0))))
+        robots.append(RobotEstimate(str(i), found, cov, np.zeros((len(of.own), 0))))
     keys = [(p.effect, p.where, p.name) for p in of.model.parameters]
     names = tuple(keys[i] for i in of.own)
     return population(of.cell.robot.name, names, of.model.sizes[of.own], robots).prior

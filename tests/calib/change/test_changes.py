@@ -16,8 +16,8 @@ import calib
 from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.change import Changes, Known, changes, known_of
-from calib.change.at_targets import at_targets, verdict
+from calib.change import Changes, DayEstimate, changes, known_of
+from calib.change.comparison import at_targets, verdict
 from calib.change.difference import difference, holm
 from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError
@@ -85,18 +85,18 @@ def cell() -> Cell:
 
 
 @pytest.fixture(scope="module")
-def before(cell: Cell) -> Known:
+def before(cell: Cell) -> DayEstimate:
     return known_of(calib.identify(cell, measured(1)))
 
 
 def compared(
-    cell: Cell, before: Known, data: Measurements, tolerance: float | None = None
+    cell: Cell, before: DayEstimate, data: Measurements, tolerance: float | None = None
 ) -> Changes:
     found = calib.identify(cell, data)
     return changes(cell, before, known_of(found), estimate_of(found), tolerance)
 
 
-def test_a_robot_that_stayed_raises_no_alarm(cell: Cell, before: Known) -> None:
+def test_a_robot_that_stayed_raises_no_alarm(cell: Cell, before: DayEstimate) -> None:
     for seed, instrument in ((2, INSTRUMENT), (3, ELSEWHERE)):
         found = compared(cell, before, measured(seed, instrument), 1e-4)
         assert not found.difference.changed
@@ -107,7 +107,7 @@ def test_a_robot_that_stayed_raises_no_alarm(cell: Cell, before: Known) -> None:
     assert all(key[0] != "base" for key in found.difference.keys)
 
 
-def test_a_slipped_belt_is_named_and_sized(cell: Cell, before: Known) -> None:
+def test_a_slipped_belt_is_named_and_sized(cell: Cell, before: DayEstimate) -> None:
     slip = 1.5e-4
     for instrument in (INSTRUMENT, ELSEWHERE):
         found = compared(cell, before, measured(4, instrument, (0, 0, slip, 0, 0, 0)), 5e-6)
@@ -131,7 +131,7 @@ def test_a_slipped_belt_is_named_and_sized(cell: Cell, before: Known) -> None:
             assert found.change.rms.value < true
 
 
-def test_a_knock_of_the_base_is_one_of_the_instrument(cell: Cell, before: Known) -> None:
+def test_a_knock_of_the_base_is_one_of_the_instrument(cell: Cell, before: DayEstimate) -> None:
     knock = shift(1e-4, -5e-5, 2e-4) @ turn("x", 1e-4) @ turn("y", -2e-4)
     found = compared(cell, before, measured(5, knock=knock))
     assert found.cause is not None
@@ -143,7 +143,7 @@ def test_a_knock_of_the_base_is_one_of_the_instrument(cell: Cell, before: Known)
     assert all(e.cause.kind != "base" for e in hidden.explanations)
 
 
-def test_the_first_joints_zero_looks_like_a_turned_base(cell: Cell, before: Known) -> None:
+def test_the_first_joints_zero_looks_like_a_turned_base(cell: Cell, before: DayEstimate) -> None:
     found = compared(cell, before, measured(6, offsets=(2e-4, 0, 0, 0, 0, 0)))
     assert found.cause is not None
     assert (found.cause.cause.kind, found.cause.cause.where) == ("joint_offset", "j1")
@@ -151,7 +151,7 @@ def test_the_first_joints_zero_looks_like_a_turned_base(cell: Cell, before: Know
     assert {(c.kind, c.where) for c in found.same_as} == {("base", "base"), ("link_geometry", "j2")}
 
 
-def test_markers_and_tools(cell: Cell, before: Known) -> None:
+def test_markers_and_tools(cell: Cell, before: DayEstimate) -> None:
     bent = MARKERS + np.array([[0, 0, 0], [1e-4, 5e-5, 0], [0, 0, 0]])
     found = compared(cell, before, measured(7, markers=bent))
     assert found.cause is not None
@@ -165,7 +165,7 @@ def test_markers_and_tools(cell: Cell, before: Known) -> None:
     assert apart.told == "none"
 
 
-def test_a_worn_gear_leaves_more_than_before(cell: Cell, before: Known) -> None:
+def test_a_worn_gear_leaves_more_than_before(cell: Cell, before: DayEstimate) -> None:
     found = compared(cell, before, measured(10, lost_motion=3e-4))
     assert found.difference.leaves_more
     quiet = compared(cell, before, measured(11))
@@ -196,7 +196,9 @@ def harmonic(seed: int, joint: int, urad: float) -> tuple[Measurements, float]:
     return replace(still, readings=points), float(np.sqrt(came))
 
 
-def test_what_may_hide_holds_for_an_effect_outside_the_model(cell: Cell, before: Known) -> None:
+def test_what_may_hide_holds_for_an_effect_outside_the_model(
+    cell: Cell, before: DayEstimate
+) -> None:
     """A harmonic arises that no parameter can express."""
     held = []
     for seed in range(20, 28):
@@ -234,12 +236,12 @@ def test_what_one_day_left_open_is_no_change(cell: Cell) -> None:
     assert (~found.difference.determined).any()
 
 
-def drawn(rng: np.random.Generator, cov: Array, shift_: Array | float = 0.0) -> Known:
+def drawn(rng: np.random.Generator, cov: Array, shift_: Array | float = 0.0) -> DayEstimate:
     """An estimate of joint offsets that is known to be normal."""
     k = len(cov)
     keys = tuple(("joint_offset", f"j{i}", "offset") for i in range(k))
     values = rng.multivariate_normal(np.zeros(k), cov) + shift_
-    return Known(keys, values, cov, np.zeros(k, dtype=bool), {}, np.inf)
+    return DayEstimate(keys, values, cov, np.zeros(k, dtype=bool), {}, np.inf)
 
 
 def test_false_alarms_are_held_over_all_parameters() -> None:
@@ -269,10 +271,10 @@ def test_models_are_compared_in_what_both_have() -> None:
     keys = tuple(("joint_offset", f"j{i}", "offset") for i in range(3))
     more = (*keys, ("backlash", "j1", "half_width"))
 
-    def fitted(columns: Array, names: tuple[tuple[str, str, str], ...]) -> Known:
+    def fitted(columns: Array, names: tuple[tuple[str, str, str], ...]) -> DayEstimate:
         cov = 1e-10 * np.linalg.inv(columns.T @ columns)
         values = np.linalg.lstsq(columns, y, rcond=None)[0]
-        return Known(names, values, cov, np.zeros(len(names), dtype=bool), {}, np.inf)
+        return DayEstimate(names, values, cov, np.zeros(len(names), dtype=bool), {}, np.inf)
 
     small, large = fitted(J[:, :3], keys), fitted(J, more)
     found = difference(small, large)
@@ -280,7 +282,9 @@ def test_models_are_compared_in_what_both_have() -> None:
     np.testing.assert_allclose(found.change, 0.0, atol=1e-15)
     assert list(found.alone) == [more[3]]
     with pytest.raises(CalibError, match="no parameter of the robot in common"):
-        difference(small, Known(more[3:], np.zeros(1), np.eye(1), np.zeros(1, dtype=bool), {}, 1.0))
+        difference(
+            small, DayEstimate(more[3:], np.zeros(1), np.eye(1), np.zeros(1, dtype=bool), {}, 1.0)
+        )
 
 
 def test_intervals_hold_the_truth() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.drift import Drift, drift_of
+from calib.drift import DriftTest, drift_of
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import visits, with_moves
 from calib.scatter import Scatter, Variances
@@ -44,7 +44,7 @@ def read(poses: Poses, rng: np.random.Generator, drift: float = 0.0) -> Measurem
     return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
 
 
-def judged(data: Measurements, arm: Scatter | None) -> Drift:
+def judged(data: Measurements, arm: Scatter | None) -> DriftTest:
     found = drift_of(data, weights(data), arm)
     assert found is not None
     return found

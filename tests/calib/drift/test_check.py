@@ -10,7 +10,7 @@ from scipy.stats import chi2, kstest
 
 from calib.arm.se3 import so3_exp
 from calib.arrays import Array
-from calib.drift import Drift, drift_of
+from calib.drift import DriftTest, drift_of
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
@@ -41,7 +41,7 @@ def readings(poses: Poses, points: Array, rng: np.random.Generator) -> Measureme
     return Measurements(poses, noisy, np.ones(shape, dtype=bool), np.full(shape, np.nan))
 
 
-def judged(data: Measurements) -> Drift:
+def judged(data: Measurements) -> DriftTest:
     found = drift_of(data, np.eye(3) / SIGMA * data.seen[..., None, None])
     assert found is not None
     return found

@@ -9,7 +9,7 @@ import pytest
 
 from calib.arrays import Array
 from calib.population import Key, Population, Prior, adapted, departure, loosened, population
-from calib.population.hierarchy import Robot
+from calib.population.hierarchy import RobotEstimate
 
 P = 12
 KEYS: tuple[Key, ...] = tuple(("geometry", f"j{k // 3}", "xyz"[k % 3]) for k in range(P))
@@ -40,10 +40,10 @@ def readings(theta: Array, rows: int, rng: np.random.Generator) -> tuple[Array, 
     return J, J @ theta + rng.normal(size=rows)
 
 
-def alone(name: str, theta: Array, rng: np.random.Generator) -> Robot:
+def alone(name: str, theta: Array, rng: np.random.Generator) -> RobotEstimate:
     J, y = readings(theta, 40, rng)
     C = np.linalg.inv(J.T @ J)
-    return Robot(name, C @ J.T @ y, C, np.zeros((P, 0)))
+    return RobotEstimate(name, C @ J.T @ y, C, np.zeros((P, 0)))
 
 
 def learnt(own: Type, count: int, rng: np.random.Generator) -> Population:
@@ -113,7 +113,7 @@ def test_few_are_called_strangers_where_parameters_go_together() -> None:
         R = 0.7 + 0.3 * np.eye(P)
         spread = SIZES * 10 ** rng.uniform(-1.0, 0.0, P)
         own = Type(rng.normal(size=P) * SIZES, spread[:, None] * np.linalg.cholesky(R))
-        robots = [Robot(str(i), own.robot(rng), 1e-6 * np.diag(SIZES**2), np.zeros((P, 0)))
+        robots = [RobotEstimate(str(i), own.robot(rng), 1e-6 * np.diag(SIZES**2), np.zeros((P, 0)))
                   for i in range(10)]  # fmt: skip
         prior = population("arm", KEYS, SIZES, robots).prior
         strangers += [not held(prior, own.robot(rng), 40, rng)[1] for _ in range(10)]
@@ -149,7 +149,7 @@ def test_what_was_not_determined_says_nothing() -> None:
         C[np.ix_(kept, kept)] = np.linalg.inv(J[:, kept].T @ J[:, kept])
         V = np.zeros((P, 1))
         V[1], V[0] = SIZES[1], -2.0 * SIZES[0]
-        robots.append(Robot(f"r{i}", C @ J.T @ y, C, V))
+        robots.append(RobotEstimate(f"r{i}", C @ J.T @ y, C, V))
     robots += [alone(f"w{i}", own.robot(rng), rng) for i in range(40)]
     found = population("arm", KEYS, SIZES, robots)
     true = np.sqrt(np.diag(own.L @ own.L.T))
@@ -176,7 +176,7 @@ def test_one_robot_of_another_type_does_not_count() -> None:
     robots = [alone(f"r{i}", own.robot(rng), rng) for i in range(15)]
     stranger = robots[4].values.copy()
     stranger[3] += 30.0 * SIZES[3]
-    robots[4] = Robot("stranger", stranger, robots[4].noise, robots[4].open)
+    robots[4] = RobotEstimate("stranger", stranger, robots[4].noise, robots[4].open)
     found = population("arm", KEYS, SIZES, robots)
     assert [one.name for one in found.aside] == ["stranger"]
     assert found.prior.robots == 14

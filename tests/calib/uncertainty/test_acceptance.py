@@ -10,7 +10,7 @@ import pytest
 
 import calib
 from calib.cell.acceptance import Acceptance
-from calib.uncertainty.acceptance import Judged, judged
+from calib.uncertainty.acceptance import ConformityTest, judged
 from tests.calib.uncertainty import common_days as days
 
 
@@ -19,7 +19,7 @@ def test_guard_band_by_hand() -> None:
     guarded, simple = Acceptance(0.1e-3, "guarded"), Acceptance(0.1e-3, "simple")
     assert guarded.judge(distances, U) == ["pass", "undecided", "undecided", "fail"]
     assert simple.judge(distances, U) == ["pass", "pass", "fail", "fail"]
-    told = [Judged(guarded, distances[:n], U[:n], tuple(guarded.judge(distances[:n], U[:n])))
+    told = [ConformityTest(guarded, distances[:n], U[:n], tuple(guarded.judge(distances[:n], U[:n])))
             for n in (0, 1, 3, 4)]  # fmt: skip
     assert [own.verdict for own in told] == [None, "pass", "undecided", "fail"]
 

@@ -24,7 +24,7 @@ from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from doe.ahead.conditions import loads_of_data
-from doe.ahead.evidence import Evidence
+from doe.ahead.evidence import RivalEvidence
 from doe.ahead.rivals import data_rows, situation_after
 from doe.ahead.search import Contested, Search
 from doe.ahead.situation import Offer
@@ -37,7 +37,7 @@ SCALE = 9e-6
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-def linear(seed: int, sizes: float = 1.0) -> tuple[Evidence, Array, Array, Array]:
+def linear(seed: int, sizes: float = 1.0) -> tuple[RivalEvidence, Array, Array, Array]:
     """Rows of data and of 14 candidates, eight parameters modelled, three rivals that look alike."""
     rng = np.random.default_rng(seed)
     mix = rng.normal(size=(14, 14)) * 0.1 + np.eye(14)
@@ -46,7 +46,7 @@ def linear(seed: int, sizes: float = 1.0) -> tuple[Evidence, Array, Array, Array
     rows, more = rng.normal(size=(60, 14)) @ mix.T, rng.normal(size=(14, 4, 14)) @ mix.T
     y = rows[:, 8:10] @ np.array([0.9, -0.4]) + rng.normal(size=60)
     rivals = [np.array(at) for at in RIVALS]
-    return Evidence.of(rows, y, np.full(14, sizes), rivals, PAIRS), rows, more, y
+    return RivalEvidence.of(rows, y, np.full(14, sizes), rivals, PAIRS), rows, more, y
 
 
 def direct(rows: Array, truth: list[int], rival: list[int], b: Array) -> float:
@@ -142,7 +142,7 @@ def test_probability_is_the_frequency_of_the_right_preference(
             both = [8 + np.arange(len(truth)), 8 + len(truth) + np.arange(len(rival))]
             own = rows[:, [*range(8), *truth, *rival]]
             # Large plausible sizes: the weak prior is then no prior.
-            evidence = Evidence.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
+            evidence = RivalEvidence.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
             predicted = evidence.preferences(evidence.data)[0, 0]
             assert predicted == pytest.approx(seen, abs=error)
 
@@ -240,7 +240,7 @@ def test_the_poses_chosen_beat_poses_at_random(
     r, rows = data_rows(situation, found)
     at = [positions(situation.model, c.effect) for c in members]
     y = r + rows[:, np.concatenate(at)] @ situation.values[np.concatenate(at)]
-    evidence = Evidence.of(rows, y, situation.model.sizes, at, ((0, 1),))
+    evidence = RivalEvidence.of(rows, y, situation.model.sizes, at, ((0, 1),))
     q = situation.feasible(120, seed=5).reshape(20, 6, -1)
     random = [
         evidence.probabilities(evidence.data.added(evidence.blocks(situation.in_order(one))))[0]

@@ -182,7 +182,7 @@ class Forecast:
         variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
-        doubted = np.hypot(rms * self.lacking.louder, self.lacking.hidden)
+        doubted = np.hypot(rms, self.lacking.hidden)
         most = float(doubted) * self._margin(cov, missed, rms)
         by_common = task_error(common, self.weights)[0]
         return ForecastStep(pose, readings, rms, worst, most, parameters, std, lost, by_common)

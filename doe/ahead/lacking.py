@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
@@ -16,11 +15,8 @@ from calib.compensation.unexplained import Unexplained, Unseen, at_ends, at_held
 from calib.identification import Identification
 from calib.model import Model
 from calib.model.covariance import task_error
-from calib.observations import Points
 from calib.poses import Poses
-from calib.scatter import Variances, scatter_of
-from calib.scatter.restricted import maximised
-from calib.scatter.search import problem_of
+from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner, parted
 
 
@@ -38,8 +34,8 @@ class Lacking:
     surely : whether what the model lacks is more than chance
     after : s after the last reading at which the arm comes to the targets; None where nobody says it
     at_targets : ndarray, shape (targets,), m, all of it
-    hidden : what the data neither show nor rule out, for which a bound allows beside all that
-    louder : float, by how much more the readings would err than stated if that is there
+    hidden : what the data neither show nor rule out, for which a bound allows beside all that: scatter
+        that was not found, and a trend that may be chance
     """
 
     scatter: float
@@ -53,7 +49,6 @@ class Lacking:
     after: float | None
     at_targets: Array
     hidden: float = 0.0
-    louder: float = 1.0
 
     @property
     def of_model(self) -> float:
@@ -107,10 +102,11 @@ def lacking_of(
     )  # fmt: skip
     if found is None or known is None:
         return lacking
-    scattered, louder = _hidden_scatter(cell, model, values, found, targets, weights)
+    hidden = None if found.unnoticed is None else found.unnoticed[1].variances
+    scattered = rms(np.sqrt(scatter_at(model, values, targets, hidden).mean(axis=-1)))
     scattered = scattered if lacking.rms else max(scattered, seen.certain)
     moving = _hidden_trend(found, known, targets, weights, after)
-    return replace(lacking, hidden=float(np.hypot(scattered, moving)), louder=louder)
+    return replace(lacking, hidden=float(np.hypot(scattered, moving)))
 
 
 def _unseen(found: Identification) -> Unseen | None:
@@ -120,42 +116,6 @@ def _unseen(found: Identification) -> Unseen | None:
         return at_held_out(fit, held.data).times(found.footprint)
     ends = at_ends(fit)
     return None if ends is None else ends.times(found.footprint)
-
-
-def _hidden_scatter(
-    cell: Cell,
-    model: Model,
-    values: Array,
-    found: Identification,
-    targets: Poses,
-    weights: Array,
-) -> tuple[float, float]:
-    """What the tip's scatter would do, the likeliest and a standard error more: RMS at the targets, m,
-    and by how much more the readings would err.
-
-    None where scatter was found, or the cell says how the arm repeats. A test leaves out what is not
-    surely there. Whoever promises a bound must not; but no arm is taken to repeat worse than data
-    sheets of its size say.
-    """
-    levels = found.levels
-    if levels is None or levels.variances.any or cell.repeatability is not None:
-        return 0.0, 1.0
-    kept, span = ~found.fit.outlier, np.eye(len(found.values))[:, found.std > 0.0]
-    points = Points(found.model, found.fit.data, found.weights * kept[:, None, None, None])
-    none = Variances.none(model.robot.dof)
-    scatter = scatter_of(found.model, found.values, found.fit.data.poses, none)
-    levers = points.rows(scatter.levers)
-    r, J = points.linearise(found.values)
-    problem, start, _ = problem_of(scatter, levers, r, J @ span)
-    start[0] = levels.variances.scale**2
-    theta, at = maximised(problem, start, np.array([len(start) - 2, len(start) - 1]))
-    theta[-2] += np.sqrt(2.0 / at.information[-2, -2])  # that of the tip's place, known so badly
-    own = (theta * problem.units)[-len(none.configuration) :]
-    usual, shown = usual_repeatability(model.robot.reach), scatter.of_tip(own).translation
-    own = own * min(1.0, usual.worst / shown) ** 2  # no arm of this size is worse
-    likely = Variances(levels.variances.scale, none.approach, own)
-    rms, _ = task_error(np.sqrt(scatter_at(model, values, targets, likely).mean(axis=-1)), weights)
-    return rms, scatter.at(likely).typical(levers) / likely.scale
 
 
 def _hidden_trend(

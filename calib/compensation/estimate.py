@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.compensation.trend import DayTrend, trend_of
-from calib.compensation.unexplained import Fitted, Unexplained, left_held_out, left_in_fit
+from calib.compensation.unexplained import Fitted, Unexplained, unexplained
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
@@ -112,16 +112,13 @@ def _identified(result: Identification) -> Estimate:
     fit, lost = fitted_of(result), np.diag(result.covariance) <= 0.0
     scanned = np.zeros(len(lost), dtype=bool)
     scanned[result.model.still] = True
-    held = result.heldout
-    unseen = held is not None and held.data.seen.any()
-    rest = left_held_out(fit, held.data) if held is not None and unseen else left_in_fit(fit)
-    rest = replace(rest, rms=rest.rms * result.footprint)
+    held = None if result.heldout is None else result.heldout.data
     return Estimate(
         fit.model,
         fit.values,
         result.knowledge,
         fit.data.poses.start,
-        rest,
+        unexplained(fit, held, result.footprint),
         _names(fit.model, lost & ~scanned),
         _untold(result),
         converged=result.status != "not_converged",
@@ -180,17 +177,12 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         sigma=sigma,
         variances=None if levels is None else levels.variances,
     )
-    if result.heldout is None or not result.heldout.seen.any():
-        rest = left_in_fit(fitted)
-    else:
-        rest = left_held_out(fitted, result.heldout)
-    rest = replace(rest, rms=rest.rms * fit.model.footprint(fit.values, result.data))
     return Estimate(
         fit.model,
         fit.values,
         cov + ignorance(fit.equations[1], fit.span, fit.model.sizes, lost),
         result.data.poses.start,
-        rest,
+        unexplained(fitted, result.heldout, fit.model.footprint(fit.values, result.data)),
         _names(fit.model, lost),
         _doubts(result),
         fit.converged,

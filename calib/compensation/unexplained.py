@@ -125,10 +125,17 @@ def left_in_fit(fit: Fitted) -> Unexplained:
                        "left-out configurations")  # fmt: skip
 
 
-def left_held_out(fit: Fitted, heldout: Measurements) -> Unexplained:
-    """``u^2 = rms^2 - s^2 - 3 sigma^2 - scatter^2`` at poses that the parameters never saw."""
-    shown = at_held_out(fit, heldout)
-    return Unexplained(shown.unexplained, shown.source)
+def unexplained(fit: Fitted, heldout: Measurements | None, footprint: float) -> Unexplained:
+    """What the model lacks: by poses that the parameters never saw, else by left-out configurations.
+
+    footprint : metres to one unit of the readings, as of :meth:`calib.model.Model.footprint`
+    """
+    if heldout is None or not heldout.seen.any():
+        rest = left_in_fit(fit)
+    else:
+        shown = at_held_out(fit, heldout)
+        rest = Unexplained(shown.unexplained, shown.source)
+    return replace(rest, rms=rest.rms * footprint)
 
 
 def at_held_out(fit: Fitted, heldout: Measurements) -> Unseen:

@@ -20,6 +20,7 @@ from calib.observations import Approach
 from calib.population import Departure
 from calib.poses import Poses
 from calib.poses.moves import visits
+from calib.result import Result
 from calib.scatter import Scatter, Unnoticed
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom
@@ -38,8 +39,8 @@ ADVICE: dict[Status, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Identification(Estimation):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Identification(Result, Estimation):
     """Result of :func:`calib.identify`: the estimate, and how good it is.
 
     ``values``, shape (p,), SI, are in the order of ``model.parameters``.
@@ -124,8 +125,9 @@ class Identification(Estimation):
 
     @property
     def std(self) -> Array:
-        """Standard deviations, shape (p,), SI."""
-        return np.sqrt(sum((own for own, _ in self._variances), np.zeros(len(self.values))))
+        """Standard deviations, shape (p,), SI; NaN where nothing was estimated."""
+        variance = sum((own for own, _ in self._variances), np.zeros(len(self.values)))
+        return np.sqrt(np.where(variance > 0.0, variance, np.nan))
 
     @property
     def _variances(self) -> list[tuple[Array, float]]:
@@ -255,6 +257,29 @@ class Identification(Estimation):
                 "between, add columns approach_<joint>"
             )
         return tuple(found)
+
+    def sentences(self) -> list[str]:
+        fitted = int((~self.fit.outlier).sum())
+        errors = [
+            f"{key} {1e3 * error:.4g} mm"
+            for key in ("nominal", "fitted", "heldout")
+            if (error := self.rms(key)) is not None
+        ]
+        left_out = f", {int(self.fit.outlier.sum())} outliers" if self.fit.outlier.any() else ""
+        return [
+            f"Identification: {self.rank} of {len(self.values)} parameters from {fitted} readings{left_out}",
+            f"RMS error of a point: {', '.join(errors)}" if errors else "no reading is a length",
+            f"{self.status}: {ADVICE[self.status]}",
+            *self.warnings,
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {"parameter": p.id, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
+            for p, value, std in zip(
+                self.model.parameters, self.values.tolist(), self.std.tolist(), strict=True
+            )
+        ]
 
     @property
     def knowledge(self) -> Array:

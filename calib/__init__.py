@@ -1,29 +1,31 @@
 """calib: the robot model, the measured data and the estimate.
 
-A cell file names the robot, the markers, the instrument and what the model contains:
+A cell is read from a file, or made of objects: ``Cell(Robot.from_urdf("arm.urdf"), markers, ..)``.
 
     import calib
 
     cell = calib.load_cell("cell.toml")
     data = calib.load_measurements(cell, "measurements.csv")
     result = calib.identify(cell, data)
-    result.values, result.std
+    result.values, result.std, result.summary()
     commands = calib.compensate(cell, result, "plan.csv").q
 
 Values are SI and radians, in the order of ``result.model.parameters``, whose ``id``, ``scale`` and
 ``unit`` make them readable. What the model lacks is asked by ``calib.diagnose(cell, data)``;
-``calib.simulate`` makes measurements of a robot that is known. Every fault of a file or a call is a
-:class:`CalibError` of one line.
+``calib.simulate`` makes measurements of a robot that is known. ``posecal explain python`` has an
+example without files, and all public names. Every fault of a file or a call is a :class:`CalibError`
+of one line.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+import importlib
+import typing
 
-if TYPE_CHECKING:
+if typing.TYPE_CHECKING:
     from calib.api import observation, parameters, predict, readings, simulate
-    from calib.cell import Cell
+    from calib.arm.robot import Robot
+    from calib.cell import Cell, Load, Repeatability
     from calib.cell.planned import AskedLevels
     from calib.compensation.commands import Compensation, compensate
     from calib.diagnosis import Diagnosis
@@ -33,18 +35,63 @@ if TYPE_CHECKING:
     from calib.files.tables import load_measurements, load_plan, load_targets
     from calib.identification import Identification
     from calib.identification.identify import identify
-    from calib.poses import Measurements, Poses
+    from calib.instruments import (
+        Angle,
+        ArmCamera,
+        Distance,
+        FixedCamera,
+        Plane,
+        Pose,
+        Socket,
+        Sphere,
+        Tracker,
+    )
+    from calib.noise import Noise
+    from calib.poses import Measurements, Poses, poses_at
     from calib.poses.moves import in_one_session
 
+_HOMES = {  # imported when first asked for: a part of the package does not wait for all of it
+    "calib.api": "observation parameters predict readings simulate",
+    "calib.arm.robot": "Robot",
+    "calib.cell": "Cell Load Repeatability",
+    "calib.cell.planned": "AskedLevels",
+    "calib.compensation.commands": "Compensation compensate",
+    "calib.diagnosis": "Diagnosis",
+    "calib.diagnosis.diagnose": "diagnose",
+    "calib.errors": "CalibError",
+    "calib.files.cell": "load_cell",
+    "calib.files.tables": "load_measurements load_plan load_targets",
+    "calib.identification": "Identification",
+    "calib.identification.identify": "identify",
+    "calib.instruments": "Angle ArmCamera Distance FixedCamera Plane Pose Socket Sphere Tracker",
+    "calib.noise": "Noise",
+    "calib.poses": "Measurements Poses poses_at",
+    "calib.poses.moves": "in_one_session",
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
+
 __all__ = [
+    "Angle",
+    "ArmCamera",
     "AskedLevels",
     "CalibError",
     "Cell",
     "Compensation",
     "Diagnosis",
+    "Distance",
+    "FixedCamera",
     "Identification",
+    "Load",
     "Measurements",
+    "Noise",
+    "Plane",
+    "Pose",
     "Poses",
+    "Repeatability",
+    "Robot",
+    "Socket",
+    "Sphere",
+    "Tracker",
     "compensate",
     "diagnose",
     "identify",
@@ -55,43 +102,20 @@ __all__ = [
     "load_targets",
     "observation",
     "parameters",
+    "poses_at",
     "predict",
     "readings",
     "simulate",
 ]
 
-_HOMES = {  # imported when first asked for: a part of the package does not wait for all of it
-    "AskedLevels": "calib.cell.planned",
-    "CalibError": "calib.errors",
-    "Cell": "calib.cell",
-    "Compensation": "calib.compensation.commands",
-    "Diagnosis": "calib.diagnosis",
-    "Identification": "calib.identification",
-    "Measurements": "calib.poses",
-    "Poses": "calib.poses",
-    "compensate": "calib.compensation.commands",
-    "diagnose": "calib.diagnosis.diagnose",
-    "identify": "calib.identification.identify",
-    "in_one_session": "calib.poses.moves",
-    "load_cell": "calib.files.cell",
-    "load_measurements": "calib.files.tables",
-    "load_plan": "calib.files.tables",
-    "load_targets": "calib.files.tables",
-    "observation": "calib.api",
-    "parameters": "calib.api",
-    "predict": "calib.api",
-    "readings": "calib.api",
-    "simulate": "calib.api",
-}
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+def __getattr__(name: str) -> typing.Any:
+    if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(_HOMES[name]), name)
+    found = getattr(importlib.import_module(_HOME_OF[name]), name)
     globals()[name] = found
     return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
+from calib.result import Result
 from doe.assess import Assessment
 from doe.problem import Problem
 from doe.problem.request import Levels
@@ -125,8 +126,8 @@ class Rival:
         return len(self.q)
 
 
-@dataclass(frozen=True, eq=False)
-class Design:
+@dataclass(frozen=True, eq=False, repr=False)
+class Design(Result):
     """The result of :func:`doe.design`.
 
     problem : Problem
@@ -156,6 +157,20 @@ class Design:
     seconds: dict[str, float] = field(default_factory=dict)
     reference: Reference | None = None
     reapproaches: Reapproaches | None = None
+
+    def sentences(self) -> list[str]:
+        return [
+            f"Design: {len(self.poses)} poses, criterion {self.criterion} {self.value:.4g}",
+            f"at least {self.efficiency:.1%} of the best that any plan of these candidates reaches",
+            *self.notes,
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        robot = self.problem.cell.robot
+        return [
+            {"pose": name, **robot.shown(q)}
+            for name, q in zip(self.poses.names, self.poses.q, strict=True)
+        ]
 
     @property
     def criterion(self) -> str:

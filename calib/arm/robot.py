@@ -161,6 +161,12 @@ class Robot:
         """Joints that follow another, or lead one, shape (n,)."""
         return np.asarray((self.ties.matrix != 0.0).sum(axis=0) != 1)
 
+    def shown(self, q: Array) -> dict[str, float]:
+        """Joint values (n,) as people read them, by their columns: ``A1_deg``, ``rail_mm``."""
+        values = np.where(self.prismatic, q * 1e3, np.degrees(q)).tolist()
+        units = np.where(self.prismatic, "mm", "deg").tolist()
+        return {f"{j}_{u}": round(v, 6) for j, u, v in zip(self.joints, units, values, strict=True)}
+
     def tied(self, q: Array) -> Array:
         """Joint values (..., n) with those that follow put where they belong."""
         return q @ self.ties.matrix.T + self.ties.shift if self.mimics else q

@@ -48,6 +48,7 @@ from calib.model.build import lacking
 from calib.model.covariance import errors_at, working_points
 from calib.poses import Poses, hung
 from calib.poses.moves import moves, with_moves
+from calib.result import Result
 from calib.threads import one_blas_thread
 from calib.uncertainty.pose_to_pose import Owner
 
@@ -64,8 +65,8 @@ _RESTING = {
 _AFTERWARDS = "the targets have no time in the session: {} counts as after it, warm and moved"
 
 
-@dataclass(frozen=True, eq=False)
-class Compensation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation(Result):
     """Result of :func:`compensate`, for m targets.
 
     targets : Poses, nominal commands with loads and approach; weights : ndarray, shape (m,)
@@ -107,6 +108,31 @@ class Compensation:
     after: float | None
     limited_by: tuple[str, ...]
     notes: tuple[str, ...]
+
+    def sentences(self) -> list[str]:
+        before, after = self.rms(self.before), self.rms(self.expected)
+        return [
+            f"Compensation: error at {len(self.q)} targets {1e3 * before:.3g} mm RMS before, "
+            f"{1e3 * after:.3g} mm expected after",
+            *self.notes,
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "target": name,
+                "before_mm": 1e3 * before,
+                "expected_mm": 1e3 * after,
+                "limited_by": why,
+            }
+            for name, before, after, why in zip(
+                self.targets.names,
+                self.before.tolist(),
+                self.expected.tolist(),
+                self.limited_by,
+                strict=True,
+            )
+        ]
 
     @property
     def correction(self) -> Array:

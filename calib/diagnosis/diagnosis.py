@@ -16,12 +16,13 @@ from calib.diagnosis.rest import Rest
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
+from calib.result import Result
 
-_MOST_SHOWN = 12  # causes, or places
+_MOST = 5  # places that a summary names
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Result):
     """Result of :func:`diagnose`.
 
     rest : Rest, what remains beside the causes
@@ -61,20 +62,31 @@ class Diagnosis:
     growth: Growth | None
     scale: float
 
-    def __repr__(self) -> str:
-        """Verdict, causes with places and probabilities, errors before and after: at most 20 lines."""
-        found = [repr(cause) for cause in self.causes[:_MOST_SHOWN]]
-        more = len(self.causes) - len(found)
-        found += [f"and {more} more causes"] if more else []
-        found += [f"no cause named: {p!r}" for p in self.located[:_MOST_SHOWN] if not found]
+    def sentences(self) -> list[str]:
         gap = self.gap
         errors = [f"fitted poses {_shrinks(gap.fit_before, gap.fit_after)}"]
         if gap.heldout_before is not None:
             errors.append(f"held out {_shrinks(gap.heldout_before, gap.heldout_after)}")
         if gap.crossed is not None:
             errors.append(f"cross-validated {_shrinks(*gap.crossed)}")
-        rms = f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm"
-        return "\n  ".join([f"Diagnosis: {self.verdict}", *found, rms, f"rest: {self.rest.kind}"])
+        places = () if self.causes else self.located[:_MOST]
+        return [
+            f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
+            f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm",
+            *(f"no cause named: {place!r}" for place in places),
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "cause": cause.name,
+                "where": cause.where,
+                "probability": cause.probability,
+                "standing": cause.standing,
+                "share_of_gap": cause.share,
+            }
+            for cause in self.causes
+        ]
 
 
 def _shrinks(before: float, after: float | None) -> str:

@@ -259,15 +259,16 @@ class Identification(Result, Estimation):
         return tuple(found)
 
     def sentences(self) -> list[str]:
-        fitted = int((~self.fit.outlier).sum())
         errors = [
             f"{key} {1e3 * error:.4g} mm"
             for key in ("nominal", "fitted", "heldout")
             if (error := self.rms(key)) is not None
         ]
-        left_out = f", {int(self.fit.outlier.sum())} outliers" if self.fit.outlier.any() else ""
+        outliers = int(self.fit.outlier.sum())
+        fitted = len(self.fit.outlier) - outliers
         return [
-            f"Identification: {self.rank} of {len(self.values)} parameters from {fitted} readings{left_out}",
+            f"Identification: {self.rank} of {len(self.values)} parameters from {fitted} readings, "
+            f"{outliers} outliers",
             f"RMS error of a point: {', '.join(errors)}" if errors else "no reading is a length",
             f"{self.status}: {ADVICE[self.status]}",
             *self.warnings,

@@ -11,12 +11,13 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
+from calib.result import Result
 
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
+@dataclass(frozen=True, eq=False, repr=False)
+class Poses(Result):
     """The readings of a plan or of a data set, m of them.
 
     names : tuple of str, identifiers
@@ -56,6 +57,15 @@ class Poses:
     load_com: Array
     site: TextArray | None = None
     session: TextArray | None = None
+
+    def sentences(self) -> list[str]:
+        return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {"pose": name, **{f"q{k + 1}": v for k, v in enumerate(q)}}
+            for name, q in zip(self.names, self.q.tolist(), strict=True)
+        ]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -156,8 +166,8 @@ def hung(poses: Poses, mass: float, com: Sequence[float]) -> Poses:
     return replace(poses, load_mass=np.full(len(poses), mass), load_com=np.array(com, dtype=float))
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Result):
     """What the instruments read at m poses, in C channels: a tracker has one for each marker.
 
     poses : Poses
@@ -174,6 +184,16 @@ class Measurements:
     seen: Mask
     sigma: Array
     warnings: tuple[str, ...] = ()
+
+    def sentences(self) -> list[str]:
+        read = f"{int(self.seen.sum())} readings of {self.seen.shape[1]} channels"
+        return [f"Measurements: {len(self)} poses, {read}", *self.warnings]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {**row, "channels_read": int(count)}
+            for row, count in zip(self.poses.rows(), self.seen.sum(axis=1), strict=True)
+        ]
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -17,6 +17,7 @@ from calib.identification.noise_level import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses, poses_at
+from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.forecast import (
@@ -44,8 +45,8 @@ _CANDIDATES = 1000
 _MOST_FRESH = 30
 
 
-@dataclass(frozen=True, eq=False)
-class Enough:
+@dataclass(frozen=True, eq=False, repr=False)
+class Enough(Result):
     """What is known now, and what each further pose of the plan is going to add.
 
     model : Model, of the whole day
@@ -70,6 +71,39 @@ class Enough:
     lacking: Lacking
     fresh: tuple[ForecastStep, ...]
     fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def sentences(self) -> list[str]:
+        if self.found is None:
+            return [f"Enough: the readings so far do not suffice: {self.why}"]
+        now, end = self.steps[0], self.steps[-1]
+        said = f"Enough: expected error at the targets {1e3 * now.task_rms:.3g} mm RMS now"
+        if len(self.steps) > 1:
+            said += (
+                f", {1e3 * end.task_rms:.3g} mm after the {len(self.steps) - 1} poses still to come"
+            )
+        if self.goal is None:
+            return [said]
+        goal = f"goal {1e3 * self.goal:.3g} mm: "
+        if self.beyond_reach:
+            return [said, goal + "no number of poses meets it, as the model lacks something"]
+        needed = self.needed
+        if needed is None:
+            return [said, goal + "out of reach of these poses"]
+        return [
+            said,
+            goal + (f"met after {needed} poses more" if needed else "met, 19 times in 20"),
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "pose": step.pose,
+                "readings": step.readings,
+                "task_rms_mm": 1e3 * step.task_rms,
+                "task_worst_mm": 1e3 * step.task_worst,
+            }
+            for step in (*self.steps, *self.fresh)
+        ]
 
     def reaches(self, step: ForecastStep) -> bool:
         """Whether the goal is met, 19 times in 20, and nothing is open that the plan determines."""

@@ -30,6 +30,7 @@ from calib.model.covariance import Unidentifiable
 from calib.observations import Points
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
+from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import Likeness, likeness, plausible
@@ -39,8 +40,8 @@ from doe.problem.linearisation import Linearisation, soft
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
 
 
-@dataclass(frozen=True, eq=False)
-class PowerAnalysis:
+@dataclass(frozen=True, eq=False, repr=False)
+class PowerAnalysis(Result):
     """What a plan can tell, cause by cause and pair by pair.
 
     view : PlanView
@@ -55,6 +56,17 @@ class PowerAnalysis:
     hidden: tuple[Detectability, ...]
     alike: Likeness | None
     times: Array
+
+    def sentences(self) -> list[str]:
+        return [
+            f"Power analysis: {len(self.seen)} causes would be seen, {len(self.hidden)} would not"
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {"cause": own.key, "seen": own in self.seen, "reason": own.reason}
+            for own in (*self.seen, *self.hidden)
+        ]
 
     @property
     def confounded(self) -> tuple[tuple[int, ...], ...]:

@@ -12,6 +12,7 @@ from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.errors import CalibError
 from calib.poses import Poses, poses_at
+from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import SURE
 from doe.ahead.places import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
@@ -72,8 +73,8 @@ class PairPrediction:
         return not self.told and not self.remedies
 
 
-@dataclass(frozen=True, eq=False)
-class NextPoses:
+@dataclass(frozen=True, eq=False, repr=False)
+class NextPoses(Result):
     """Result of :func:`next_poses`.
 
     poses : Poses, configurations in the order of measuring; none where nothing is in doubt, or where
@@ -92,6 +93,22 @@ class NextPoses:
     assumptions: tuple[str, ...] = ()
     forms: tuple[PairPrediction, ...] = ()
     shares: tuple[float, float] | None = None
+
+    def sentences(self) -> list[str]:
+        if not self.predictions:
+            return ["Next poses: no cause is in doubt"]
+        return [f"Next poses: {len(self.poses)} that tell causes apart", *self.assumptions]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "cause": pair.rivals[0],
+                "rival": pair.rivals[1],
+                "probability_now": pair.now,
+                "probability_after": pair.after,
+            }
+            for pair in self.predictions
+        ]
 
 
 @one_blas_thread

@@ -12,6 +12,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.errors import CalibError
 from calib.poses import Measurements, Poses, poses_at
+from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.enough import Enough, enough
 from doe.ahead.forecast import ForecastStep
@@ -27,8 +28,8 @@ COUNT = 3
 _AVERAGES = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Onward:
+@dataclass(frozen=True, eq=False, repr=False)
+class Onward(Result):
     """Result of :func:`onward`.
 
     poses : Poses, to be read next, in this order; none where it is time to stop
@@ -44,6 +45,17 @@ class Onward:
     enough: Enough | None
     diagnosis: Diagnosis | None
     doubts: NextPoses | None
+
+    def sentences(self) -> list[str]:
+        if self.done:
+            return [f"Onward: stop ({', '.join(self.stops)})"]
+        return [f"Onward: {len(self.poses)} poses next, for {self.serves}"]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {"pose": name, **{f"q{k + 1}_rad_or_m": v for k, v in enumerate(q)}}
+            for name, q in zip(self.poses.names, self.poses.q.tolist(), strict=True)
+        ]
 
     @property
     def done(self) -> bool:

@@ -66,7 +66,7 @@ class Alone(Entry):
     sigmas: NotNegative
 
 
-class Left(Entry):
+class LeftEntry(Entry):
     """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance.
 
     excess : of the day with more, beyond the instrument; it counts as errors of the drives that were
@@ -136,7 +136,7 @@ class ChangesRecord(Record):
     parameters: tuple[ChangedParameter, ...] = Field(min_length=1)
     apart: tuple[str, ...]
     alone: tuple[Alone, ...]
-    left: Left
+    left: LeftEntry
     cause: Literal["none", "named", "ambiguous", "unclear"]
     causes: tuple[Explained, ...]
     same_as: tuple[CauseEntry, ...]
@@ -192,7 +192,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
             Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
             for (effect, where, name), sigmas in apart.alone.items()
         ),
-        left=Left(
+        left=LeftEntry(
             before_mm=before * _MM,
             after_mm=after * _MM,
             p=apart.grown,

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from calib import Cell, Measurements
 
 
-class Held(NamedTuple):
+class HeldOut(NamedTuple):
     """What is fitted, what is not, from which further files, and what to say of it."""
 
     data: Measurements
@@ -21,7 +21,7 @@ class Held(NamedTuple):
 
 def held_out(
     cell: Cell, data: Measurements, holdout: str | None, seed: int, data_path: Path
-) -> Held:
+) -> HeldOut:
     """Split the data, or read the poses held out. Raises InputError.
 
     holdout : a file, a share of the configurations between 0 and 1, or None
@@ -32,7 +32,7 @@ def held_out(
     from calib.errors import InputError
 
     if holdout is None:
-        return Held(data, None, [], data.warnings)
+        return HeldOut(data, None, [], data.warnings)
     path = Path(holdout)
     try:
         fraction = float(holdout)
@@ -41,10 +41,10 @@ def held_out(
             raise InputError(path, "", "holds the data themselves", "name other poses") from None
         held = calib.load_measurements(cell, path, every_marker=False)
         warnings = (*data.warnings, *held.warnings, *_shared_points(data, held))
-        return Held(*calib.in_one_session(data, held), [path], warnings)
+        return HeldOut(*calib.in_one_session(data, held), [path], warnings)
     if not 0.0 < fraction < 1.0:
         raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
-    return Held(*data.split(fraction, np.random.default_rng(seed)), [], data.warnings)
+    return HeldOut(*data.split(fraction, np.random.default_rng(seed)), [], data.warnings)
 
 
 def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class MeasuredTable:
     cell: Cell
     data_path: Path
     whole: Measurements
-    held: Held
+    held: HeldOut
     holdout: str | None
     seed: int
 

@@ -23,7 +23,7 @@ from studies.compare.agreement import FEWEST, Agreement, Derivatives, agreement,
 from studies.compare.experiment import (
     PLAIN,
     POINTS,
-    Experiment,
+    SimulatedExperiment,
     Way,
     experiment_of,
     refuse_unseen,
@@ -73,7 +73,7 @@ class PlanStudy:
 
     name: str
     plan: Poses
-    experiment: Experiment
+    experiment: SimulatedExperiment
     slopes: Derivatives
     verdicts: tuple[Verdict, ...]
     refits: Refits
@@ -102,7 +102,7 @@ class PlanStudy:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class PlanComparison:
     """The result of :func:`compare`.
 
     asked : int, trials for each plan
@@ -152,7 +152,7 @@ def compare(
     seed: int = 0,
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda _: None,
-) -> Comparison:
+) -> PlanComparison:
     """Predict and simulate what each approach will know of the cell's model at each plan.
 
     plans : name -> Poses; trials : int, Monte Carlo refits of each plan by each way, 0 for none
@@ -208,7 +208,7 @@ def compare(
             _verdict(experiment, p, done, slopes, targets, weights, seed) for p in predictions
         )
         studies.append(PlanStudy(name, plans[name], experiment, slopes, verdicts, done))
-    return Comparison(cell, tuple(studies), trials, used, why_not)
+    return PlanComparison(cell, tuple(studies), trials, used, why_not)
 
 
 def _prepared(
@@ -219,7 +219,7 @@ def _prepared(
     stated: StatedNoise | None,
     length: float,
     seed: int,
-) -> tuple[Experiment, list[Prediction]]:
+) -> tuple[SimulatedExperiment, list[Prediction]]:
     """An experiment and its predictions, before anything is simulated."""
     own = None if values is None else as_vector(build(cell, plan).model, values)
     experiment = experiment_of(cell, plan, values=own, stated=stated, length=length, seed=seed)
@@ -228,20 +228,20 @@ def _prepared(
     return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
 
 
-def _in_mujoco(cell: Cell, experiment: Experiment) -> Experiment:
+def _in_mujoco(cell: Cell, experiment: SimulatedExperiment) -> SimulatedExperiment:
     """The same with readings of MuJoCo's arm."""
     exact = points_in_mujoco(cell, experiment.model, experiment.truth, experiment.poses)
     return replace(experiment, exact=exact)
 
 
-def _visible_truth(experiment: Experiment, predictions: list[Prediction]) -> Array:
+def _visible_truth(experiment: SimulatedExperiment, predictions: list[Prediction]) -> Array:
     """The truth without what some way leaves open: no fit could answer for it."""
     known = np.all([np.isfinite(p.std) for p in predictions], axis=0)
     return np.where(known, experiment.truth, experiment.nominal)
 
 
 def _verdict(
-    experiment: Experiment,
+    experiment: SimulatedExperiment,
     prediction: Prediction,
     done: Refits,
     slopes: Derivatives,

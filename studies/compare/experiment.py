@@ -62,7 +62,7 @@ WAYS = (PLAIN, Way("pose", "normalised"), FULL, POINTS)
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
+class SimulatedExperiment:
     """What is measured, and what is true.
 
     model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
@@ -148,7 +148,7 @@ class Experiment:
         still, there = (self.model.readings(self.truth, self.poses, p) for p in (points, moved))
         return there - still
 
-    def quieter(self, factor: float) -> Experiment:
+    def quieter(self, factor: float) -> SimulatedExperiment:
         """The same with all noise smaller by a factor."""
         arm = self.arm and Repeatability(self.arm.translation / factor, self.arm.rotation / factor)
         weights, quiet = factor * self.weights, factor * self.quiet
@@ -182,7 +182,7 @@ def experiment_of(
     stated: StatedNoise | None = None,
     length: float = 1.0,
     seed: int = 0,
-) -> Experiment:
+) -> SimulatedExperiment:
     """The readings of a plan in a cell.
 
     values : ndarray, shape (p,), SI, what predictions and simulations hold at. Without them predictions
@@ -208,7 +208,9 @@ def experiment_of(
     weights = noise_weights(model, nominal, poses, counts)
     arm = cell.repeatability if cell.scatters else None
     stated = noise_of(cell) if stated is None else stated
-    return Experiment(model, poses, seen, weights, nominal, truth, stated, length, cell, arm=arm)
+    return SimulatedExperiment(
+        model, poses, seen, weights, nominal, truth, stated, length, cell, arm=arm
+    )
 
 
 def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
@@ -220,7 +222,7 @@ def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
         )
 
 
-def refuse_unseen(experiment: Experiment, plan: str) -> None:
+def refuse_unseen(experiment: SimulatedExperiment, plan: str) -> None:
     """Raise CalibError where nothing can be read at the poses of a plan of this name."""
     if experiment.seen.any():
         return

@@ -11,12 +11,12 @@ from calib.arrays import Array
 from calib.noise import counted
 from calib.solver import levenberg_marquardt
 from studies.compare.agreement import BELIEVED, FEWEST, Agreement, agreement, two_sided
-from studies.compare.experiment import Experiment
+from studies.compare.experiment import SimulatedExperiment
 from studies.compare.montecarlo import refits, surprising
 from studies.compare.prediction import Prediction, predict
 
 if TYPE_CHECKING:
-    from studies.compare.compare import Comparison, PlanStudy, Verdict
+    from studies.compare.compare import PlanComparison, PlanStudy, Verdict
 
 Reason = Literal["derivative", "chance", "weights", "arm", "truth", "noise", "unknown"]
 
@@ -43,7 +43,7 @@ SAYS: dict[Reason, str] = {
 
 
 def reason(
-    experiment: Experiment,
+    experiment: SimulatedExperiment,
     prediction: Prediction,
     errors: Array,
     judged: Agreement,
@@ -76,7 +76,7 @@ def reason(
     return "unknown"
 
 
-def _weighted_wrongly(experiment: Experiment, seed: int) -> bool:
+def _weighted_wrongly(experiment: SimulatedExperiment, seed: int) -> bool:
     """Whether noise as the cell states it is not of unit variance under the weights of the fits."""
     rng = np.random.default_rng((seed, 2))
     white = experiment.weights @ experiment.noise(_TRIALS[0], rng)[..., None]
@@ -84,7 +84,7 @@ def _weighted_wrongly(experiment: Experiment, seed: int) -> bool:
     return two_sided(float((white**2).sum()), numbers) < _RARE
 
 
-def _ends_elsewhere(experiment: Experiment, prediction: Prediction) -> bool:
+def _ends_elsewhere(experiment: SimulatedExperiment, prediction: Prediction) -> bool:
     """Whether readings without noise lead anywhere but to the truth."""
     observation, start = experiment.observe(prediction.way, experiment.readings())
     best = levenberg_marquardt(observation.flat, start, prediction.span)
@@ -101,7 +101,7 @@ UNSETTLED = 0.01
 """Share of fits that may fail to settle before the rest says too little."""
 
 
-def believed(result: Comparison) -> bool | None:
+def believed(result: PlanComparison) -> bool | None:
     """Whether prediction and simulation agree; None where too little was simulated to tell."""
     if any(study.slopes.wrong for study in result.plans):
         return False
@@ -113,7 +113,7 @@ def believed(result: Comparison) -> bool | None:
     return agrees and not lost and _astray(result) is None
 
 
-def says(result: Comparison) -> str:
+def says(result: PlanComparison) -> str:
     """Whether to believe the prediction, and if not, why and by how much."""
     for study in result.plans:
         if study.slopes.wrong:
@@ -145,7 +145,7 @@ def says(result: Comparison) -> str:
     return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
 
 
-def _astray(result: Comparison) -> str | None:
+def _astray(result: PlanComparison) -> str | None:
     """What trials that were identified from scratch did otherwise than their refits, if too many."""
     for study in result.plans:
         for key, done in study.refits.scratch.items():

@@ -25,7 +25,7 @@ from calib.cell import Cell
 from calib.errors import CalibError, InputError
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
-from studies.compare.experiment import POINTS, Experiment, Way
+from studies.compare.experiment import POINTS, SimulatedExperiment, Way
 from studies.compare.prediction import Prediction
 from studies.engines import computed
 
@@ -67,7 +67,11 @@ def share_of(way: Way, trials: int, most: int = MOST) -> int:
 
 
 def from_scratch(
-    cell: Cell, experiment: Experiment, prediction: Prediction, points: Array, refitted: Array
+    cell: Cell,
+    experiment: SimulatedExperiment,
+    prediction: Prediction,
+    points: Array,
+    refitted: Array,
 ) -> FromScratch | None:
     """Identify one trial; None where the plan leaves parameters open.
 
@@ -182,7 +186,7 @@ class Refits:
 
 @one_blas_thread
 def refit(
-    experiment: Experiment,
+    experiment: SimulatedExperiment,
     predictions: Sequence[Prediction],
     trials: int,
     seed: np.random.SeedSequence,
@@ -206,7 +210,11 @@ def refit(
 
 
 def _from_scratch(
-    experiment: Experiment, prediction: Prediction, points: Array, values: Array, count: int
+    experiment: SimulatedExperiment,
+    prediction: Prediction,
+    points: Array,
+    values: Array,
+    count: int,
 ) -> list[FromScratch]:
     if experiment.cell is None:
         return []
@@ -218,7 +226,7 @@ def _from_scratch(
 
 
 def refits(
-    experiment: Experiment,
+    experiment: SimulatedExperiment,
     predictions: Sequence[Prediction],
     trials: int,
     *,
@@ -268,7 +276,7 @@ def _evenly(whole: Mapping[str, int], block: int, blocks: int) -> dict[str, int]
     return {key: len(range(block, count, blocks)) for key, count in whole.items()}
 
 
-def _block_sizes(experiment: Experiment, trials: int) -> list[int]:
+def _block_sizes(experiment: SimulatedExperiment, trials: int) -> list[int]:
     """Trials of each block; of the plan alone, so that no number depends on the machine."""
     numbers = experiment.weights[..., 0].size * len(experiment.nominal)
     most = max(1, min(MOST_TRIALS, _MOST_NUMBERS // numbers))

@@ -21,7 +21,7 @@ from studies.compare.experiment import (
     FULL,
     POINTS,
     WAYS,
-    Experiment,
+    SimulatedExperiment,
     Way,
     experiment_of,
     refuse_unseen,
@@ -47,7 +47,7 @@ class Prediction:
         return np.where(variance > 0.0, np.sqrt(variance), np.nan)
 
 
-def predict(experiment: Experiment, way: Way) -> Prediction:
+def predict(experiment: SimulatedExperiment, way: Way) -> Prediction:
     """First-order covariance at the nominal model, the noise as stated.
 
     What the plan determines is judged by the points, whatever the way: nothing can be known from poses
@@ -74,7 +74,7 @@ def _of_bodies(span: Array, kept: IntArray) -> Array:
 
 
 def accuracy_at(
-    experiment: Experiment, covariance: Array, targets: Poses, weights: Array
+    experiment: SimulatedExperiment, covariance: Array, targets: Poses, weights: Array
 ) -> tuple[float, float]:
     """Expected position error [m] at targets, RMS and worst; infinite where a parameter is open."""
     if (np.diag(covariance) == 0.0).any():
@@ -100,7 +100,9 @@ class AccuracyCurve:
     rms: dict[str, Array]
 
 
-def influence(experiment: Experiment, prediction: Prediction, configurations: int) -> Array:
+def influence(
+    experiment: SimulatedExperiment, prediction: Prediction, configurations: int
+) -> Array:
     """How much of each parameter's variance comes from each configuration, shape (m, p).
 
     Columns sum to one; their sum over the parameters is what a configuration's noise counts for.
@@ -118,7 +120,7 @@ def influence(experiment: Experiment, prediction: Prediction, configurations: in
 
 
 def influence_by_effect(
-    experiment: Experiment, prediction: Prediction, configurations: int
+    experiment: SimulatedExperiment, prediction: Prediction, configurations: int
 ) -> tuple[Array, list[str]]:
     """Influence summed over the parameters of each effect, shape (m, effects), and their names."""
     share = influence(experiment, prediction, configurations)
@@ -129,7 +131,7 @@ def influence_by_effect(
 
 
 def by_poses(
-    cell: Cell, experiment: Experiment, configurations: int, seed: int = 0
+    cell: Cell, experiment: SimulatedExperiment, configurations: int, seed: int = 0
 ) -> AccuracyCurve:
     """Accuracy of random parts of a plan."""
     targets, weights = targets_of(cell)
@@ -159,7 +161,7 @@ def by_markers(cell: Cell, plan: Poses, length: float = 1.0) -> AccuracyCurve:
     return _curve(counts, rows)
 
 
-def _task(experiment: Experiment, targets: Poses, weights: Array) -> dict[str, float]:
+def _task(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> dict[str, float]:
     """Task RMS [m] of each way that can be had."""
     ways = experiment.ways
     return {
@@ -177,7 +179,9 @@ def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> AccuracyCurv
     return AccuracyCurve(counts[known], {key: v[known] for key, v in rms.items()})
 
 
-def _part(experiment: Experiment, kept: IntArray, configurations: int) -> Experiment:
+def _part(
+    experiment: SimulatedExperiment, kept: IntArray, configurations: int
+) -> SimulatedExperiment:
     """The experiment with the other configurations out of sight."""
     used = np.isin(np.arange(len(experiment.poses)) % configurations, kept)
     return replace(
@@ -242,6 +246,6 @@ def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Itera
             yield Reading(cell, name, len(plan), rms, worst, arm)
 
 
-def _left(experiment: Experiment, targets: Poses, weights: Array) -> tuple[float, float]:
+def _left(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> tuple[float, float]:
     found = predict(experiment, POINTS)
     return accuracy_at(experiment, found.covariance, targets, weights)

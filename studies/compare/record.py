@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from calib.cell import Cell
     from calib.effects.protocol import Parameter
-    from studies.compare.compare import Comparison, PlanStudy, Verdict
+    from studies.compare.compare import PlanComparison, PlanStudy, Verdict
     from studies.compare.montecarlo import FromScratch as Scratch
     from studies.compare.prediction import AccuracyCurve, Reading
 
@@ -229,7 +229,7 @@ class CompareRecord(Record):
 
 
 def compare_record(
-    found: Comparison,
+    found: PlanComparison,
     made_from: Envelope,
     *,
     curves: bool = False,
@@ -279,7 +279,7 @@ def _notes(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _agreement(found: Comparison) -> AgreementEntry:
+def _agreement(found: PlanComparison) -> AgreementEntry:
     from studies.compare.agreement import BELIEVED, band
     from studies.compare.judgement import believed, says
 

@@ -110,7 +110,7 @@ class OffEntry(Entry):
     limit: Positive
 
 
-class TrendEntry(Entry):
+class ParameterTrend(Entry):
     """The tables of a robot that was measured again, in their order.
 
     days : since the first, None where a table has no date; p : of a steady rise or fall of the nominal
@@ -149,7 +149,7 @@ class FleetRecord(Record):
     sessions: tuple[SessionEntry, ...] = Field(min_length=1)
     types: tuple[TypeEntry, ...]
     off: tuple[OffEntry, ...]
-    trends: tuple[TrendEntry, ...]
+    trends: tuple[ParameterTrend, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -259,7 +259,7 @@ def _known(robots: Sequence[Done], key: str) -> list[float]:
     return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
 
 
-def _trends(done: Sequence[Done]) -> Iterator[TrendEntry]:
+def _trends(done: Sequence[Done]) -> Iterator[ParameterTrend]:
     """Of robots with several tables that could be identified."""
     from studies.fleet.spread import days_of, trend_p
 
@@ -268,7 +268,7 @@ def _trends(done: Sequence[Done]) -> Iterator[TrendEntry]:
         if len(tables) < 2:
             continue
         nominal, days = _known(tables, "nominal"), days_of(tables)
-        yield TrendEntry(
+        yield ParameterTrend(
             robot=robot,
             type=tables[-1].type,
             tables=tuple(own.table for own in tables),

@@ -12,7 +12,7 @@ import numpy as np
 
 from studies.document import Column, Section, Sentence, Table, mm, plural
 from studies.identify.record import IdentifyRecord
-from studies.report.evidence import ReportEvidence, Result
+from studies.report.evidence import ReportedResult, ReportEvidence
 
 _ASKED: dict[str, tuple[str, ...]] = {
     "number of the certificate": ("certificate", "number"),
@@ -72,7 +72,7 @@ def _first(about: Mapping[str, str], keys: tuple[str, ...]) -> str:
 
 
 def _found(
-    evidence: ReportEvidence, result: Result, record: IdentifyRecord
+    evidence: ReportEvidence, result: ReportedResult, record: IdentifyRecord
 ) -> Iterator[tuple[str, str]]:
     yield (
         "method",
@@ -107,7 +107,7 @@ def _found(
         yield "left out", f"poses {names}, as outliers"
 
 
-def _temperatures(evidence: ReportEvidence, result: Result) -> str | None:
+def _temperatures(evidence: ReportEvidence, result: ReportedResult) -> str | None:
     measured = evidence.data.get(result.path)
     heat = None if measured is None else measured.data.poses.temperature
     if heat is None or not np.isfinite(heat).any():

@@ -41,7 +41,7 @@ class Input:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class ReportedResult:
     """A result file.
 
     record : its content; inputs : tuple of Input, the cell first
@@ -80,24 +80,24 @@ class MeasuredTables:
 class ReportEvidence:
     """All that a report is made of.
 
-    results : tuple of Result, in the order given
+    results : tuple of ReportedResult, in the order given
     cell : Cell of the first result, None where its file is gone or changed
     data : dict, result file -> its measurements, where cell and tables are unchanged
     plans : dict, result file -> the poses of a design in this cell
     notes : tuple of str, what had to be left out, and why
     """
 
-    results: tuple[Result, ...]
+    results: tuple[ReportedResult, ...]
     cell: Cell | None
     data: dict[Path, MeasuredTables]
     plans: dict[Path, Poses]
     notes: tuple[str, ...]
 
-    def of(self, kind: str) -> list[Result]:
+    def of(self, kind: str) -> list[ReportedResult]:
         """The results of a kind."""
         return [result for result in self.results if result.kind == kind]
 
-    def first(self, kind: str) -> Result | None:
+    def first(self, kind: str) -> ReportedResult | None:
         """The first result of a kind."""
         return next(iter(self.of(kind)), None)
 
@@ -163,17 +163,17 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
     return ReportEvidence(results, cell, data, plans, tuple(dict.fromkeys(notes)))
 
 
-def _of_one_cell(results: tuple[Result, ...]) -> tuple[Result, ...]:
+def _of_one_cell(results: tuple[ReportedResult, ...]) -> tuple[ReportedResult, ...]:
     """Those that begin with a cell: a fleet's inputs are results of many."""
     return tuple(result for result in results if result.record.of_one_cell)
 
 
-def _digest(results: tuple[Result, ...]) -> str:
+def _digest(results: tuple[ReportedResult, ...]) -> str:
     """The hash of the cell of the first result."""
     return results[0].inputs[0].sha256
 
 
-def _measured(cell: Cell, result: Result) -> tuple[MeasuredTables | None, list[str]]:
+def _measured(cell: Cell, result: ReportedResult) -> tuple[MeasuredTables | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
     held = [source for source in sources[1:] if source.file == _holdout(result.record)]
@@ -195,10 +195,10 @@ def _holdout(record: Record) -> str | None:
     return record.holdout if isinstance(record, IdentifyRecord | DiagnoseRecord) else None
 
 
-def _result(path: Path) -> Result:
+def _result(path: Path) -> ReportedResult:
     record = read(path)
     inputs = tuple(located(path, entry.file, entry.sha256) for entry in record.inputs)
-    return Result(path, record, inputs)
+    return ReportedResult(path, record, inputs)
 
 
 def located(result: Path, file: str, digest: str) -> Input:
@@ -216,7 +216,7 @@ def located(result: Path, file: str, digest: str) -> Input:
     return Input(file, digest, state, None)
 
 
-def _cell(results: tuple[Result, ...]) -> tuple[Cell | None, list[str]]:
+def _cell(results: tuple[ReportedResult, ...]) -> tuple[Cell | None, list[str]]:
     source = results[0].inputs[0] if results[0].inputs else None
     if source is None or source.path is None:
         what = "the cell" if source is None else f"{source.file} is {source.state}: the cell"

@@ -21,7 +21,7 @@ from studies.plots import residuals
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.certificate import certificate
-from studies.report.evidence import ReportEvidence, Result
+from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.summary import summary
 
 
@@ -99,7 +99,7 @@ def _noise(own: Cell) -> str:
 Reading = tuple[Poses, int]
 
 
-def against(evidence: ReportEvidence, result: Result) -> Section | None:
+def against(evidence: ReportEvidence, result: ReportedResult) -> Section | None:
     """Errors against what they may depend on; None where cell or tables are gone."""
     cell, data, record = evidence.cell, evidence.data.get(result.path), result.record
     if cell is None or data is None or not isinstance(record, IdentifyRecord):
@@ -200,7 +200,7 @@ def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | 
 
 OF_THE_CELL: tuple[Callable[[ReportEvidence], Section | None], ...] = (arm, cell)
 
-WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, Result], Section | None], ...]] = {
+WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, ReportedResult], Section | None], ...]] = {
     "identify": (against,),
 }
 """What is told of a record and its inputs, where these are unchanged."""
@@ -240,13 +240,13 @@ def sections(evidence: ReportEvidence, told: dict[str, str]) -> Iterator[PlacedS
     yield PlacedSection(provenance(evidence, told), {})
 
 
-def _of(evidence: ReportEvidence, result: Result) -> Iterator[Section]:
+def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:
     yield from result.told.sections
     told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
     yield from (section for section in told if section is not None)
 
 
-def _own(section: Section, result: Result, number: int) -> Section:
+def _own(section: Section, result: ReportedResult, number: int) -> Section:
     """The section under a name of its own, where several results are of its kind."""
     title = f"{section.title}: {result.path.name}"
     return replace(section, key=f"{section.key}-{number}", title=title)

@@ -17,7 +17,7 @@ from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
 from studies.noise import NoiseEntry
 from studies.plots.style import short
-from studies.report.evidence import ReportEvidence, Result
+from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.fall import FALLING, Fall, fall
 
 _BELOW = 2.0  # the scale begins at so much less than the least
@@ -131,7 +131,7 @@ def _look(found: Fall) -> str:
 
 
 def _facts(
-    evidence: ReportEvidence, result: Result, told: Mapping[str, str]
+    evidence: ReportEvidence, result: ReportedResult, told: Mapping[str, str]
 ) -> Iterator[tuple[str, str]]:
     about = {**result.record.about, **told}
     for label, keys in _KEYS.items():
@@ -144,7 +144,7 @@ def _facts(
             yield label, text
 
 
-def _day(evidence: ReportEvidence, result: Result) -> str:
+def _day(evidence: ReportEvidence, result: ReportedResult) -> str:
     """Of the first reading, where the column time_s counts from 1970; else empty."""
     measured = evidence.data.get(result.path)
     time = None if measured is None else measured.data.poses.time
@@ -170,7 +170,7 @@ def summary(evidence: ReportEvidence, told: Mapping[str, str]) -> Section:
     return Section("summary", "At a glance", (*mixed, *top, *_next(evidence), *fall, *said))
 
 
-def _said(several: Sequence[Result]) -> Iterator[Sentence]:
+def _said(several: Sequence[ReportedResult]) -> Iterator[Sentence]:
     """The headlines of results of one kind, named by their files where there is more than one."""
     for own in several:
         label = own.path.name if len(several) > 1 else _LABELS.get(own.kind, own.kind)
@@ -259,7 +259,7 @@ def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
         yield Bar("noise of the instrument alone, as stated", sigma, "floor")
 
 
-def _same_data(first: Result, second: Result) -> bool:
+def _same_data(first: ReportedResult, second: ReportedResult) -> bool:
     """Whether two results are of the same cell, robot and table."""
     inputs = [{entry.sha256 for entry in result.inputs} for result in (first, second)]
     return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]

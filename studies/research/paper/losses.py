@@ -18,7 +18,7 @@ from calib.arrays import Array
 from calib.instruments import Tracker
 from calib.noise import Noise
 from studies.command.deliver import console_for
-from studies.compare.experiment import Experiment, experiment_of
+from studies.compare.experiment import SimulatedExperiment, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.tables import plain_table
@@ -47,7 +47,7 @@ def cases() -> Iterator[Case]:
                     yield Case(markers, known, tracker, hidden)
 
 
-def experiment_of_case(case: Case) -> Experiment:
+def experiment_of_case(case: Case) -> SimulatedExperiment:
     """Table II of the paper, base and geometry estimated, in one of the cases."""
     cell = _with_markers(embedded_cell(), case.markers)
     effects = [e for e in cell.effects if not (case.known and e == "tool")]
@@ -63,7 +63,7 @@ def experiment_of_case(case: Case) -> Experiment:
     return replace(experiment, seen=seen, weights=experiment.weights * seen[..., None, None])
 
 
-def ratios(experiment: Experiment) -> dict[str, Array]:
+def ratios(experiment: SimulatedExperiment) -> dict[str, Array]:
     """Standard deviations of #1 over those of #2 by way, robot parameters only."""
     std = {way.key: predict(experiment, way).std for way in experiment.ways}
     own = [p.effect not in ("base", "tool") for p in experiment.model.parameters]

@@ -28,7 +28,7 @@ from calib.noise import Noise
 from calib.poses import poses_at
 from studies.command.deliver import console_for
 from studies.compare.agreement import agreement
-from studies.compare.experiment import PLAIN, POINTS, WAYS, Experiment, noise_weights
+from studies.compare.experiment import PLAIN, POINTS, WAYS, SimulatedExperiment, noise_weights
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, predict
 from studies.compare.stated_noise import Alike, StatedNoise
@@ -90,7 +90,7 @@ def random_setting(rng: np.random.Generator) -> Setting:
     )
 
 
-def experiment_at(setting: Setting) -> Experiment:
+def experiment_at(setting: Setting) -> SimulatedExperiment:
     """The simulation study of section IV: fits start at the nominal arm, the truth is off by TRUTH."""
     robot = arm_of_equation_21()
     names = ("m1", "m2", "m3")
@@ -109,16 +109,18 @@ def experiment_at(setting: Setting) -> Experiment:
     poses, seen = poses_at(setting.q), np.ones((3, 3), dtype=bool)
     weights = noise_weights(model, TRUTH, poses, seen)
     stated = StatedNoise({TRACKER.name: Alike(SIGMA)}, {})
-    return Experiment(model, poses, seen, weights, np.zeros(6), TRUTH, stated, setting.length)
+    return SimulatedExperiment(
+        model, poses, seen, weights, np.zeros(6), TRUTH, stated, setting.length
+    )
 
 
-def predictions_at(experiment: Experiment) -> dict[str, Prediction]:
+def predictions_at(experiment: SimulatedExperiment) -> dict[str, Prediction]:
     """Predicted covariance of every way, at the truth."""
     there = replace(experiment, nominal=experiment.truth)
     return {way.key: predict(there, way) for way in WAYS}
 
 
-def simulated(experiment: Experiment, trials: int, seed: int = 0) -> Refits:
+def simulated(experiment: SimulatedExperiment, trials: int, seed: int = 0) -> Refits:
     """The paper's repeated calibration experiments, by the two approaches of Table I."""
     found = predictions_at(experiment)
     return refits(experiment, [found[PLAIN.key], found[POINTS.key]], trials, seed=seed)

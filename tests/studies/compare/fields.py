@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from studies.compare.compare import Comparison
+from studies.compare.compare import PlanComparison
 from studies.compare.record import compare_record
 from tests.helpers import MADE_FROM
 
 
-def fields_of(result: Comparison) -> dict[str, Any]:
+def fields_of(result: PlanComparison) -> dict[str, Any]:
     """What ``compare --json`` says of a result, without provenance."""
     return compare_record(result, MADE_FROM).model_dump()

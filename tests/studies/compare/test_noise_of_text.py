@@ -16,7 +16,7 @@ from calib import Cell, Poses
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.noise import counted
-from studies.compare.compare import Comparison, compare
+from studies.compare.compare import PlanComparison, compare
 from studies.compare.experiment import Experiment, experiment_of
 from studies.compare.stated_noise import rotation, stated_noise
 from studies.demo.embedded import INPUTS, embedded_text
@@ -180,7 +180,7 @@ def spread(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def few(cell: Cell, plan: Poses, **given: Any) -> Comparison:
+def few(cell: Cell, plan: Poses, **given: Any) -> PlanComparison:
     return compare(cell, {"p": plan}, trials=1, **given)
 
 

@@ -24,7 +24,7 @@ from calib.poses import Measurements, poses_at
 from studies.cli import main
 from studies.compare import montecarlo
 from studies.compare.agreement import derivatives
-from studies.compare.compare import Comparison, compare
+from studies.compare.compare import PlanComparison, compare
 from studies.compare.experiment import POINTS, experiment_of, plausible
 from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import FromScratch, refits, surprising
@@ -81,7 +81,7 @@ def one_marker(cell: Cell) -> Cell:
     )
 
 
-def study(cell: Cell, plan: Poses, truth: Any = "mujoco", trials: int = 60) -> Comparison:
+def study(cell: Cell, plan: Poses, truth: Any = "mujoco", trials: int = 60) -> PlanComparison:
     return compare(cell, {"p": plan}, trials=trials, truth=truth, seed=2)
 
 

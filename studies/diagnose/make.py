@@ -53,7 +53,7 @@ _MOST_CYCLES = 800  # in a file: several at each pixel of a figure
 MOST = 4000
 """Readings of a table that are diagnosed: every candidate at each of them takes a megabyte."""
 SECONDS = 10e-3
-"""What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
+"""What each of them takes, s, as measured (``studies.research.benchmarks.speeds``)."""
 
 
 def inputs_of(session: MeasuredTable) -> list[Path]:

@@ -44,7 +44,7 @@ _MM = 1e3
 MOST = 200_000
 """Readings of a table that are identified: they take 15 kB each."""
 SECONDS = 0.8e-3
-"""What each of them takes, s, as measured (``studies.research.benchmarks.readings``)."""
+"""What each of them takes, s, as measured (``studies.research.benchmarks.speeds``)."""
 
 
 def inputs_of(session: MeasuredTable) -> list[Path]:

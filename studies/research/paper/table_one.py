@@ -1,8 +1,8 @@
 """Table I of the paper reproduced: ``python -m studies.research.paper.table_one [--trials N]``.
 
 The paper gives neither its three configurations nor its marker triangle nor the normalisation of
-approach #1. ``table_one.json`` holds a set that reproduces its twelve standard deviations (found by
-``paper.table_one_search``); beside it stands what remains when configurations, triangle and length are
+approach #1. ``table_one.json`` holds a set that reproduces its twelve standard deviations (found by a
+search from random starts); beside it stands what remains when configurations, triangle and length are
 drawn at random.
 """
 

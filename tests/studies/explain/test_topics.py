@@ -19,7 +19,7 @@ from studies.document.page import Writer
 from studies.explain.cell_keys import TABLES, forms, meanings, rows
 from studies.explain.text import document_of
 from studies.explain.topics import titles, topic, written
-from studies.research.benchmarks.reading_ease import length, sentences, texts
+from tests.studies.explain.reading import length, sentences, texts
 
 
 def said(*arguments: str) -> str:

@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from calib.arrays import Array
 from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS
 from studies.research.paper import table_one
-from studies.research.paper.table_one_search import NAMES, Experiment, predicted
 
 PRINTED = json.loads((Path(__file__).parents[3] / "reference" / "paper.json").read_text())[
     "table_I"
 ]
+NAMES = ("l1", "l2", "l3", "q1", "q2", "q3")
+LINKS = np.array([1.003, 0.802, 0.605])  # m, nominal and error
+OFFSETS = np.radians([1.0, 0.5, 2.0])  # true joint angle minus the one read
+SIGMA = 1e-5  # m, each coordinate of a marker
 KEYS = {"approach_1": PLAIN.key, "approach_2": POINTS.key}
 
 
@@ -41,9 +45,43 @@ def test_a_second_program_predicts_the_same() -> None:
     """Equation (21) in closed form, which shares nothing with the model."""
     setting = table_one.embedded_setting()
     found = table_one.predictions_at(table_one.experiment_at(setting))
-    theirs = predicted(Experiment(setting.q, setting.markers, setting.length))
-    for own, way in zip(theirs, KEYS.values(), strict=True):
+    for own, way in zip(predicted(setting), KEYS.values(), strict=True):
         np.testing.assert_allclose(found[way].std, own, rtol=1e-9)
+
+
+def predicted(setting: table_one.Setting) -> Array:
+    """First-order standard deviations under approaches #1 and #2, shape (2, 6), m and rad."""
+    arms, J = jacobian(setting)
+    points = np.linalg.pinv(J.reshape(-1, 6))
+    # Approach #1 sees the markers only through the pose that plain least squares computes from them.
+    turning = np.cross(arms[..., None, :], np.eye(3))  # minus the cross product's matrix
+    A = np.concatenate([np.broadcast_to(np.eye(3), turning.shape), turning], axis=-1)
+    weights = np.array([1.0] * 3 + [setting.length] * 3)
+    P = weights[:, None] * np.linalg.pinv(A.reshape(3, 9, 6))
+    gain = np.linalg.pinv((P @ J.reshape(3, 9, 6)).reshape(-1, 6)).reshape(6, 3, 6)
+    poses = np.einsum("kic,icr->kir", gain, P).reshape(6, -1)
+    return np.asarray(SIGMA * np.linalg.norm(np.stack([poses, points]), axis=-1))
+
+
+def jacobian(setting: table_one.Setting) -> tuple[Array, Array]:
+    """Markers relative to the end point, and their derivatives by ``NAMES``, in base axes.
+
+    Shapes (3, 3, 3), m, and (3, 3, 3, 6), m/m and m/rad: pose, marker, coordinate, parameter.
+    """
+    q1, q2, q3 = (setting.q + OFFSETS).T[..., None]
+    up = np.array([0.0, 0.0, 1.0])
+    ahead = np.concatenate([np.cos(q1), np.sin(q1), 0 * q1], axis=1)
+    side = np.cross(up, ahead)
+    link_2 = np.cos(q2) * ahead + np.sin(q2) * up
+    link_3 = np.cos(q2 + q3) * ahead + np.sin(q2 + q3) * up
+    frame = np.stack([link_3, side, np.cross(link_3, side)], axis=-1)
+    arms = np.einsum("iab,jb->ija", frame, setting.markers)
+    from_elbow = arms + LINKS[2] * link_3[:, None]
+    from_shoulder = from_elbow + LINKS[1] * link_2[:, None]
+    columns = [up, link_2[:, None], link_3[:, None], np.cross(up, from_shoulder)]
+    # q2 and q3 count upwards, which turns about -y.
+    columns += [np.cross(-side[:, None], r) for r in (from_shoulder, from_elbow)]
+    return arms, np.stack([np.broadcast_to(c, arms.shape) for c in columns], axis=-1)
 
 
 @pytest.mark.long

@@ -94,7 +94,6 @@ class ArmPicture:
 
     title, description : str
     points : ndarray of int, shape (m, k, 3), mm
-    still : int, how many points, the first ones, stand at one place at all poses
     tip : int, the point at which a pose is picked, and which stays in its place in zooming
     lost : tuple of tuple of int, the markers that are lost, for each pose
     frame : ndarray of int, shape (c, 3), mm, corners of all that the drawing must show
@@ -104,7 +103,6 @@ class ArmPicture:
     title: str
     description: str
     points: IntArray
-    still: int
     tip: int
     lost: tuple[tuple[int, ...], ...]
     frame: IntArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,43 +28,24 @@ from calib.instruments import (
     Tracker,
 )
 from calib.model.build import build, parse_effect
+from calib.model.model import Model
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene
-from studies.report.surroundings import grid_lines, hull, hull_runs, ring, whole_mm
+from studies.report.surroundings import (
+    NO_POINTS,
+    SceneObject,
+    grid_lines,
+    hull,
+    hull_runs,
+    ring,
+    whole_mm,
+)
 
-Kind: TypeAlias = Literal[
-    "camera", "board", "frame", "socket", "sphere", "touched", "wire", "instrument"
-]
-_DROPPED = ("camera", "socket", "sphere", "wire", "instrument")
 _NEAR = 3.0  # arm lengths; what stands farther from the middle is not drawn
 
 
-@dataclass(frozen=True, eq=False)
-class Fixture:
-    """An instrument, or what it reads. Points are (m, k, 3), or (1, k, 3) where they stand still, mm.
-
-    lines : tuple of ndarray of int; dots : ndarray of int, n points
-    label : ndarray of int, one point, where words stand; radius : int, mm, of the dots, or 0
-    words : what is written there: its name, or of what stands close together one for all
-    """
-
-    kind: Kind
-    name: str
-    lines: tuple[IntArray, ...]
-    dots: IntArray
-    label: IntArray
-    radius: int = 0
-    words: str = ""
-
-    @property
-    def dropped(self) -> bool:
-        """Whether its place on the floor is shown."""
-        return self.kind in _DROPPED
-
-    @property
-    def points(self) -> list[IntArray]:
-        """All of them: lines, dots, the place of the name."""
-        return [*self.lines, self.dots, self.label]
+DROPPED = ("camera", "socket", "sphere", "wire", "instrument")
+"""Kinds whose place on the floor is shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +60,13 @@ class InstrumentPlaces:
     markers: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-def placed(cell: Cell, plan: Poses | Measurements) -> InstrumentPlaces:
+def instrument_places(cell: Cell, plan: Poses | Measurements) -> InstrumentPlaces:
     """From measured readings as an identification starts; else what the cell says, and no more."""
     known = {name: i.guess_at(name) for i in cell.instruments if _given(i) for name in i.names}
-    placing = tuple(e for e in cell.effects if parse_effect(e)[0] in ("base", "tool"))
-    if not isinstance(plan, Measurements) or not placing:
+    if not isinstance(plan, Measurements) or not placing(cell):
         return InstrumentPlaces(known, cell.markers)
     try:
-        model = build(replace(cell, effects=placing), plan.poses).model
-        values = initial_values(model, plan)
+        model, values = started(cell, plan)
     except CalibError:  # too little to tell
         return InstrumentPlaces(known, cell.markers)
     found = {
@@ -96,6 +75,23 @@ def placed(cell: Cell, plan: Poses | Measurements) -> InstrumentPlaces:
         if isinstance(effect, Base) and effect.station in (None, 0)
     }
     return InstrumentPlaces({**known, **found}, model.marker_positions(values))
+
+
+def placing(cell: Cell) -> tuple[str, ...]:
+    """Effects of the cell that say where instruments stand and markers sit."""
+    return tuple(e for e in cell.effects if parse_effect(e)[0] in ("base", "tool"))
+
+
+def started(cell: Cell, data: Measurements) -> tuple[Model, Array]:
+    """The model of these effects alone, and the values from which an identification starts."""
+    model = build(replace(cell, effects=placing(cell)), data.poses).model
+    return model, initial_values(model, data)
+
+
+def on_tip(scene: Scene, points: Array) -> Array:
+    """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
+    R, p = scene.frames.R[:, -1], scene.origins[:, -1]
+    return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
 
 
 def _given(instrument: Instrument) -> bool:
@@ -107,11 +103,11 @@ def _given(instrument: Instrument) -> bool:
 
 
 def within(
-    drawn: Sequence[Fixture], frame: IntArray, length: float
-) -> tuple[tuple[Fixture, ...], dict[str, float], IntArray]:
+    drawn: Sequence[SceneObject], frame: IntArray, length: float
+) -> tuple[tuple[SceneObject, ...], dict[str, float], IntArray]:
     """Those near an arm of some length [mm], how far off [m] the others stand, and the frame of all."""
     middle = (frame.min(axis=0) + frame.max(axis=0)) / 2.0
-    kept: list[Fixture] = []
+    kept: list[SceneObject] = []
     beyond: dict[str, float] = {}
     for own in drawn:
         away = np.linalg.norm(own.label - middle, axis=-1)
@@ -120,7 +116,9 @@ def within(
         else:
             kept.append(own)
     points = [p.reshape(-1, 3) for own in kept for p in own.points]
-    points += [own.label.reshape(-1, 3) * np.array([1, 1, 0]) for own in kept if own.dropped]
+    points += [
+        own.label.reshape(-1, 3) * np.array([1, 1, 0]) for own in kept if own.kind in DROPPED
+    ]
     return tuple(kept), beyond, hull(np.concatenate([frame, *points])) if points else frame
 
 
@@ -133,10 +131,10 @@ _UP = np.array([[0.4, 0.0], [0.5, -0.12], [0.6, 0.0]])  # of a camera's image
 
 def fixtures(
     cell: Cell, plan: Poses | Measurements, scene: Scene, found: InstrumentPlaces, length: float
-) -> Iterator[Fixture]:
+) -> Iterator[SceneObject]:
     """All that can be drawn, of an arm of some length, m."""
     sketch = _Sketch(cell, plan, scene, found, length)
-    seen: set[tuple[Kind, str]] = set()  # two cameras see one board
+    seen: set[tuple[str, str]] = set()  # two cameras see one board
     for instrument, part in cell.channels.blocks:
         draw = next(draw for kind, draw in _DRAWN.items() if isinstance(instrument, kind))
         for own in draw(sketch, instrument, part):
@@ -154,9 +152,7 @@ class _Sketch:
     length: float
 
     def on_tip(self, points: Array) -> Array:
-        """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
-        R, p = self.scene.frames.R[:, -1], self.scene.origins[:, -1]
-        return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
+        return on_tip(self.scene, points)
 
     def markers(self, instrument: Instrument) -> Array:
         """Markers that an instrument reads at every pose, (m, k, 3), m."""
@@ -183,23 +179,22 @@ class _Sketch:
         return [rim, at(_UP), *(np.stack([centre, corner]) for corner in rim[:4])]
 
 
-_NONE = np.zeros((1, 0, 3), dtype=int)
-
-
-def _still(kind: Kind, name: str, lines: list[Array], dots: Array, radius: float = 0.0) -> Fixture:
+def _still(
+    kind: str, name: str, lines: list[Array], dots: Array, radius: float = 0.0
+) -> SceneObject:
     """What stands in the world: lines (k, 3) and dots (n, 3), m, the first dot bears the name."""
     own = whole_mm(dots)[None]
     mm = tuple(whole_mm(line)[None] for line in lines)
-    return Fixture(kind, name, mm, own, own[:, :1], round(radius * 1e3), name)
+    return SceneObject(kind, name, mm, own, own[:, :1], round(radius * 1e3), name)
 
 
-def _moving(kind: Kind, name: str, lines: list[Array], dots: Array, label: Array) -> Fixture:
+def _moving(kind: str, name: str, lines: list[Array], dots: Array, label: Array) -> SceneObject:
     """What rides on the tip: lines (m, k, 3) and dots (m, n, 3), m."""
     mm = tuple(map(whole_mm, lines))
-    return Fixture(kind, name, mm, whole_mm(dots), whole_mm(label), words=name)
+    return SceneObject(kind, name, mm, whole_mm(dots), whole_mm(label), words=name)
 
 
-def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[Fixture]:
+def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[SceneObject]:
     place = sketch.found.places.get(camera.name)
     if place is not None:
         R = so3_exp(place[3:6])
@@ -212,7 +207,7 @@ def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[Fi
         yield _moving("board", board.name, lines, dots, points.mean(axis=1, keepdims=True))
 
 
-def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[Fixture]:
+def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[SceneObject]:
     o, x, y = sketch.found.markers[sketch.cell.bodies[camera.name]]
     axes = np.stack([x - o, y - o, np.cross(x - o, y - o)])
     lines = [sketch.on_tip(line) for line in sketch.cone(camera, o, axes)]
@@ -224,11 +219,11 @@ def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[Fixtur
         points = board.points @ so3_exp(place[3:]).T + place[:3]
         own = _still("board", board.name, [points[run] for run in hull_runs(points)], points)
         middle = whole_mm(points.mean(axis=0))[None, None]
-        dots = own.dots if len(points) <= _DOTS else _NONE
+        dots = own.dots if len(points) <= _DOTS else NO_POINTS
         yield replace(own, dots=dots, label=middle)
 
 
-def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[Fixture]:
+def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[SceneObject]:
     yield from _stand(sketch, instrument, _)
     own = sketch.found.markers[instrument.read_of(len(sketch.found.markers))].reshape(-1, 3, 3)
     names = [
@@ -241,7 +236,7 @@ def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[Fixture]:
         yield _moving("frame", name, lines, centre, centre)
 
 
-def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[Fixture]:
+def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[SceneObject]:
     """Where its axes stand; one whose place the cell gives is drawn with its lines of sight."""
     place = sketch.found.places.get(instrument.name)
     framed = instrument.unknowns[:6] == Tracker.unknowns
@@ -254,7 +249,7 @@ def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[Fixtur
                  centre[None])  # fmt: skip
 
 
-def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[Fixture]:
+def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[SceneObject]:
     places = {n: sketch.found.places[n] for n in instrument.names if n in sketch.found.places}
     left = list(places)
     while left:
@@ -280,7 +275,7 @@ def _common(names: Sequence[str]) -> str:
     return first[:same].rstrip("_-. ")
 
 
-def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[Fixture]:
+def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[SceneObject]:
     place = sketch.found.places.get(instrument.name)
     if place is not None:
         radius = float(place[3]) if instrument.radius is None else instrument.radius
@@ -288,7 +283,7 @@ def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[Fixture]:
         yield _still("sphere", instrument.name, [level], place[None, :3], abs(radius))
 
 
-def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[Fixture]:
+def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[SceneObject]:
     place = sketch.found.places.get(instrument.name)
     if place is None:
         return
@@ -302,7 +297,7 @@ def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[Fixture]
     yield _still("touched", instrument.name, lines, middle[None])
 
 
-def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[Fixture]:
+def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[SceneObject]:
     """From the anchor to the marker, where it is read."""
     place = sketch.found.places.get(instrument.name)
     anchor = instrument.anchor if instrument.known or place is None else place[:3]
@@ -314,7 +309,7 @@ def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[Fixtur
     yield _moving("wire", instrument.name, lines, anchor[None, None], anchor[None, None])
 
 
-_Draw: TypeAlias = Callable[..., Iterator[Fixture]]
+_Draw: TypeAlias = Callable[..., Iterator[SceneObject]]
 _DRAWN: dict[type[Instrument], _Draw] = {
     FixedCamera: _fixed_camera,
     ArmCamera: _arm_camera,

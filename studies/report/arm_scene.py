@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -12,14 +11,12 @@ from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError
-from calib.identification.start import initial_values
 from calib.instruments import Socket, Tracker
-from calib.model.build import build, parse_effect
+from calib.model.build import parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
-from studies.report.arm_instruments import Fixture, fixtures, within
-from studies.report.arm_instruments import placed as where
-from studies.report.surroundings import ArmSurroundings, surroundings, whole_mm
+from studies.report.arm_instruments import fixtures, instrument_places, on_tip, started, within
+from studies.report.surroundings import ArmSurroundings, SceneObject, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
 _CARRIED = 0.5  # of the reach with what it carries, an arm's length at least
@@ -27,34 +24,32 @@ _NAMES = 3  # that are named one by one
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArmBody:
-    """A piece of the arm: the points between which its axis runs, and its radius in mm."""
+    """A piece of the arm: the ends of its axis, shape (m, 2, 3), and its radius, mm."""
 
-    start: int
-    end: int
+    ends: IntArray
     radius: int
 
 
 @dataclass(frozen=True, eq=False)
 class ArmScene:
-    """The arm at m poses. Points are shared: everything names them by their number.
+    """The arm at m poses.
 
     name : str, of the cell
     poses : tuple of str, identifiers
     joints, units : tuple of str, names, and ``deg`` or ``mm``
     values : ndarray, shape (m, n), joint values in these units
     level : int, number of the joint whose values are the plan's levels, or None
-    points : ndarray of int, shape (m, k, 3), mm
-    still : int, how many points, the first ones, stand at one place at all poses
-    chain : tuple of int, points from the base over the joints to the tip
+    chain : ndarray of int, shape (m, k, 3), mm, from the base over the joints to the tip; what stands
+        at one place at all poses is one point
     tip_axes : ndarray, shape (m, 3, 3), axes of the tip frame, one a row
-    markers : tuple of str, names; marker_points : tuple of int
+    markers : tuple of str, names; marker_points : ndarray of int, shape (m, M, 3), mm
     hidden : dict, (pose, marker) -> why it is not in sight, or not measured
     seen : str, what the others are: ``in sight``, ``measured``, or empty where nobody knows
-    bodies : tuple of Body; shaped : bool, whether they are the cell's capsules or mere links
-    around : Surroundings
-    fixtures : tuple of Fixture, other instruments, boards and what is touched
+    bodies : tuple of ArmBody; shaped : bool, whether they are the cell's capsules or mere links
+    around : ArmSurroundings
+    fixtures : tuple of SceneObject, other instruments, boards and what is touched
     beyond : dict, name -> float, m from the base, of those that stand too far off to be drawn
     reads : tuple of str, what other instruments than a tracker read at each pose, in words, or none
     """
@@ -65,18 +60,16 @@ class ArmScene:
     units: tuple[str, ...]
     values: Array
     level: int | None
-    points: IntArray
-    still: int
-    chain: tuple[int, ...]
+    chain: IntArray
     tip_axes: Array
     markers: tuple[str, ...]
-    marker_points: tuple[int, ...]
+    marker_points: IntArray
     hidden: dict[tuple[int, int], str]
     seen: str
     bodies: tuple[ArmBody, ...]
     shaped: bool
     around: ArmSurroundings
-    fixtures: tuple[Fixture, ...] = ()
+    fixtures: tuple[SceneObject, ...] = ()
     beyond: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
 
@@ -124,19 +117,14 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
     placed, own = scene_of(cell, poses.q), _own_markers(cell)
     hidden, markers, seen = _markers(cell, plan, placed)
-    found = where(cell, plan)
+    found = instrument_places(cell, plan)
     ridden = np.zeros((len(poses), 0, 3))
     if not _of_tracker(cell):
-        hidden, markers = {}, _on_tip(placed, found.markers[own])
-        ridden = _on_tip(placed, _origins(cell, found.markers))
-    ends = [end for capsule in placed.capsules for end in (capsule.start, capsule.end)]
-    columns = [*placed.origins.swapaxes(0, 1), *markers.swapaxes(0, 1), *ends]
-    points, number, still = shared(whole_mm(np.stack(columns, axis=1)))
-    chain = tuple(point for point, _ in groupby(number[: robot.dof + 2].tolist()))
-    tail = number[robot.dof + 2 :].tolist()
-    arms = points[:, chain]
-    reached = np.concatenate([arms, whole_mm(ridden)], axis=1)
-    length = _length(arms, reached)
+        hidden, markers = {}, on_tip(placed, found.markers[own])
+        ridden = on_tip(placed, _origins(cell, found.markers))
+    chain = _once(whole_mm(placed.origins))
+    reached = np.concatenate([chain, whole_mm(ridden)], axis=1)
+    length = _length(chain, reached)
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
     around = surroundings(cell, reached.reshape(-1, 3), length)
     drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
@@ -148,21 +136,25 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         units=tuple("mm" if slides else "deg" for slides in robot.prismatic),
         values=np.asarray(values.round(2) + 0.0),
         level=None if level_joint is None else robot.joints.index(level_joint),
-        points=points,
-        still=still,
         chain=chain,
         tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
         markers=tuple(cell.marker_names[j] for j in own),
-        marker_points=tuple(tail[: len(own)]),
+        marker_points=whole_mm(markers),
         hidden=hidden,
         seen=seen,
-        bodies=_capsules(placed, tail[len(own) :]) or _links(chain, _SLIM * length),
+        bodies=_capsules(placed) or _links(chain, max(1, round(_SLIM * length))),
         shaped=bool(placed.capsules),
         around=replace(around, frame=frame),
         fixtures=kept,
         beyond=beyond,
         reads=_reads(cell, plan),
     )
+
+
+def _once(points: IntArray) -> IntArray:
+    """Points (m, k, 3) without those that stand where the one before stands, at all poses."""
+    moved = (points[:, 1:] != points[:, :-1]).any(axis=(0, 2))
+    return points[:, np.concatenate([[True], moved])]
 
 
 def _length(arms: IntArray, reached: IntArray) -> float:
@@ -187,12 +179,6 @@ def _origins(cell: Cell, markers: Array) -> Array:
 
 def _of_tracker(cell: Cell) -> bool:
     return [type(i) for i in cell.instruments] == [Tracker]
-
-
-def _on_tip(placed: Scene, points: Array) -> Array:
-    """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
-    R, p = placed.frames.R[:, -1], placed.origins[:, -1]
-    return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
 
 
 def _reads(cell: Cell, plan: Poses | Measurements) -> tuple[str, ...]:
@@ -231,23 +217,15 @@ def _markers(
     return hidden, placed.markers, "" if cell.instrument is None else "in sight"
 
 
-def _capsules(placed: Scene, number: list[int]) -> tuple[ArmBody, ...]:
-    pairs = zip(number[::2], number[1::2], placed.capsules, strict=True)
-    return tuple(ArmBody(a, b, max(1, round(c.radius * 1e3))) for a, b, c in pairs)
+def _capsules(placed: Scene) -> tuple[ArmBody, ...]:
+    return tuple(
+        ArmBody(whole_mm(np.stack([c.start, c.end], axis=1)), max(1, round(c.radius * 1e3)))
+        for c in placed.capsules
+    )
 
 
-def _links(chain: tuple[int, ...], radius: float) -> tuple[ArmBody, ...]:
-    return tuple(ArmBody(a, b, max(1, round(radius))) for a, b in pairwise(chain))
-
-
-def shared(points: IntArray) -> tuple[IntArray, IntArray, int]:
-    """Distinct points of (m, k, 3), the still ones first; the number of each; how many are still."""
-    flat = points.swapaxes(0, 1).reshape(points.shape[1], -1)
-    _, first, number = np.unique(flat, axis=0, return_index=True, return_inverse=True)
-    moves = (points[:, first] != points[:1, first]).any(axis=(0, 2))
-    order = np.lexsort([first, moves])
-    place = np.argsort(order)
-    return points[:, first[order]], place[number.reshape(-1)], int((~moves).sum())
+def _links(chain: IntArray, radius: int) -> tuple[ArmBody, ...]:
+    return tuple(ArmBody(chain[:, j : j + 2], radius) for j in range(chain.shape[1] - 1))
 
 
 def _unread(data: Measurements, hidden: dict[tuple[int, int], str]) -> dict[tuple[int, int], str]:
@@ -261,11 +239,10 @@ def _unread(data: Measurements, hidden: dict[tuple[int, int], str]) -> dict[tupl
 
 def _in_base(cell: Cell, data: Measurements, nominal: Array) -> Array:
     """Measured markers in the base frame, shape (m, M, 3), m; the nominal ones where none was read."""
-    placing = tuple(e for e in cell.effects if parse_effect(e)[0] in ("base", "tool"))
-    if not any(parse_effect(e)[0] == "base" for e in placing):
+    if not any(parse_effect(e)[0] == "base" for e in cell.effects):
         return np.where(data.seen[:, :, None], data.points, nominal)
-    model = build(replace(cell, effects=placing), data.poses).model
-    R, p = model.placement(initial_values(model, data), data.poses)
+    model, values = started(cell, data)
+    R, p = model.placement(values, data.poses)
     points = rotate(R.swapaxes(-1, -2)[:, None], data.points - p[:, None])
     return np.where(data.seen[:, :, None], points, nominal)
 

@@ -65,7 +65,6 @@
       this.svg = figure.querySelector(".arm-drawing");
       this.parts = figure.querySelector(".arm-parts");
       this.number = new Map(this.data.poses.map((name, i) => [name, i]));
-      this.perPose = this.data.moving.length / this.data.poses.length;
       this.chosen = 0; // what the controls say
       this.peeked = null; // what the pointer is over, here or elsewhere on the page
       this.controls();
@@ -200,10 +199,8 @@
 
     point(c, pose) {
       if (c < 0) { const [x, y] = this.point(~c, pose); return [x, y, 0]; }
-      const { still, moving } = this.data;
-      const from = 3 * c < still.length ? 3 * c : pose * this.perPose + 3 * c - still.length;
-      const held = 3 * c < still.length ? still : moving;
-      return [held[from], held[from + 1], held[from + 2]];
+      const held = this.data.points[c], from = held.length > 3 ? 3 * pose : 0;
+      return held.slice(from, from + 3);
     }
 
     places(run, pose = this.pose) { return run.map((c) => this.at(this.point(c, pose))); }

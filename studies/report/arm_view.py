@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from calib.arrays import IntArray
 from studies.report.arm_drawing import START, ArmPicture, DrawnPart, drawing
 from studies.report.arm_parts import CROSS, MARKER, picture
 from studies.report.arm_scene import ArmScene
@@ -121,13 +122,17 @@ def figure_data(scene: ArmScene, shown: ArmPicture) -> dict[str, Any]:
         "values": scene.values.tolist(),
         "states": states,
         "state": [number[state] for state in zip(told, shown.lost, strict=True)],
-        "still": shown.points[0, : shown.still].ravel().tolist(),
-        "moving": shown.points[:, shown.still :].ravel().tolist(),
+        "points": [_path_of(point) for point in shown.points.swapaxes(0, 1)],
         "tip": shown.tip,
         "frame": shown.frame.ravel().tolist(),
         "view": [START.azimuth, START.elevation],
         "parts": [_plain(part) for part in shown.parts],
     }
+
+
+def _path_of(point: IntArray) -> list[int]:
+    """Where a point (m, 3) is at each pose, one after the other; once, where it stands still."""
+    return list((point if (point != point[0]).any() else point[0]).ravel().tolist())
 
 
 def _plain(part: DrawnPart) -> dict[str, Any]:

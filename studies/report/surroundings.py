@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,20 +65,32 @@ def grid_lines(middle: Array, u: Array, v: Array, half: float, step: float) -> l
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
-    """An obstacle as lines.
+class SceneObject:
+    """An obstacle, an instrument or what it reads, as lines and dots.
 
-    name : str; lines : tuple of ndarray of int, each of shape (k, 3), mm
-    centre : ndarray of int, shape (3,), mm, where its name stands
-    radius : int, mm, of a ball, whose outline is a circle from everywhere; else 0
-    plane : bool, whether it is a patch of something without end
+    Points are (m, k, 3), or (1, k, 3) where they stand still, mm.
+
+    kind : str, after which its class in the drawing is called
+    lines : tuple of ndarray of int; dots : ndarray of int, n points
+    label : ndarray of int, one point, where words stand; radius : int, mm, of the dots, or 0
+    words : what is written there: its name, or of what stands close together one for all
     """
 
+    kind: str
     name: str
     lines: tuple[IntArray, ...]
-    centre: IntArray
+    dots: IntArray
+    label: IntArray
     radius: int = 0
-    plane: bool = False
+    words: str = ""
+
+    @property
+    def points(self) -> list[IntArray]:
+        """All of them: lines, dots, the place of the name."""
+        return [*self.lines, self.dots, self.label]
+
+
+NO_POINTS = np.zeros((1, 0, 3), dtype=int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +99,7 @@ class ArmSurroundings:
 
     floor : ndarray of int, shape (l, 2, 3), lines of the plane z = 0, ``step`` mm apart
     foot : ndarray of int, shape (k, 3), a ring on the floor around the base
-    outlines : tuple of Outline, the obstacles
+    obstacles : tuple of SceneObject
     instrument : ndarray of int, shape (3,), or None; far : bool, too far to be in the picture
     frame : ndarray of int, shape (c, 3), corners of all that the picture must show
     """
@@ -95,7 +107,7 @@ class ArmSurroundings:
     floor: IntArray
     step: int
     foot: IntArray
-    outlines: tuple[Outline, ...]
+    obstacles: tuple[SceneObject, ...]
     instrument: IntArray | None
     far: bool
     frame: IntArray
@@ -116,14 +128,14 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> ArmSurroundings:
         return bool((np.linalg.norm(points - middle, axis=-1) <= _NEAR * length).all())
 
     solids = tuple(o for o in outlines if o is not None)
-    shown = [points for o in solids if near(points := np.concatenate(o.lines))]
+    shown = [points for o in solids if near(points := np.concatenate(o.lines, axis=1)[0])]
     if instrument is not None and near(instrument):
         shown.append(np.stack([instrument, instrument * [1, 1, 0]]))
     return ArmSurroundings(
         floor=floor,
         step=step,
         foot=whole_mm(ring(np.zeros(3), _FOOT * length / 1e3)),
-        outlines=solids,
+        obstacles=solids,
         instrument=instrument,
         far=instrument is not None and not near(instrument),
         frame=hull(np.concatenate([frame, *shown])),
@@ -155,29 +167,33 @@ def floor_lines(low: IntArray, high: IntArray, step: int) -> IntArray:
     return np.array(along_x + along_y, dtype=int)
 
 
-def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Outline | None:
+def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> SceneObject | None:
+    """An obstacle of a known kind; a ball's outline is a circle from everywhere."""
     if isinstance(obstacle, BoxObstacle):
-        return _box(obstacle)
+        R, centre = obstacle.box.T_base_box[:3, :3], obstacle.box.T_base_box[:3, 3]
+        low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
+        edges = (low, high, *np.stack([low, high], axis=1)[:4])
+        lines = [centre + (line * obstacle.box.half) @ R.T for line in edges]
+        return _still(obstacle, "solid", lines, centre)
     if isinstance(obstacle, BallObstacle):
         ball = obstacle.sphere
-        centre, radius = whole_mm(ball.centre), round(ball.radius * 1e3)
-        level = whole_mm(ring(ball.centre, ball.radius))
-        return Outline(obstacle.name, (level,), centre, radius)
+        shown = _still(obstacle, "solid", [ring(ball.centre, ball.radius)], ball.centre)
+        return replace(shown, dots=shown.label, radius=round(ball.radius * 1e3))
     if isinstance(obstacle, HalfSpaceObstacle):
         return _patch(obstacle, middle, half, step)
     return None
 
 
-def _box(obstacle: BoxObstacle) -> Outline:
-    box = obstacle.box
-    R, centre = box.T_base_box[:3, :3], box.T_base_box[:3, 3]
-    low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
-    lines = (low, high, *np.stack([low, high], axis=1)[:4])
-    placed = tuple(whole_mm(centre + (line * box.half) @ R.T) for line in lines)
-    return Outline(obstacle.name, placed, whole_mm(centre))
+def _still(obstacle: Obstacle, kind: str, lines: list[Array], centre: Array) -> SceneObject:
+    """Lines (k, 3) m, with the obstacle's name in its centre."""
+    placed = tuple(whole_mm(line)[None] for line in lines)
+    label = whole_mm(centre)[None, None]
+    return SceneObject(kind, obstacle.name, placed, NO_POINTS, label, words=obstacle.name)
 
 
-def _patch(obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int) -> Outline | None:
+def _patch(
+    obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int
+) -> SceneObject | None:
     """A grid in the plane where it is nearest to the arm; None where it is the floor itself."""
     space = obstacle.space
     normal = space.normal / np.linalg.norm(space.normal)
@@ -185,8 +201,8 @@ def _patch(obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int) -
     if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:
         return None
     u, v = across(normal)
-    lines = tuple(np.rint(grid_lines(centre, u, v, half, step)).astype(int))
-    return Outline(obstacle.name, lines, np.rint(centre).astype(int), plane=True)
+    grid = grid_lines(centre, u, v, half, step)
+    return _still(obstacle, "plane", [line / 1e3 for line in grid], centre / 1e3)
 
 
 def hull(points: IntArray) -> IntArray:

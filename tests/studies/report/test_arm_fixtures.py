@@ -16,11 +16,11 @@ from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
 from studies.report.arm_drawing import drawing
-from studies.report.arm_instruments import Fixture, InstrumentPlaces, fixtures, within
+from studies.report.arm_instruments import InstrumentPlaces, fixtures, within
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
-from studies.report.surroundings import hull_runs
+from studies.report.surroundings import SceneObject, hull_runs
 from tests.calib.instruments.test_camera_in_mujoco import (
     ARM,
     GRID,
@@ -43,7 +43,7 @@ def cameras_of(folder: Path) -> tuple[Cell, str]:
     return calib.load_cell(folder / "cell.toml"), text
 
 
-def by_name(found: ArmScene) -> dict[str, Fixture]:
+def by_name(found: ArmScene) -> dict[str, SceneObject]:
     return {own.name: own for own in found.fixtures}
 
 

@@ -59,11 +59,11 @@ def test_arm_and_markers_stand_where_mujoco_puts_them(kr270: Cell) -> None:
     origins, axes = bodies(poses.q)
     markers = origins[:, -1:] + rotate(axes[:, None], kr270.markers)
     found = scene(kr270, poses)
-    arm = found.points[:, found.chain]
+    arm = found.chain
     # A4, A5 and A6 meet in the wrist: the chain has one point for them.
     wanted = np.concatenate([np.zeros((40, 1, 3)), origins[:, [0, 1, 2, 3, 6]]], axis=1) * 1e3
     np.testing.assert_allclose(arm, wanted, atol=HALF)
-    np.testing.assert_allclose(found.points[:, found.marker_points], markers * 1e3, atol=HALF)
+    np.testing.assert_allclose(found.marker_points, markers * 1e3, atol=HALF)
     np.testing.assert_allclose(found.tip_axes, axes.swapaxes(1, 2), atol=1e-9)
 
 
@@ -87,26 +87,22 @@ def test_prismatic_joints_and_capsules_by_products_of_matrices() -> None:
             if k == 1:
                 ends = [(T @ [*end, 1.0])[:3] for end in (capsule.start, capsule.end)]
         T = T @ robot.origins[5]
-        np.testing.assert_allclose(
-            found.points[i, found.chain], np.array([*origins, T[:3, 3]]) * 1e3, atol=HALF
-        )
+        np.testing.assert_allclose(found.chain[i], np.array([*origins, T[:3, 3]]) * 1e3, atol=HALF)
         (body,) = found.bodies
-        np.testing.assert_allclose(
-            found.points[i, [body.start, body.end]], np.array(ends) * 1e3, atol=HALF
-        )
+        np.testing.assert_allclose(body.ends[i], np.array(ends) * 1e3, atol=HALF)
     assert found.shaped
     assert found.bodies[0].radius == 50
     assert found.units == ("deg", "mm", "deg", "mm", "deg")
     np.testing.assert_allclose(found.values[:, 1], q[:, 1] * 1e3, atol=0.0051)
 
 
-def test_points_are_shared(drawn: ArmScene, kr270: Cell) -> None:
-    distinct = np.unique(drawn.points.swapaxes(0, 1).reshape(drawn.points.shape[1], -1), axis=0)
-    assert len(distinct) == drawn.points.shape[1]
-    moves = (drawn.points != drawn.points[:1]).any(axis=(0, 2))
-    assert not moves[: drawn.still].any()
-    assert moves[drawn.still :].all()
-    assert drawn.still == 4  # base, A1, and both ends of the base's capsule
+def test_points_are_shared(drawn: ArmScene) -> None:
+    """Each place is written once, and once for all poses where it stands still."""
+    points = picture(drawn).points.swapaxes(0, 1)
+    assert len(np.unique(points.reshape(len(points), -1), axis=0)) == len(points)
+    (data,) = elements(str(figure_html(drawn))).scripts
+    still = [3 if (own == own[0]).all() else own.size for own in points]
+    assert [len(own) for own in json.loads(data)["points"]] == still
 
 
 def test_why_a_marker_is_hidden(kr270: Cell) -> None:
@@ -140,7 +136,7 @@ def test_measured_markers_come_into_the_base_frame(kr270: Cell, table_two: Poses
         table_two, rotate(R, true) + t, np.ones((15, 3), bool), np.full((15, 3), np.nan)
     )
     found = scene(cell, data)
-    np.testing.assert_allclose(found.points[:, found.marker_points], true * 1e3, atol=HALF)
+    np.testing.assert_allclose(found.marker_points, true * 1e3, atol=HALF)
     assert found.seen == "measured"
     assert not found.hidden
 
@@ -153,33 +149,31 @@ def test_a_marker_without_a_reading(kr270: Cell, table_two: Poses) -> None:
     assert found.hidden == {(3, 1): "not measured"}
     assert found.readout(3)[1] == "markers m1, m3 measured; m2 not measured"
     nominal = scene(kr270, data.poses)
-    np.testing.assert_array_equal(
-        found.points[3, found.marker_points[1]], nominal.points[3, nominal.marker_points[1]]
-    )
+    np.testing.assert_array_equal(found.marker_points[3, 1], nominal.marker_points[3, 1])
 
 
 def test_readings_in_the_base_frame_stay(kr270: Cell, table_two: Poses) -> None:
     data, _, _ = simulated(kr270, table_two, 0)
     found = scene(replace(kr270, effects=("joint_offset",)), data)
-    np.testing.assert_allclose(found.points[:, found.marker_points], data.points * 1e3, atol=HALF)
+    np.testing.assert_allclose(found.marker_points, data.points * 1e3, atol=HALF)
 
 
 def test_what_stands_around(drawn: ArmScene) -> None:
-    box, ball, wall = drawn.around.outlines  # the floor is not drawn twice
-    corners = np.unique(np.concatenate(box.lines), axis=0)
+    box, ball, wall = drawn.around.obstacles  # the floor is not drawn twice
+    corners = np.unique(np.concatenate(box.lines, axis=1)[0], axis=0)
     assert len(corners) == 8
     half = np.linalg.norm([300, 250, 400])
     np.testing.assert_allclose(np.linalg.norm(corners - [1900, -1500, 400], axis=1), half, atol=1)
     np.testing.assert_allclose(
-        np.linalg.norm(ball.lines[0] - [-900, 1800, 500], axis=1), 300.0, atol=1.0
+        np.linalg.norm(ball.lines[0][0] - [-900, 1800, 500], axis=1), 300.0, atol=1.0
     )
-    in_wall = (np.concatenate(wall.lines) - [-2000, 0, 0]) @ [-2, 0, 1] / np.sqrt(5.0)
+    in_wall = (np.concatenate(wall.lines, axis=1) - [-2000, 0, 0]) @ [-2, 0, 1] / np.sqrt(5.0)
     assert np.abs(in_wall).max() < 2.0
     floor = drawn.around.floor
     assert drawn.around.step == 500
     assert (floor[..., 2] == 0).all()
     assert (floor % 500 == 0).all()
-    arms = drawn.points[:, drawn.chain].reshape(-1, 3)[:, :2]
+    arms = drawn.chain.reshape(-1, 3)[:, :2]
     assert (floor.min(axis=(0, 1))[:2] <= arms.min(axis=0)).all()
     assert (floor.max(axis=(0, 1))[:2] >= arms.max(axis=0)).all()
 
@@ -204,7 +198,7 @@ def test_structure_of_the_drawing(drawn: ArmScene) -> None:
         (line,) = of_class(svg, name)
         assert line.get("d", "").count("M") == 15
     assert len(of_class(svg, "arm-rim")) == len(of_class(svg, "arm-body")) == len(drawn.bodies)
-    assert len(of_class(svg, "arm-joint")) == len(drawn.chain) - 1
+    assert len(of_class(svg, "arm-joint")) == drawn.chain.shape[1] - 1
     hidden = sum((0, j) in drawn.hidden for j in range(3))
     assert len(of_class(svg, "arm-blocked")) == hidden
     assert len(of_class(svg, "arm-sight")) == 3 - hidden
@@ -238,7 +232,7 @@ def test_nearer_bodies_are_drawn_over_farther_ones(drawn: ArmScene) -> None:
     """Seen from azimuth -52 and elevation 20 degrees: towards the viewer is this direction."""
     a, e = np.radians([-52.0, 20.0])
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    middles = [(drawn.points[0, b.start] + drawn.points[0, b.end]) / 2.0 for b in drawn.bodies]
+    middles = [body.ends[0].mean(axis=0) for body in drawn.bodies]
     order = np.argsort([middle @ towards for middle in middles])
     widths = [float(e.get("stroke-width", 0)) for e in of_class(parsed(drawn), "arm-body")]
     radii = np.array([drawn.bodies[i].radius for i in order])
@@ -366,7 +360,7 @@ def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:
         kr270, robot=replace(robot, origins=origins, axes=np.tile([0.0, 0.0, 1.0], (6, 1)))
     )
     found = scene(cell, poses_at(np.array([[0.0, np.pi, 0.0, 0.0, 0.0, 0.0]])))
-    at = found.points[0, found.chain].tolist()
+    at = found.chain[0].tolist()
     assert at == [[0, 0, 0], [1000, 0, 0], [0, 0, 0]]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -31,11 +31,21 @@ class LinearProblem:
     r: Array
     J: Array
     span: Array
-    off: Array
-    held: Array
+    off: Array = field(default_factory=lambda: np.zeros(0))
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     mixing: Mixing | None = None
     weighing: Mixing | None = None
     pull: float = 1.0
+
+    @classmethod
+    def of_rows(cls, J: Array, mixing: Mixing | None = None) -> LinearProblem:
+        """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
+        return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
+
+    @property
+    def by_reading(self) -> Array:
+        """Independent derivatives (m, R, p): each less what those before it in its group tell."""
+        return self.J if self.mixing is None else self.mixing(self.J)
 
     @cached_property
     def fitted(self) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from doe.assess import assess
-from doe.plan import Design, Step
+from doe.plan import CurveStep, Design
 from doe.problem import Problem
 from doe.problem.pool import Pool
 from doe.problem.request import CannotIdentify
@@ -18,7 +18,7 @@ _STEPS = 8
 _PAYS = 0.05  # squared error times poses, above its least, that is still as good
 
 
-def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, ...]:
+def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[CurveStep, ...]:
     """Plans of the same candidates with fewer and with more poses, up to twice as many."""
     steps = []
     for smaller in _sizes(problem):
@@ -29,7 +29,7 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[Step, 
             continue
         judged = assess(smaller, pool.q[chosen.index])
         steps.append(
-            Step(
+            CurveStep(
                 smaller.request.poses,
                 judged.value,
                 judged.task_rms,
@@ -67,7 +67,7 @@ def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
     return counts[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])]
 
 
-def poses_that_match(steps: tuple[Step, ...], design: Design) -> dict[str, int | None]:
+def poses_that_match(steps: tuple[CurveStep, ...], design: Design) -> dict[str, int | None]:
     """Fewest poses of an optimal plan that do what each plan judged beside it does, by name."""
     larger = design.problem.criterion.larger_is_better
     found: dict[str, int | None] = {}

@@ -11,7 +11,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.problem import Problem
-from doe.problem.request import Levels
+from doe.problem.request import AngleLevels
 from doe.visiting import Reapproaches, Reference
 
 
@@ -97,7 +97,7 @@ class Landscape:
 
 
 @dataclass(frozen=True)
-class Step:
+class CurveStep:
     """The best plan found of so many poses.
 
     poses : int; value : float, criterion as shown; task_rms : float, m; efficiency : float
@@ -132,11 +132,11 @@ class Design(Result):
 
     problem : Problem
     poses : Poses, in the order of measuring, second visits and repeats of the reference included
-    level : ndarray, shape (N,), rad or m, NaN without levels; levels : Levels, settled, or None
+    level : ndarray, shape (N,), rad or m, NaN without levels; levels : AngleLevels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
     rivals : dict, name -> Rival
-    curve : tuple of Step, plans of fewer and more poses, empty unless asked for
+    curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
     reference : Reference or None
@@ -146,13 +146,13 @@ class Design(Result):
     problem: Problem
     poses: Poses
     level: Array
-    levels: Levels | None
+    levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
     candidates: Candidates
     landscape: Landscape
     rivals: dict[str, Rival] = field(default_factory=dict)
-    curve: tuple[Step, ...] = ()
+    curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     reference: Reference | None = None
@@ -199,6 +199,6 @@ def named(q: Array) -> Poses:
     return poses_at(q, names=[f"p{i + 1:0{width}d}" for i in range(len(q))])
 
 
-def level_values(levels: Levels | None, q: Array) -> Array:
+def level_values(levels: AngleLevels | None, q: Array) -> Array:
     """Level at which each pose stands, rad or m, NaN without levels."""
     return np.full(len(q), np.nan) if levels is None else q[:, levels.joint]

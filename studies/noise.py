@@ -11,7 +11,7 @@ from studies.record import Entry, NotNegative, Positive
 Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
 if TYPE_CHECKING:
-    from calib.scatter import Levels, Scatter
+    from calib.scatter import Scatter, VarianceEstimate
 
 _COUNTS = 0.5  # of what is expected: less hides beside the rest
 _SAME = 1e-3  # of the stated noise
@@ -79,7 +79,9 @@ class NoiseEntry(Entry):
         return told or self.believed_sigma_mm
 
 
-def by_level(levels: Levels | None, scatter: Scatter | None, reach: float) -> dict[str, Any]:
+def by_level(
+    levels: VarianceEstimate | None, scatter: Scatter | None, reach: float
+) -> dict[str, Any]:
     """The levels that an identification or a diagnosis found, as fields of :class:`NoiseEntry`.
 
     reach : m, of the arm, by which it is judged whose they are

@@ -23,7 +23,7 @@ _UNTURNED = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class DisplacedFrames:
     """One displacement ``D(xi)`` of every frame: the axes before it, and the frames after it.
 
     xi : ndarray, shape (..., m or 1, n + 2, 6), m and rad
@@ -42,13 +42,13 @@ class Stage:
 class Frames:
     """Frames 0 (base) .. n + 1 (tip) of the displaced arm, in base axes, before joint motion.
 
-    constant : Stage, what holds at every pose: errors of the geometry
-    present : Stage, what depends on the state: deflection, gear errors, heat
+    constant : DisplacedFrames, what holds at every pose: errors of the geometry
+    present : DisplacedFrames, what depends on the state: deflection, gear errors, heat
     R_link : ndarray, shape (..., m, n + 2, 3, 3), after joint motion: the frames that carry links
     """
 
-    constant: Stage
-    present: Stage
+    constant: DisplacedFrames
+    present: DisplacedFrames
     R_link: Array
 
     @property
@@ -105,8 +105,8 @@ def forward(
                 rotation = turned(rotation, so3_about(axis, value))
         moved[..., k, :, :] = rotation
     return Frames(
-        Stage(first, axes[0], axes[1], origins[0]),
-        Stage(second, axes[1], axes[2], origins[1]),
+        DisplacedFrames(first, axes[0], axes[1], origins[0]),
+        DisplacedFrames(second, axes[1], axes[2], origins[1]),
         moved,
     )
 
@@ -129,7 +129,7 @@ def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
     return frames.o + rotate(frames.R, travel)
 
 
-def spatial_columns(stage: Stage, frame: int, basis: Array) -> Array:
+def spatial_columns(stage: DisplacedFrames, frame: int, basis: Array) -> Array:
     """Velocity fields of the arm beyond a frame, for each column of displacement there.
 
     A displacement ``basis @ d`` of the frame moves a point x beyond it by ``A + phi x x``.

@@ -11,10 +11,9 @@ from calib.diagnosis.contest import Outcome
 from calib.diagnosis.detection_limit import Hidden
 from calib.diagnosis.finding import Refused
 from calib.diagnosis.gap import Gap
-from calib.diagnosis.range_noise import Growth
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import NoiseLevel
+from calib.identification.noise_level import Growth, NoiseLevel
 from calib.poses import Measurements
 from calib.result import Result
 

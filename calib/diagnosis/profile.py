@@ -23,7 +23,7 @@ from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import FitView
 from calib.scatter.restricted import Turned, beside_known, maximised
-from calib.scatter.search import Levels, problem_of, searched
+from calib.scatter.search import VarianceEstimate, problem_of, searched
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
 _TURNS = 2  # amplitude and variances in turn
@@ -43,10 +43,10 @@ class LikelihoodProblem:
     problem: Turned
     rows: int
     at: dict[str, IntArray]
-    search: Callable[[], Levels]
+    search: Callable[[], VarianceEstimate]
 
     @cached_property
-    def levels(self) -> Levels:
+    def levels(self) -> VarianceEstimate:
         """Levels of noise without any of the suspects."""
         return self.search()
 
@@ -140,7 +140,7 @@ def likelihood_problem(
     problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
     levels = fit.levels
 
-    def search() -> Levels:
+    def search() -> VarianceEstimate:
         if not without and levels is not None:
             return levels
         alone = problem.with_columns(np.append(np.arange(known), wide.shape[-1]), known)

@@ -10,13 +10,17 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, contest, plausible
-from calib.diagnosis.range_noise import Growth, growth
 from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.view import lineup
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
-from calib.identification.noise_level import REPLICATES, replicate_spreads
+from calib.identification.noise_level import (
+    REPLICATES,
+    Growth,
+    growth_with_range,
+    replicate_spreads,
+)
 from calib.identification.outliers import judge, threshold
 from calib.poses import Measurements
 from calib.poses.moves import visits
@@ -54,7 +58,7 @@ def searched(stage: Stage, suspects: Sequence[Candidate]) -> Searched:
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
     asked = lineup(linear, suspects)
     outcome = contest(linear, asked)
-    grows = growth(data, outcome.fit.r)
+    grows = growth_with_range(data, outcome.fit.r)
     if grows is not None:
         stage, factor = _as_repeated(stage, stated / grows.relative[..., None, None])
         linear = replace(linear, weights=stage.weights)

@@ -20,7 +20,7 @@ from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
-from calib.scatter import Levels, Scatter, Variances, levels_of, scatter_of
+from calib.scatter import Scatter, VarianceEstimate, Variances, levels_of, scatter_of
 from calib.scatter.poses import Mixing
 from calib.solver import least_squares, levenberg_marquardt
 
@@ -41,8 +41,8 @@ class Fit:
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
-    levels : Levels or None, how the readings err beside the instrument; mixing : Mixing or None,
-        what makes the rows independent under them
+    levels : VarianceEstimate or None, how the readings err beside the instrument
+    mixing : Mixing or None, what makes the rows independent under them
     pull : float, by how many standard deviations of the instrument a row errs under them, or where
         nothing errs as a whole and the robot's type is known
     """
@@ -55,7 +55,7 @@ class Fit:
     r: Array
     J: Array
     converged: bool
-    levels: Levels | None = None
+    levels: VarianceEstimate | None = None
     mixing: Mixing | None = None
     pull: float = 1.0
 

@@ -42,7 +42,15 @@ from calib.observations import Observation, points_of
 from calib.population import Departure, adapted, departure, loosened
 from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths, widths_of
-from calib.scatter import Levels, Scatter, Unnoticed, Variances, levels_of, scatter_of, unnoticed
+from calib.scatter import (
+    Scatter,
+    Unnoticed,
+    VarianceEstimate,
+    Variances,
+    levels_of,
+    scatter_of,
+    unnoticed,
+)
 from calib.scatter.search import problem_of
 from calib.solver import Minimum
 
@@ -66,7 +74,7 @@ class Estimation:
     choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
-    levels : Levels, how whole poses err together; None for differences, where that drops out
+    levels : VarianceEstimate, how whole poses err together; None for differences, where that drops out
     of_type : Departure, where the cell names the robot's type
     sizes : Widths, of errors, where they hold what the readings leave open
     """
@@ -82,7 +90,7 @@ class Estimation:
     choice: Identifiable
     span: Array
     regular: bool
-    levels: Levels | None = None
+    levels: VarianceEstimate | None = None
     of_type: Departure | None = None
     sizes: Widths | None = None
 

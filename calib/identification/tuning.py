@@ -49,7 +49,7 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     rest, known = points.model.without(tuned, start)
     values, span, share = _fitted(replace(points, model=rest), known)
     r, J, carriers = _linearised(replace(points, model=rest), values, tuned)
-    problem = _problem(share[:, None] * r, J, span, points)
+    problem = LinearProblem(share[:, None] * r, J, span, mixing=points.mixing)
     found = dict[int, Tuned]()
 
     def columns(i: int) -> Array:
@@ -119,12 +119,6 @@ def _together(
     return model, values
 
 
-def _problem(r: Array, J: Array, span: Array, points: Points) -> LinearProblem:
-    """Of the readings alone, without what is known beside them."""
-    none = np.zeros(0), np.zeros((0, J.shape[-1]))
-    return LinearProblem(r, J, span, *none, points.mixing)
-
-
 def _best(effect: Tuned, poses: Poses, carried: Carried) -> tuple[float, float]:
     """The tuning that lowers the cost most, and by how much."""
     grid = effect.grid(poses)
@@ -184,7 +178,8 @@ def _half_width(
     r, J, (carrier,) = _linearised(points, values, [effect])
     own = times(carrier, effect.functions(poses, np.array(at)))
     others = span[:, ~span[part].any(axis=0)]
-    problem = _problem(r + own @ values[part.start + 1 : part.stop], J, others, points)
+    r = r + own @ values[part.start + 1 : part.stop]
+    problem = LinearProblem(r, J, others, mixing=points.mixing)
     carried = beside(problem).carried(carrier)
     grid = effect.grid(poses)
     gain = _falls(effect, poses, carried, np.append(grid, at))

@@ -313,8 +313,11 @@ def _cause(kind: str, where: str) -> tuple[str, str]:
 
 
 def _same_unknown(kind: str, other: str) -> bool:
-    """A joint with a compliance by angle needs no constant one beside it."""
-    return kind == other or {kind, other} == {"joint_compliance", "stiffness_vs_angle"}
+    """Whether one needs nothing of the other beside it; what constants absorb, the reduction says."""
+    if kind == other or is_constant(kind) or is_constant(other):
+        return kind == other
+    known = catalogue()
+    return other in known[kind].parts or kind in known[other].parts
 
 
 def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:

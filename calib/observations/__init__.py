@@ -7,7 +7,7 @@ of a reading to position and orientation of the tip frame.
 from typing import Literal
 
 from calib.observations.points import Observation, Points, points_of
-from calib.observations.pose import Pose, Weighting, as_poses
+from calib.observations.pose import PoseObservation, Weighting, as_poses
 from calib.observations.shape import orientable, pose_from_points, with_measured_shape
 
 Approach = Literal["points", "pose"]
@@ -16,7 +16,7 @@ __all__ = [
     "Approach",
     "Observation",
     "Points",
-    "Pose",
+    "PoseObservation",
     "Weighting",
     "as_poses",
     "orientable",

@@ -31,7 +31,7 @@ Weighting = Literal["full", "normalised", "plain"]
 
 
 @dataclass(frozen=True, eq=False)
-class Pose(Observation):
+class PoseObservation(Observation):
     """Position [m] and rotation vector [rad] of the tip frame at each reading.
 
     shape : ndarray, shape (..., M, 3), m, markers in the tip frame as known when the poses are
@@ -187,13 +187,13 @@ class Pose(Observation):
 
 def as_poses(
     points: Points, shape: Array, weighting: Weighting = "full", length: float = 1.0
-) -> Pose:
+) -> PoseObservation:
     """Poses computed from the markers; readings that show too few of them are left out.
 
     shape : ndarray, shape (..., M, 3), m; it counts as computed from these readings where the tool is
         in the model, as known otherwise
     """
-    pose = Pose(
+    pose = PoseObservation(
         points.model,
         points.data,
         points.weights,

@@ -10,12 +10,12 @@ find (:mod:`calib.scatter.search`), and is the one place that whitens whole pose
 """
 
 from calib.scatter.poses import Scatter, Variances, scatter_of
-from calib.scatter.search import Levels, Unnoticed, levels_of, unnoticed
+from calib.scatter.search import Unnoticed, VarianceEstimate, levels_of, unnoticed
 
 __all__ = [
-    "Levels",
     "Scatter",
     "Unnoticed",
+    "VarianceEstimate",
     "Variances",
     "levels_of",
     "scatter_of",

@@ -20,7 +20,7 @@ _FEWEST = 10  # rows that see the instrument alone, from which on it can be told
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class VarianceEstimate:
     """What scatters beyond the instrument as stated.
 
     variances : Variances
@@ -91,8 +91,8 @@ def levels_of(
     J: Array,
     held: Array | None = None,
     known: Repeatability | None = None,
-    before: Levels | None = None,
-) -> Levels:
+    before: VarianceEstimate | None = None,
+) -> VarianceEstimate:
     """Estimate the levels by restricted likelihood; arguments as of :func:`problem_of`.
 
     before : an earlier estimate, from which the search goes on
@@ -104,8 +104,12 @@ def levels_of(
 
 
 def searched(
-    problem: Turned, start: Array, may: IntArray, scatter: Scatter, before: Levels | None = None
-) -> Levels:
+    problem: Turned,
+    start: Array,
+    may: IntArray,
+    scatter: Scatter,
+    before: VarianceEstimate | None = None,
+) -> VarianceEstimate:
     """The levels of a problem; start, may : as :func:`problem_of` gives them."""
     theta, free = start, np.zeros(0, dtype=int)
     found = nothing = likelihood(problem, theta)
@@ -122,7 +126,7 @@ def searched(
     theta, found, free = state
     if found.value > nothing.value - _entry_price(len(may)):
         theta, found, free = start, nothing, np.zeros(0, dtype=int)
-    return Levels(
+    return VarianceEstimate(
         _variances(theta * problem.units, scatter),
         free,
         theta,

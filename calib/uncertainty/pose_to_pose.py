@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.arm.repeatability import Usual, usual_repeatability
 from calib.cell import Repeatability
-from calib.scatter import Levels, Scatter, Variances
+from calib.scatter import Scatter, VarianceEstimate, Variances
 
 Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
@@ -43,7 +43,9 @@ class PoseToPose:
         return "undecided"
 
 
-def pose_to_pose(levels: Levels | None, scatter: Scatter | None, reach: float) -> PoseToPose:
+def pose_to_pose(
+    levels: VarianceEstimate | None, scatter: Scatter | None, reach: float
+) -> PoseToPose:
     """The judgement of a fit's levels of noise.
 
     scatter : of the same readings; reach : m, of the arm (:attr:`calib.arm.robot.Robot.reach`)

@@ -185,7 +185,7 @@ def enough(
     held, pull = model.beside(at.values)[1] * sizes, _pull(at.arm, found)
     so_far = np.arange(len(day)) < len(data)
     now = rows.equations(so_far, held, pull)
-    order = _best_order(forecast.criterion, rows.rows.independent, so_far, plan, done.left, held)
+    order = _best_order(forecast.criterion, rows.rows.by_reading, so_far, plan, done.left, held)
     further = ((name, count, rows.equations(upto, held, pull)) for name, count, upto in order)
     steps = tuple(forecast.steps(now, len(data), further))
     sigma = believed_sigma(day, at.weights(day), model.readout.channels.lengths) * arm.scale

@@ -11,6 +11,7 @@ from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell.targets import targets_of
 from calib.effects.tool import Tool
 from calib.identification import Identification
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import (
     at_points_read,
@@ -30,7 +31,7 @@ from doe.criteria.task import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.linearisation import Linearisation, Regressor, Rows, at_targets, moved_rows
+from doe.problem.linearisation import Linearisation, Regressor, at_targets, moved_rows
 from doe.problem.problem import target_rows
 
 _SURE = 0.95
@@ -216,18 +217,19 @@ class Forecast:
 class Readings:
     """Readings to first order, per plausible size of the parameters.
 
-    rows : Rows; common : Rows, how the same readings follow errors common to all
+    rows, common : LinearProblem, the latter how the same readings follow errors common to all
     weighing : how the estimate weighs whole poses: as the cell says that the arm scatters
     """
 
-    rows: Rows
-    common: Rows
+    rows: LinearProblem
+    common: LinearProblem
     weighing: Mixing | None
 
     @classmethod
     def at(cls, at: Linearisation, data: Measurements, kept: Mask | None = None) -> Readings:
         """Of a data set, of which some readings count, shape (m,)."""
-        rows = at.of(data, kept).per(at.model.sizes)
+        rows = at.of(data, kept)
+        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
         arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
         weighing = replace(at, arm=arm).of(data, kept).mixing if arm.any else None
         return cls(rows, moved_rows(at, data, at.weights(data, kept), rows), weighing)
@@ -239,12 +241,12 @@ class Readings:
 
         pull : by how much more the estimate weighs the rows beside them
         """
-        own = self.rows.whitened if chosen is None else self.rows.whitened * chosen[:, None, None]
+        own = self.rows.J if chosen is None else self.rows.J * chosen[:, None, None]
         counted = own
         if self.weighing is not None:
             counted = self.weighing(own)
             own = self.weighing.back(counted)
-        crossed = np.einsum("mrp,mrb->pb", own, self.common.whitened)
+        crossed = np.einsum("mrp,mrb->pb", own, self.common.J)
         core = None if self.rows.mixing is None else self.rows.mixing.covariance(own)
         if held is None:
             return NormalEquations(root(stacked(counted)), core, crossed)

@@ -17,10 +17,11 @@ from calib.diagnosis.stepwise import linear_scores
 from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.instruments import Camera
+from calib.linear import LinearProblem
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.situation import Situation, situation_of
-from doe.problem.linearisation import Linearisation, Rows, weighted
+from doe.problem.linearisation import Linearisation, weighted
 
 _SOMETHING = 1.0  # noise variances that a rival must explain to be one
 _REACH = 25.0
@@ -124,7 +125,7 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     predicted, J = situation.model.jacobian(situation.values, data.poses)
     off = situation.model.readout.difference(data.readings, predicted)
     columns = np.concatenate([J, off[..., None]], axis=-1)
-    flat = Rows(weighted(W, columns), after.mixing).flat
+    flat = LinearProblem.of_rows(weighted(W, columns), after.mixing).independent[1]
     return flat[:, -1], flat[:, :-1]
 
 

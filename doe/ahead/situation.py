@@ -15,7 +15,7 @@ from doe.ahead.conditions import Conditions, Hung, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.linearisation import Linearisation
 from doe.problem.pool import in_turn_brought, rounded
-from doe.problem.request import Levels, levels_of
+from doe.problem.request import AngleLevels, levels_of
 
 _DRAWN = 8192
 _CHUNK = 512
@@ -26,12 +26,12 @@ class Situation(Linearisation):
     """A model to first order, and the conditions of the readings to come.
 
     sigma : float, m, usual standard deviation of a point where readings give their own, else NaN
-    levels : Levels, to which the cell's design and the readings keep, or None
+    levels : AngleLevels, to which the cell's design and the readings keep, or None
     """
 
     conditions: Conditions = field(kw_only=True)
     sigma: float = field(kw_only=True)
-    levels: Levels | None = field(kw_only=True)
+    levels: AngleLevels | None = field(kw_only=True)
 
     def under(self, **changed: Any) -> Self:
         """The same where some of the conditions are changed."""
@@ -42,7 +42,7 @@ class Situation(Linearisation):
         conditions, reading = self.conditions, np.arange(len(poses))
         seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
         visit = reading // conditions.stay, reading // conditions.each
-        rows = self.candidates(poses, seen, visit, self.sigma).independent
+        rows = self.candidates(poses, seen, visit, self.sigma).by_reading
         return rows.reshape(len(q), -1, rows.shape[-1])
 
     def in_order(self, q: Array) -> Array:
@@ -99,7 +99,7 @@ def situation_of(at: Linearisation, data: Measurements) -> Situation:
     )
 
 
-def _kept_levels(cell: Cell, q: Array) -> Levels | None:
+def _kept_levels(cell: Cell, q: Array) -> AngleLevels | None:
     """The levels of the cell's design, where the data (m, dof) stand at them."""
     levels = levels_of(cell, None, None)
     return levels if levels is not None and (levels.of(q) >= 0).all() else None

@@ -19,36 +19,14 @@ from calib.cell import Cell
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
 from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.scatter.poses import Mixing
 from calib.uncertainty.considered import by_gravity, common_displacements
 
 Visits = tuple[IntArray, IntArray]
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Whitened rows (m, R, p) of m readings, and what makes them independent, None where they are."""
-
-    whitened: Array
-    mixing: Mixing | None
-
-    @property
-    def independent(self) -> Array:
-        """Rows of unit variance, (m, R, p): each less what those before it in its visit tell."""
-        return self.whitened if self.mixing is None else self.mixing(self.whitened)
-
-    def per(self, sizes: Array) -> Rows:
-        """The same with the parameters in units of some sizes, (p,)."""
-        return Rows(self.whitened * sizes, self.mixing)
-
-    @property
-    def flat(self) -> Array:
-        """The same one below the other, (m R, p)."""
-        return self.independent.reshape(-1, self.whitened.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +44,7 @@ class Linearisation:
     arm: Variances
     silent: tuple[Effect, ...] = ()
 
-    def of(self, data: Measurements, kept: Mask | None = None) -> Rows:
+    def of(self, data: Measurements, kept: Mask | None = None) -> LinearProblem:
         """Rows of readings, of which some count, shape (m,); beams end at their points."""
         return self._rows(data.poses, lambda _: self.weights(data, kept), None)
 
@@ -76,7 +54,9 @@ class Linearisation:
         W = self._whitening(data.poses, data.readings, data.sigma)
         return np.asarray(W * seen[..., None, None])
 
-    def candidates(self, poses: Poses, seen: Mask | None, visit: Visits, sigma: float) -> Rows:
+    def candidates(
+        self, poses: Poses, seen: Mask | None, visit: Visits, sigma: float
+    ) -> LinearProblem:
         """Rows of poses that may be read; beams end where they are predicted.
 
         seen : ndarray of bool, shape (m, M), markers in sight, all where it is None
@@ -97,15 +77,17 @@ class Linearisation:
             return found
         return replace(found, approach=visit[0], configuration=visit[1])
 
-    def _rows(self, poses: Poses, weights: Callable[[Array], Array], visit: Visits | None) -> Rows:
+    def _rows(
+        self, poses: Poses, weights: Callable[[Array], Array], visit: Visits | None
+    ) -> LinearProblem:
         # A model of its own: the last linearisation that a model remembers is no use to others.
         points, J = replace(self.model).jacobian(self.values, poses)
         W = weights(points)
         rows = weighted(W, self._heard(J))
         if not self.arm.any:
-            return Rows(rows / self.arm.scale, None)
+            return LinearProblem.of_rows(rows / self.arm.scale)
         scatter = self.scatter(poses, visit)
-        return Rows(rows, scatter.mixing(weighted(W, scatter.levers)))
+        return LinearProblem.of_rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 
     def foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
         """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do.
@@ -208,7 +190,7 @@ class Regressor:
         if not self.cell.scatters:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
-        rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).independent
+        rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).by_reading
         turned = stacked(rows[first:]) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
@@ -233,7 +215,7 @@ class Regressor:
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
         rows = at.candidates(poses, seen, (visit, visit), np.nan)
         moved = moved_rows(at, data, at.foreseen(poses, points, seen, np.nan), rows)
-        own, more = (_by_visit(r.independent, len(q)) for r in (rows, moved))
+        own, more = (_by_visit(r.by_reading, len(q)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
@@ -257,17 +239,19 @@ def _by_visit(rows: Array, visits: int) -> Array:
     return np.concatenate(list(rows.reshape(-1, visits, *rows.shape[1:])), axis=1)
 
 
-def moved_rows(at: Linearisation, data: Measurements, weights: Array, like: Rows) -> Rows:
+def moved_rows(
+    at: Linearisation, data: Measurements, weights: Array, like: LinearProblem
+) -> LinearProblem:
     """How readings (m) follow one standard uncertainty of each component, whitened, (m, R, b).
 
-    weights : whitening matrices of the readings, (m, C, r, r); like : Rows, of the same readings
+    weights : whitening matrices of the readings, (m, C, r, r); like : of the same readings
     """
     moved = [own * e.std for _, e, own in common_displacements(at.model, at.values, data)]
     if not moved:
-        return Rows(like.whitened[..., :0], like.mixing)
+        return LinearProblem.of_rows(like.J[..., :0], like.mixing)
     rows = weighted(weights, np.concatenate(moved, axis=-1))
     scale = 1.0 if at.arm.any else at.arm.scale
-    return Rows(rows / scale, like.mixing)
+    return LinearProblem.of_rows(rows / scale, like.mixing)
 
 
 def at_targets(model: Model, counts: Model, values: Array, targets: Poses) -> Array:

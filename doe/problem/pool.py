@@ -20,7 +20,7 @@ from calib.poses import poses_at
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.blocks import pack, packed_size
 from doe.problem.linearisation import Regressor
-from doe.problem.request import CannotIdentify, Levels, Request, at_level, no_candidate
+from doe.problem.request import AngleLevels, CannotIdentify, Request, at_level, no_candidate
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
@@ -44,7 +44,7 @@ def rounded(cell: Cell, q: Array) -> Array:
     return np.where(first > last, np.clip(q, low, high), inside)
 
 
-def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[Array]:
+def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iterator[Array]:
     """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all.
 
     In turn, too, they are brought to what is touched, and left for all instruments else.
@@ -67,7 +67,7 @@ def drawn(cell: Cell, count: int, levels: Levels | None, seed: int) -> Iterator[
         yield in_turn_brought(cell, cell.robot.tied(q), levels, start)
 
 
-def in_turn_brought(cell: Cell, q: Array, levels: Levels | None, start: int = 0) -> Array:
+def in_turn_brought(cell: Cell, q: Array, levels: AngleLevels | None, start: int = 0) -> Array:
     """Configurations (m, dof) at one contact after the other, and some at none if others read there.
 
     start : int, how many went before
@@ -81,7 +81,7 @@ def in_turn_brought(cell: Cell, q: Array, levels: Levels | None, start: int = 0)
     return brought(cell, q, np.where(wanted < len(contacts), wanted, -1), movable(cell, levels))
 
 
-def movable(cell: Cell, levels: Levels | None) -> Mask:
+def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
     """Joints that stand at no level and follow no other, shape (dof,)."""
     at_no_level = [levels is None or k != levels.joint for k in range(cell.robot.dof)]
     return np.asarray(cell.robot.free & at_no_level)
@@ -136,7 +136,7 @@ class Pool:
         )
 
     def too_few(
-        self, cell: Cell, levels: Levels | None, level: int, found: int, needed: int
+        self, cell: Cell, levels: AngleLevels | None, level: int, found: int, needed: int
     ) -> str:
         """Why too little is left to choose from at a level, or of all where there are no levels."""
         if levels is None:
@@ -161,7 +161,7 @@ def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
 
 
 def judge(
-    regressor: Regressor, constraints: tuple[Constraint, ...], levels: Levels | None, q: Array
+    regressor: Regressor, constraints: tuple[Constraint, ...], levels: AngleLevels | None, q: Array
 ) -> Pool:
     """Remove the configurations, shape (m, dof), that may not be measured, and linearise the others."""
     cell = regressor.cell
@@ -189,7 +189,7 @@ def judge(
 def pool_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
-    levels: Levels | None,
+    levels: AngleLevels | None,
     chunks: Iterable[Array],
     count: int,
 ) -> Pool:

@@ -29,7 +29,7 @@ class Request:
 
     poses : int, how many are to be chosen
     criterion : str, a key of ``doe.criteria.catalogue()``
-    levels : Levels or None
+    levels : AngleLevels or None
     of : tuple of str: effects or parameters that matter, or ``name=factor`` for a combination
     rivals : two effects to be told apart, ``effect:where``, or None
     fixed : Poses measured in any case, or None
@@ -40,7 +40,7 @@ class Request:
 
     poses: int
     criterion: str
-    levels: Levels | None = None
+    levels: AngleLevels | None = None
     of: tuple[str, ...] = ()
     rivals: tuple[str, str] | None = None
     fixed: Poses | None = None
@@ -152,7 +152,7 @@ def _known(model: Model, text: str) -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class AngleLevels:
     """Values of one joint at which the poses of a plan stand.
 
     joint : int
@@ -182,9 +182,9 @@ class Levels:
         distance = np.abs(q[:, self.joint, None] - self.values)
         return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
 
-    def only(self, values: Array) -> Levels:
+    def only(self, values: Array) -> AngleLevels:
         """The same with its levels settled, shape (k,), rad or m."""
-        return Levels(self.joint, values, len(values), self.per_level)
+        return AngleLevels(self.joint, values, len(values), self.per_level)
 
 
 def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
@@ -214,7 +214,7 @@ def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
 
 def levels_of(
     cell: Cell, given: Mapping[str, AskedLevels] | None, poses: int | None
-) -> Levels | None:
+) -> AngleLevels | None:
     """Levels as asked for, else those of the cell's [design]; None for none.
 
     With the cell's levels a number of poses says how many stand at each.
@@ -266,7 +266,7 @@ def _index(cell: Cell, joint: str) -> int:
     return k
 
 
-def _levels(cell: Cell, joint: int, asked: AskedLevels) -> Levels:
+def _levels(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
     name, unit = cell.robot.joints[joint], _unit(cell, joint)
     low, high = cell.robot.sample_limits()[joint]
     if asked.values is not None:
@@ -280,7 +280,7 @@ def _levels(cell: Cell, joint: int, asked: AskedLevels) -> Levels:
             )
         if (np.diff(values) < _AT_LEVEL).any():
             raise CalibError(f"levels of {name} contain the same value twice; give each once")
-        return Levels(joint, values, len(values), asked.per_level)
+        return AngleLevels(joint, values, len(values), asked.per_level)
     used, separation = asked.count or 0, asked.separation
     if used > _MOST:
         raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
@@ -289,7 +289,9 @@ def _levels(cell: Cell, joint: int, asked: AskedLevels) -> Levels:
             f"{used} levels of {name} cannot be {separation / unit:g} apart within "
             f"{low / unit:g} .. {high / unit:g}; ask for fewer or closer ones"
         )
-    return Levels(joint, _grid(cell, joint, used, separation), used, asked.per_level, separation)
+    return AngleLevels(
+        joint, _grid(cell, joint, used, separation), used, asked.per_level, separation
+    )
 
 
 def _grid(cell: Cell, joint: int, used: int, separation: float) -> Array:
@@ -348,7 +350,7 @@ def no_candidate(
     return f"{what}: of {count}, {said}; relax what removed most"
 
 
-def at_level(cell: Cell, levels: Levels | None, level: int) -> str:
+def at_level(cell: Cell, levels: AngleLevels | None, level: int) -> str:
     """Words for one level, none without levels."""
     if levels is None:
         return ""

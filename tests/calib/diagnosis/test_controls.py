@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib import Measurements
-from calib.diagnosis.range_noise import growth
+from calib.identification.noise_level import growth_with_range
 from tests.calib.diagnosis.test_diagnose import DRIFT, diagnosed, measured
 
 OF_THE_COLUMNS = ("time", "temperature", "approach", "motion")
@@ -52,9 +52,12 @@ def test_noise_that_grows_with_range_is_seen_and_even_noise_is_not() -> None:
     rng, ranges = np.random.default_rng(0), np.linalg.norm(data.points, axis=-1)
     sigma = 0.5 + (ranges - ranges.min()) / np.ptp(ranges) * 1.5
     r = rng.normal(size=(*data.seen.shape, 3)) * sigma[..., None]
-    grows = growth(data, r.reshape(len(data), -1))
+    grows = growth_with_range(data, r.reshape(len(data), -1))
     assert grows is not None
     assert grows.farthest / grows.nearest == pytest.approx(4.0, rel=0.4)
     assert np.corrcoef(grows.relative.ravel(), sigma.ravel())[0, 1] > 0.95
-    even = [growth(data, rng.normal(size=(len(data), data.seen.shape[1] * 3))) for _ in range(100)]
+    even = [
+        growth_with_range(data, rng.normal(size=(len(data), data.seen.shape[1] * 3)))
+        for _ in range(100)
+    ]
     assert sum(g is not None for g in even) <= 2

@@ -15,12 +15,12 @@ from calib.arrays import Array
 from calib.cell import Load
 from calib.errors import CalibError
 from calib.model.build import build
-from calib.observations import Points, Pose
+from calib.observations import Points, PoseObservation
 from calib.poses import Measurements
 from tests.helpers import cell_of, central_difference, random_poses, random_robot, with_effects
 
 
-def information(observation: Points | Pose, values: Array) -> Array:
+def information(observation: Points | PoseObservation, values: Array) -> Array:
     _, J = observation.linearise(values)
     J = J.reshape(-1, J.shape[-1])
     return J.T @ J
@@ -41,7 +41,7 @@ def both(seed: int, dof: int, markers: int, effects: tuple[str, ...]) -> tuple[A
     marked = model.marker_positions(values)
     return (
         information(Points(model, data, weights), values),
-        information(Pose(model, data, weights, marked), values),
+        information(PoseObservation(model, data, weights, marked), values),
     )
 
 

@@ -10,7 +10,6 @@ import pytest
 
 import calib
 from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
-from calib.files.tables import load_plan, load_targets
 from calib.files.write_tables import measurements_csv
 from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 from tests.bad_inputs.edits import effects, without
@@ -43,16 +42,6 @@ def test_effect_without_any_load(folder: Path) -> None:
     cell = calib.load_cell(path)
     with pytest.raises(EffectCannotAct, match="nothing loads the arm; give wr"):
         calib.identify(cell, calib.load_measurements(cell, table))
-
-
-def test_missing_files(folder: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read .*check the path"):
-        calib.load_cell(folder / "nowhere.toml")
-    cell = calib.load_cell(folder / "cell.toml")
-    with pytest.raises(InputError, match=r"nowhere\.csv: cannot be read"):
-        calib.load_measurements(cell, folder / "nowhere.csv")
-    with pytest.raises(InputError, match="cannot be read"):
-        calib.load_measurements(cell, folder)
 
 
 def test_a_gigabyte_of_garbage_is_refused_early(folder: Path) -> None:
@@ -118,19 +107,6 @@ def test_angles_that_look_like_radians_are_pointed_out(folder: Path) -> None:
     path.write_text("\n".join(rows))
     data = calib.load_measurements(calib.load_cell(folder / "cell.toml"), path)
     assert any("looks like radians" in text for text in data.warnings)
-
-
-def test_plans_and_targets(folder: Path) -> None:
-    cell = calib.load_cell(folder / "cell.toml")
-    plan = folder / "plan.csv"
-    assert len(load_plan(cell, plan)) == 15
-    plan.write_text(plan.read_text().replace("p02", "p01"))
-    with pytest.raises(InputError, match="line 3, column pose: 'p01' stands twice"):
-        load_plan(cell, plan)
-    targets = folder / "targets.csv"
-    targets.write_text(embedded_text("plan.csv").replace("level", "weight"))
-    with pytest.raises(InputError, match="column weight: must be at least zero"):
-        load_targets(cell, targets)
 
 
 def test_errors_come_whole_from_another_process() -> None:

@@ -21,7 +21,7 @@ from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
 from calib.model.build import build
 from calib.model.covariance import accuracy
-from calib.poses import hung, poses_at
+from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
 from tests.helpers import cell_of, designed, random_robot, read_by, with_effects
@@ -443,13 +443,7 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
-    "more levels than poses": (lambda c: c, {"levels": "A2=5x3", "poses": 4}, "5 levels of A2 need"),
-    "counts that differ": (lambda c: c, {"levels": "A2=5x3", "poses": 20}, "are 15 poses, not 20"),
-    "level outside": (lambda c: c, {"levels": "A2=-200,-50x3"}, "level -200 of A2 is outside"),
-    "no such joint": (lambda c: c, {"levels": "B2=5x3"}, "no such joint"),
-    "not understood": (lambda c: c, {"levels": "A2:5x3"}, "not understood"),
     "no number": (lambda c: c, {}, "how many poses"),
-    "unknown criterion": (lambda c: c, {"poses": 15, "criterion": "F"}, "criterion: 'F' is unknown"),
     "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "poses leave"),
     "nothing feasible": (
         lambda c: replace(
@@ -484,14 +478,6 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     ),
     "Ds of nothing": (lambda c: c, {"poses": 15, "criterion": "Ds"}, "(of)"),
     "c of nothing": (lambda c: c, {"poses": 15, "criterion": "c"}, "(of)"),
-    "of something else": (
-        lambda c: c,
-        {"poses": 15, "criterion": "Ds", "of": ["joint_compliance:A1"]},
-        "no parameter or effect",
-    ),
-    "too many for the memory": (
-        lambda c: c, {"poses": 15, "candidates": 10**9}, "ask for at most"
-    ),
     "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
     "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "and 15 are needed"),
     "a rival by approach": (
@@ -536,14 +522,6 @@ def test_what_cannot_be_identified_is_named(elastic: Cell) -> None:
         doe.design(cell, levels=LEVELS, candidates=500)
 
 
-def test_targets_outside_the_limits(elastic: Cell, tmp_path: Path) -> None:
-    path = tmp_path / "targets.csv"
-    path.write_text("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,-50,0,0,0,0\n0,-170,0,0,0,0\n")
-    cell = designed(elastic, path)
-    with pytest.raises(CalibError, match=r"A2 at -170.00 deg is outside its limits"):
-        doe.design(cell, levels=LEVELS, candidates=500)
-
-
 @pytest.mark.long
 def test_single_target_still_determines_every_parameter(elastic: Cell, tmp_path: Path) -> None:
     """Without care the best plan measures the target itself, fifteen times, and nothing else."""
@@ -578,21 +556,6 @@ def test_curve(elastic: Cell) -> None:
     assert values == sorted(values, reverse=True)
     assert all(0.9 < step.efficiency <= 1.0 for step in plan.curve[1:])
     assert min(errors) > 0.0
-
-
-@pytest.mark.long
-def test_loaded_and_free_readings_both_count(
-    elastic: Cell, quick: Callable[..., doe.Design]
-) -> None:
-    """The information of a pose is that of its two readings."""
-    plan = quick(criterion="D")
-    both = readings(elastic, plan.poses)
-    model = build(elastic, plan.poses).model
-    _, J = model.jacobian(np.zeros(len(model.parameters)), both)
-    M = np.einsum("mjip,mjiq->pq", J, J) / elastic.noise.along**2
-    np.testing.assert_allclose(M, information(elastic, plan.poses.q), rtol=1e-9)
-    loaded = hung(plan.poses, 250.0, (0.3, 0.0, 0.15))
-    assert len(both) == 2 * len(loaded)
 
 
 @pytest.mark.long

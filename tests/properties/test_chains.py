@@ -11,7 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
@@ -112,17 +111,6 @@ def measured(cell: calib.Cell, q: Array) -> Measurements:
     seen = rng.random(points.shape[:2]) < 0.9
     seen[0] = True
     return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-
-
-def test_forward_kinematics(chain: tuple[Chain, Path]) -> None:
-    arm, folder = chain
-    robot = calib.load_cell(folder / "cell.toml").robot
-    q = arm.configurations(20)
-    frames = forward(robot, q)
-    for row, R, o in zip(q, frames.R[:, -1], frames.o[:, -1], strict=True):
-        T = arm.tip(row)
-        np.testing.assert_allclose(R, T[:3, :3], atol=1e-12)
-        np.testing.assert_allclose(o, T[:3, 3], atol=1e-12)
 
 
 def test_tables_are_read_as_they_were_written(chain: tuple[Chain, Path]) -> None:

@@ -12,13 +12,12 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.arm.kinematics import forward, link_origins
-from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arm.kinematics import forward
+from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.effects import EFFECTS
 from calib.files.urdf import load_urdf
 from calib.files.urdf_out import corrected_urdf
-from calib.model.build import build, context_of
+from calib.model.build import build
 from calib.poses import poses_at
 from studies.demo.embedded import embedded_text, simulated
 from tests.helpers import GRAVITY, with_effects
@@ -71,23 +70,6 @@ def poses(kr270: Cell) -> Poses:
     return poses_at(q, wrench=rng.normal(size=(20, 6)) * 500.0)
 
 
-def test_forward_kinematics(kr270: Cell, poses: Poses) -> None:
-    model = in_mujoco(embedded_text("kr270.urdf"))
-    expected = body_positions(model, ["tool0"], poses.q)[:, 0]
-    np.testing.assert_allclose(forward(kr270.robot, poses.q).o[:, -1], expected, atol=1e-9)
-
-
-def test_joint_torques(kr270: Cell, poses: Poses) -> None:
-    robot = kr270.robot
-    frames = forward(robot, poses.q)
-    loads = loads_of(robot, poses, Payload(), GRAVITY)
-    wrench = transmitted(loads, frames, link_origins(robot, frames, poses.q))
-    ours = np.einsum("mki,ki->mk", wrench.local[:, 1:-1, 3:], robot.axes)
-    model = in_mujoco(embedded_text("kr270.urdf"))
-    model.opt.gravity[:] = GRAVITY
-    np.testing.assert_allclose(ours, torques(model, poses.q, "tool0", poses.wrench), atol=1e-6)
-
-
 def test_equilibrium_of_elastic_joints(kr270: Cell, poses: Poses) -> None:
     """dq = compliance * torque at the deflected pose, found with MuJoCo's torques."""
     cell = with_effects(kr270, "joint_compliance")
@@ -132,23 +114,6 @@ def test_wrong_masses_bend_the_arm_as_heavier_bodies_do(kr270: Cell) -> None:
     expected = body_positions(model, ["tool0"], bent)[:, 0]
     frames = built.state(values, poses_at(q)).frames
     np.testing.assert_allclose(frames.o[:, -1], expected, atol=2e-9)
-
-
-def test_sag_of_a_joint_is_its_compliance_times_the_torque_of_unknown_masses(kr270: Cell) -> None:
-    """MuJoCo's gravity torque lies in the span of the sag's products, to rounding, at every joint."""
-    rng = np.random.default_rng(7)
-    q = rng.uniform(*kr270.robot.limits.T, (60, 6))
-    model = in_mujoco(embedded_text("kr270.urdf"))
-    model.opt.gravity[:] = GRAVITY
-    torque = torques(model, q, "tool0", np.zeros((60, 6)))
-    context = context_of(kr270, None)
-    for k, joint in enumerate(kr270.robot.joints):
-        sag = EFFECTS["gravity_sag"].at(context, joint)
-        ((frame, basis),) = sag.twists_at(poses_at(q))
-        turned = np.einsum("i,mip->mp", kr270.robot.axes[k], basis[:, 3:])
-        found = np.linalg.lstsq(turned, torque[:, k], rcond=None)[0]
-        assert frame == k + 1
-        np.testing.assert_allclose(turned @ found, torque[:, k], atol=1e-8 * 2e4)
 
 
 def test_corrected_urdf_leads_to_the_same_markers(kr270: Cell, table_two: Poses) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 from calib import Cell, Measurements
@@ -16,7 +14,6 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from studies.cli import main
 from studies.demo.embedded import embedded_cell
 from tests.helpers import read_by, with_effects
 
@@ -171,12 +168,6 @@ def test_a_residual_beyond_the_repeats_is_something() -> None:
     points = data.points + np.repeat(off, 2, axis=0)
     found = calib.diagnose(cell, replace(data, readings=points), heldout=held)
     assert (found.verdict, found.rest.kind) == ("unknown", "too_large")
-
-
-def test_faults_end_in_one_line(tmp_path: Path) -> None:
-    done = CliRunner().invoke(main, ["diagnose", "none.toml", "none.csv"])
-    assert done.exit_code == 2
-    assert len(done.output.strip().splitlines()) == 1
 
 
 @pytest.mark.long

@@ -15,13 +15,12 @@ from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
-from calib.errors import EffectCannotAct, InputError
+from calib.errors import InputError
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from tests.calib.effects.test_effects import model_with, seen, tips
 from tests.helpers import (
-    cell_of,
     measured_cell,
     model_of,
     random_context,
@@ -230,19 +229,9 @@ def test_columns_of_torques(tmp_path: Path) -> None:
         calib.load_measurements(cell, with_torques)
 
 
-def test_no_torques_no_effect_of_them() -> None:
-    rng = np.random.default_rng(3)
-    cell = cell_of(random_robot(rng, 4), np.zeros((1, 3)), ("base", "measured_torque:j2"))
-    with pytest.raises(EffectCannotAct, match=r"no torques .* add columns <joint>_Nm"):
-        calib.model.build.build(cell, poses_at(np.zeros((5, 4))))
-
-
 def test_gear_ratios_of_the_cell(tmp_path: Path) -> None:
     path = measured_cell(tmp_path) / "cell.toml"
     text = path.read_text()
     joint = calib.load_cell(path).robot.joints[1]
     path.write_text(f"{text}\n[robot.gear_ratio]\n{joint} = 121\n")
     assert calib.load_cell(path).gear_ratios == {joint: 121.0}
-    path.write_text(f"{text}\n[robot.gear_ratio]\nA9 = 121\n")
-    with pytest.raises(InputError, match=r"robot\.gear_ratio\.A9: no such joint"):
-        calib.load_cell(path)

@@ -62,11 +62,6 @@ def test_repeatability(tmp_path: Path, lines: str, expected: Repeatability | Non
     assert found.rotation == pytest.approx(expected.rotation, rel=1e-12)
 
 
-def test_repeatability_is_not_negative(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"robot\.repeatability_mm: .*greater than or equal to 0"):
-        cell_with(tmp_path, "repeatability_mm = -0.03\n")
-
-
 def test_excluded_causes_one_by_one(tmp_path: Path) -> None:
     assert cell_with(tmp_path).excluded == ()
     cell = excluding(tmp_path, "gravity_compensator", "backlash:A3, A4")

@@ -118,10 +118,6 @@ def test_noise_and_a_board_half_hidden(tmp_path: Path) -> None:
     [
         ("points_mm = { a = [0, 0, 0] }", "has points_mm alone, which no picture shows"),
         ("squares = [9, 7]\npitch_mm = 30", "looks the same turned by 180 deg"),
-        (f'{SQUARES}\ndictionary = "5x5_100"', "marker_mm and dictionary go together"),
-        (f'{SQUARES}\nmarker_mm = 30\ndictionary = "5x5_100"', "is smaller than pitch_mm"),
-        ('tags = [5, 4]\ntag_mm = 40\ndictionary = "36h11"', "tags, tag_mm and gap_mm go together"),
-        (f"{SQUARES}\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12", "needs its shape: either"),
         ("tags = [5, 4]\ntag_mm = 40\ngap_mm = 12", "has tags and no dictionary"),
     ],
 )

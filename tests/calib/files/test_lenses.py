@@ -169,19 +169,6 @@ def test_a_fisheye_of_opencv(tmp_path: Path) -> None:
         read_lens(path)
 
 
-@pytest.mark.parametrize(
-    ("cell", "said"),
-    [
-        (CELL.replace("sigma_px", "focal_px = 900\nsigma_px"), "has calibration and focal_px"),
-        (CELL.replace('calibration = "lenses/cam.yaml"\n', ""), "lacks focal_px; add it, or calib"),
-        (CELL.replace("cam.yaml", "none.yaml"), "none.yaml: cannot be read"),
-    ],
-)
-def test_cells_that_do_not_say_the_lens(tmp_path: Path, cell: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        calib.load_cell(cell_of(tmp_path, ROS, cell))
-
-
 def readings(path: Path) -> None:
     """Images of the board by OpenCV: two joints, the true lens, a camera half a metre away."""
     rng = np.random.default_rng(5)
@@ -234,14 +221,10 @@ def test_a_cell_written_elsewhere_names_the_same_calibration(tmp_path: Path) -> 
     np.testing.assert_array_equal(camera.lens.values, VALUES)
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("other=x.yaml", "'other' is no camera of the cell"), ("x.yaml", "is given as known")],
-)
-def test_lenses_that_cannot_be_written(tmp_path: Path, name: str, said: str) -> None:
+def test_a_lens_that_was_known_is_not_written(tmp_path: Path) -> None:
     path = cell_of(tmp_path, ROS)
     readings(tmp_path / "m.csv")
-    call = ["identify", str(path), str(tmp_path / "m.csv"), "--calibration", name]
+    call = ["identify", str(path), str(tmp_path / "m.csv"), "--calibration", "x.yaml"]
     done = CliRunner().invoke(main, call)
     assert done.exit_code == 2
-    assert said in " ".join(done.output.split())
+    assert "is given as known" in " ".join(done.output.split())

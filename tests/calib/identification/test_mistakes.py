@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,6 @@ from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.model.covariance import identifiable
 from studies.research.withheld.robots import HEAVY, Arm
-from tests.bad_inputs.run import posecal
 from tests.calib.arm_days import SCARA, SEVEN, Day, day
 
 ARMS = {arm.name: arm for arm in (HEAVY, SCARA, SEVEN)}
@@ -336,22 +334,6 @@ def test_verbs_refuse_with_what_is_known(tmp_path: Path) -> None:
         assert said.value.mistakes == ("points in inches for millimetres",)
         assert said.value.nominal > 1.0
         assert said.value.mended < 3e-3
-
-
-@pytest.mark.parametrize("call", ["identify", "diagnose", "enough", "identify --approach pose"])
-def test_commands_end_in_one_line(call: str, tmp_path: Path) -> None:
-    mirrored = day(seed=15).with_points(lambda p: p * [1.0, 1.0, -1.0])
-    mirrored.written(tmp_path)
-    verb, *options = call.split()
-    with contextlib.chdir(tmp_path):
-        heard = posecal(verb, "cell.toml", "measurements.csv", *options)
-    assert heard.status == 2
-    assert heard.out == ""
-    assert heard.err.count("\n") == 1
-    assert (
-        "the points are mirrored (a left-handed frame): once corrected, the nominal arm"
-        in heard.err
-    )
 
 
 def test_what_is_no_number_is_no_traceback() -> None:

@@ -12,7 +12,6 @@ from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.model.build import build
 from calib.solver import levenberg_marquardt
 from tests.calib.identification.test_identify import MARKERS, RIGID, measured, random_configurations
 from tests.helpers import cell_of, random_robot, with_effects
@@ -165,21 +164,3 @@ def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
     held = replace(data.take(slice(0, 20)), readings=points, sigma=np.full((20, 3), 2e-4))
     result = calib.identify(cell, data.take(slice(20, None)), heldout=held)
     assert not result.heldout.outlier.any()
-
-
-def test_what_was_not_estimated_counts_in_the_expected_accuracy(kr270: Cell) -> None:
-    from calib.model.covariance import accuracy
-
-    rng = np.random.default_rng(6)
-    cell = cell_of(kr270.robot, MARKERS, RIGID)
-    poses = random_configurations(cell, rng, 30)
-    poses.q[:, 3:] = 0.3
-    data, _ = measured(cell, poses, rng)
-    result = calib.identify(cell, data)
-    free = random_configurations(cell, rng, 50)
-    told, _ = accuracy(result.model, result.values, result.knowledge, free, np.ones(50))
-    assert told > 3e-4, "the wrist was locked: its errors are unknown elsewhere"
-
-
-def test_model_building_does_not_need_a_plan(kr270: Cell) -> None:
-    assert len(build(kr270).model.parameters) == 42

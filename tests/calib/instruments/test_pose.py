@@ -16,15 +16,14 @@ from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
-from calib.instruments import Instrument, Pose, Tracker
+from calib.instruments import Instrument, Pose
 from calib.instruments.pose import corners_of
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from tests.calib.instruments.ballbar import Ballbar
 from tests.calib.instruments.test_slot import arm, drawn, turn
-from tests.helpers import cell_of, central_difference, random_robot
+from tests.helpers import cell_of, random_robot
 
 SIGMA = np.repeat([2e-4, 5e-4], 3)  # m, rad
 MIXED = np.eye(6) + 0.3 * np.array([[(-1.0) ** (i + j) for j in range(6)] for i in range(6)])
@@ -166,72 +165,12 @@ def test_two_bodies_and_a_known_one() -> None:
     np.testing.assert_allclose(frame(found.bases["base"]), frame(Y), atol=1e-9)
 
 
-def test_errors_reach_the_bound() -> None:
-    """The covariance is the inverse of the information by hand; refits of days scatter as it says."""
-    rng, robot, q = np.random.default_rng(5), arm(), drawn(25, 5)
-    Y, X = anywhere(rng), anywhere(rng)
-    exact = seen_from(robot, q, TRUE, Y, X)
-    W = np.linalg.inv(np.linalg.cholesky(COVARIANCE))
-
-    def whitened(theta: Array) -> Array:
-        """How far poses of other values are from the truth's, in the axes of the body."""
-        T = (
-            frame(Y)
-            @ frame(theta[2:8])
-            @ np.linalg.inv(frame(Y))
-            @ seen_from(robot, q, TRUE + theta[:2], Y, X)
-        )
-        D = np.linalg.inv(exact) @ T @ frame(theta[8:])
-        R = D[:, :3, :3]
-        odd = [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
-        return np.asarray(np.column_stack([D[:, :3, 3], *(o / 2.0 for o in odd)]) @ W.T).ravel()
-
-    steps = 1e-6 * np.eye(14)
-    J = np.column_stack([(whitened(h) - whitened(-h)) / 2e-6 for h in steps])
-    expected = np.linalg.inv(J.T @ J)[:2, :2]
-    cell, half, squared = cell_with(robot), np.linalg.cholesky(COVARIANCE), []
-    for _ in range(8):
-        day = rows(noisy(exact, rng.standard_normal((25, 6)) @ half.T))
-        found = calib.identify(cell, measured(q, day))
-        at = in_order_of_offsets(found)
-        assert (found.status, found.dof) == ("converged", 6 * 25 - 14)
-        error = found.values[at] - TRUE
-        squared.append(error @ np.linalg.solve(expected, error))
-        stated = np.linalg.inv(found_information(found))[np.ix_(at, at)]
-        np.testing.assert_allclose(stated, expected, rtol=0.02, atol=0.01 * expected.max())
-    # A chi-square of 16 degrees of freedom, four standard deviations.
-    assert sum(squared) == pytest.approx(16.0, abs=4.0 * np.sqrt(32.0))
-
-
-def found_information(found: calib.Identification) -> Array:
-    """By the noise as the cell states it."""
-    _, J = found.model.jacobian(found.values, found.fit.data.poses)
-    white = (found.weights @ J).reshape(-1, J.shape[-1])
-    return np.asarray(white.T @ white)
-
-
 @pytest.mark.parametrize(("dof", "prismatic"), [(2, ()), (4, (1,)), (6, ()), (7, ())])
 def test_rank_of_a_generic_chain(dof: int, prismatic: tuple[int, ...]) -> None:
     """Whole poses see four constants a joint that turns, two a joint that slides, and six."""
     robot = random_robot(np.random.default_rng(dof), dof, prismatic)
     built = build(cell_with(robot, effects=("base", "tool", "geometry")))
     assert len(built.model.parameters) == 4 * dof - 2 * len(prismatic) + 6
-
-
-def test_derivatives_by_everything() -> None:
-    """A tracker, a bar, two bodies seen from two stations; free markers, a joint that yields."""
-    effects = ("base", "tool", "joint_offset:j2,j3", "tracker_scale", "joint_compliance:j2")
-    laser = Tracker(name="laser", markers=(0,), noise=Noise.isotropic(3e-5))
-    bar = Ballbar(name="bar", markers=(0,))
-    cell = cell_with(arm(), laser, bar, effects=effects, bodies=2)
-    poses = poses_at(drawn(6, 4), station=np.arange(6) % 2, stations=("north", "south"))
-    poses = replace(poses, wrench=np.tile([100.0, 0.0, -300.0, 0.0, 0.0, 10.0], (6, 1)))
-    model = build(cell, poses).model
-    values = np.random.default_rng(5).normal(size=len(model.parameters)) * 10.0 * model.sizes
-    _, J = model.jacobian(values, poses)
-    assert J.shape == (6, 4, 9, len(values))
-    numeric = central_difference(lambda v: model.predict(v, poses), values, 0.1 * model.sizes)
-    np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-7 * np.abs(J).max())
 
 
 def test_simulated_as_it_is_whitened() -> None:

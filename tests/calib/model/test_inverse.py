@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arrays import stacked
 from calib.model.covariance import clustered, covariance, ignorance
 from calib.uncertainty.expanded import effective_freedom
 
@@ -18,10 +17,6 @@ def test_a_direction_that_moves_nothing_has_no_deviation() -> None:
     assert np.isfinite(ignorance(J, np.eye(3), np.ones(3), lost)).all()
     rows = J.reshape(4, 3, 3)
     assert np.isfinite(clustered(rows[..., 0], rows, np.eye(3), np.zeros((0, 3)))).all()
-
-
-def test_no_columns_are_columns() -> None:
-    assert stacked(np.zeros((4, 3, 0))).shape == (12, 0)
 
 
 def test_freedom_beyond_all_bounds_is_none() -> None:

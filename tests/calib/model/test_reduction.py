@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import Cell
 from calib.effects.link_geometry import LinkGeometry
-from calib.errors import EffectCannotAct, UnknownEffect
+from calib.errors import EffectCannotAct
 from calib.model import Model
 from calib.model.build import build, context_of
 from calib.model.reduction import generic_configurations
@@ -167,9 +167,3 @@ def test_geometry_that_others_absorb_at_every_place_is_refused(kr270: Cell) -> N
     with pytest.raises(EffectCannotAct, match=r"geometry cannot act: base:base.* move the markers"):
         build(cell)
     build(with_effects(cell, "base", "tool", "geometry:A1,A2"))
-
-
-@pytest.mark.parametrize("name", ["base", "tool"])
-def test_base_and_tool_take_no_places(kr270: Cell, name: str) -> None:
-    with pytest.raises(UnknownEffect, match=f"'{name}' takes no places, found '{name}:A2'"):
-        build(cell_of(kr270.robot, MARKERS, [f"{name}:A2"]))

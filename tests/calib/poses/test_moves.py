@@ -64,19 +64,6 @@ def as_data(poses: Poses) -> Measurements:
     return Measurements(poses, blank, np.ones(shape, dtype=bool), np.full(shape, np.nan))
 
 
-def test_a_held_out_pose_follows_on_the_one_before_it_in_either_table() -> None:
-    time = 100.0 + 10.0 * np.arange(len(Q))
-    whole = with_moves(poses_at(Q, time=time))
-    held = np.array([0, 3])
-    kept = np.setdiff1d(np.arange(len(Q)), held)
-    fitted, out = (as_data(with_moves(poses_at(Q[i], time=time[i]))) for i in (kept, held))
-    data, told = in_one_session(fitted, out)
-    assert data is fitted
-    np.testing.assert_array_equal(told.poses.approach, whole.approach[held])
-    np.testing.assert_allclose(told.poses.motion, whole.motion[held])
-    np.testing.assert_allclose(told.poses.elapsed, [-10.0, 20.0])
-
-
 def test_moves_begin_anew_after_an_hour() -> None:
     time = np.array([0.0, 10.0, 20.0, 3620.5, 3630.0, 3640.0])
     poses = with_moves(poses_at(Q, time=time))

@@ -43,6 +43,9 @@ def test_rows_are_mixed_by_the_inverse_cholesky_factor(
     expected = np.linalg.inv(np.linalg.cholesky(V))
     np.testing.assert_allclose(mixing(unit).reshape(N, N), expected, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(mixing.back(unit).reshape(N, N), expected.T, rtol=0.0, atol=1e-9)
+    gains = np.random.default_rng(0).normal(size=(*shape, 4))
+    flat = gains.reshape(N, 4)
+    np.testing.assert_allclose(mixing.covariance(gains), flat.T @ V @ flat, rtol=1e-9)
     inverse = np.eye(N)
     for index, G in mixing.taken():
         for poses, own in zip(index, G, strict=True):

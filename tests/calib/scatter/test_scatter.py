@@ -83,20 +83,6 @@ def visits_at(poses: Poses, q: Array) -> Poses:
     return replace(poses, q=q)
 
 
-def test_rows_become_independent() -> None:
-    poses = visits_of(5, 3, 2)
-    scatter, weighted, day = scattering(poses)
-    known = Variances(1.7, APPROACH, PLACE)
-    mixing = scatter.at(known).mixing(weighted)
-    V = day.covariance(1.7, spread_over(APPROACH, 3), spread_over(PLACE, 3))
-    N = len(V)
-    L = mixing(np.eye(N).reshape(*weighted.shape[:2], N)).reshape(N, N)
-    np.testing.assert_allclose(L @ V @ L.T, np.eye(N), atol=1e-9)
-    gains = np.random.default_rng(0).normal(size=(*weighted.shape[:2], 4))
-    flat = gains.reshape(N, 4)
-    np.testing.assert_allclose(mixing.covariance(gains), flat.T @ V @ flat, rtol=1e-9)
-
-
 def test_poses_that_do_not_count_change_nothing() -> None:
     poses = visits_of(5, 2, 2)
     scatter, weighted, _ = scattering(poses)
@@ -109,33 +95,6 @@ def test_poses_that_do_not_count_change_nothing() -> None:
     alone = known.take(kept).mixing(weighted[kept])(rows[kept])
     np.testing.assert_allclose(mixed[kept], alone, atol=1e-9)
     assert not mixed[~kept].any()
-
-
-@pytest.mark.parametrize(("approaches", "markers"), [(1, 3), (3, 3), (3, 1)])
-def test_the_likelihood_is_that_of_dense_matrices(approaches: int, markers: int) -> None:
-    """Value by its definition, gradient by differences."""
-    poses = visits_of(6, approaches, 2)
-    scatter, weighted, day = scattering(poses, markers)
-    rng = np.random.default_rng(2)
-    F = rng.normal(size=(*weighted.shape[:2], 5))
-    problem = turned(scatter, weighted, F, np.zeros((0, 5)), 3, False)
-    theta = 1.0 + rng.uniform(size=len(problem.units))
-    v = theta * problem.units
-    two = len(v) == 11
-    approach = v[1:6] if two else np.zeros(5)
-    V = day.covariance(float(np.sqrt(v[0])), spread_over(approach, 3), spread_over(v[-5:], 3))
-    X, E, y = np.split(F.reshape(-1, 5), [3, 4], axis=1)
-    inverse = np.linalg.inv(V)
-    whole = np.column_stack([X, E])
-    b = np.linalg.solve(whole.T @ inverse @ whole, whole.T @ inverse @ y)
-    left = y - whole @ b
-    dense = np.linalg.slogdet(V)[1] + np.linalg.slogdet(X.T @ inverse @ X)[1]
-    dense += float(left[:, 0] @ inverse @ left[:, 0])
-    found = likelihood(problem, theta)
-    assert found.value == pytest.approx(dense, rel=1e-9)
-    for j, step in enumerate(1e-5 * np.eye(len(theta))):
-        slope = likelihood(problem, theta + step).value - likelihood(problem, theta - step).value
-        assert found.gradient[j] == pytest.approx(slope / 2e-5, rel=1e-4, abs=1e-4)
 
 
 def test_a_maximum_is_one() -> None:

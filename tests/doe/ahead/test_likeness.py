@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.diagnosis.detection_limit import detection, entry_limit, needed_beyond
 from calib.diagnosis.screen import Field, field
 from doe.ahead.likeness import SURE, likeness, plausible
 
@@ -92,15 +91,3 @@ def test_a_part_of_a_rival_is_told_from_it_by_its_price() -> None:
     """Cause 0 is one direction of cause 3: it costs less for the same, at any size."""
     assert ALIKE.needed(ROWS)[0, 3] == 0.0
     assert 0.0 < ALIKE.needed(ROWS)[3, 0] < np.inf
-
-
-def test_a_score_exceeds_its_limit_as_often_as_said() -> None:
-    rng = np.random.default_rng(0)
-    for k in (1, 4):
-        limit = entry_limit(k, ROWS, 100, 0.01)
-        needed = needed_beyond(limit, k)
-        z = rng.normal(size=(20_000, k))
-        z[:, 0] += np.sqrt(needed)
-        assert np.mean((z**2).sum(axis=1) > limit) == pytest.approx(0.9, abs=0.01)
-        assert detection(limit, k, needed) == pytest.approx(0.9)
-        assert detection(limit, k, 0.0) < 0.01 / 100

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from calib import Cell
-from calib.arm.kinematics import forward, link_origins
-from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Load
-from calib.poses import hung, poses_at
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.limits import static_torques
 from doe.constraints.scene import Scene
@@ -35,20 +33,6 @@ def test_torques_are_those_of_mujoco(arm: tuple[Cell, Scene, mujoco.MjModel]) ->
     over = np.abs(expected) > np.nan_to_num(cell.robot.efforts, nan=1e9)
     np.testing.assert_array_equal(allowed, ~over.any(axis=(0, 2)))
     assert 0 < allowed.sum() < len(allowed)
-
-
-def test_torques_are_those_of_the_model(arm: tuple[Cell, Scene, mujoco.MjModel]) -> None:
-    cell, scene, _ = arm
-    assert cell.load is not None
-    robot = cell.robot
-    frames = forward(robot, scene.q)
-    part = np.where(robot.prismatic[:, None], [[1.0, 0.0]], [[0.0, 1.0]])
-    axes = np.concatenate([part[:, :1] * robot.axes, part[:, 1:] * robot.axes], axis=1)
-    for reading, mass in enumerate((0.0, cell.load.mass)):
-        loads = loads_of(robot, hung(poses_at(scene.q), mass, cell.load.com), cell.payload, GRAVITY)
-        wrench = transmitted(loads, frames, link_origins(robot, frames, scene.q))
-        expected = np.einsum("nki,ki->nk", wrench.local[:, 1:-1], axes)
-        np.testing.assert_allclose(static_torques(scene)[reading], expected, atol=1e-9)
 
 
 def test_joint_torque() -> None:

@@ -7,11 +7,10 @@ import numpy as np
 
 from calib import Cell
 from calib.arm.robot import Capsule, Shapes
-from doe.constraints import constraints_of, scene_of
+from doe.constraints import constraints_of
 from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision
 from tests.doe.constraints.arms import (
-    LINK,
     LINKS,
     allowed,
     capsule_geoms,
@@ -62,19 +61,6 @@ def test_self_collision_spares_neighbours() -> None:
     # Links 1 and 2 on top of each other are neighbours; folded twice, links 1 and 3 meet.
     q = ((0, 0, 0), (0, 180, 0), (0, 170, 170), (0, 90, 150), (0, 90, 135), (0, 90, 90))
     assert allowed(cell, *q) == [True, False, False, False, True, True]
-
-
-def test_self_collision_of_prismatic_joint() -> None:
-    """A slide along z lifts the third link over the first."""
-    cell = planar(
-        4,
-        shapes=Shapes({"j1": (LINK,), "j4": (LINK,)}),
-        prismatic=np.array([False, False, True, False]),
-        limits=np.array([[-np.pi, np.pi], [-np.pi, np.pi], [-1.0, 1.0], [-np.pi, np.pi]]),
-    )
-    crossing = {c.name: c for c in constraints_of(cell)}["self_collision"]
-    q = np.array([[0.0, np.pi, z, np.pi] for z in (0.0, 0.19, 0.21, -0.19, -0.21)])
-    assert crossing.allows(scene_of(cell, q)).tolist() == [False, False, True, False, True]
 
 
 def test_pairs_that_always_overlap_are_exempt() -> None:

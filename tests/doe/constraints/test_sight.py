@@ -13,7 +13,6 @@ from doe.constraints import scene_of, visible
 from doe.constraints.scene import Scene
 from tests.doe.constraints.arms import (
     CAPSULE,
-    LINK,
     capsule_geoms,
     configurations,
     planar,
@@ -45,27 +44,6 @@ def test_sight_is_that_of_mujoco(arm: tuple[Cell, Scene, mujoco.MjModel]) -> Non
                 expected[n, j] &= not (0.0 <= met <= 1.0) or inside
     np.testing.assert_array_equal(visible(scene), expected)
     assert 0.05 < expected.mean() < 0.95
-
-
-def test_marker_behind_a_link() -> None:
-    """The instrument looks along -x: folded back, the marker hides behind the first link."""
-    cell = planar(
-        2,
-        shapes=Shapes({"j1": (LINK,)}),
-        instruments=read_by(stands=np.array([5.0, 0.0, 0.0])),
-        markers=np.array([[-0.5, 0.0, 0.0], [-0.5, 0.0, 0.5]]),
-    )
-    # At 180 degrees the markers are at x = 0.5, the first inside the link, which does not hide it;
-    # turned by 180 degrees and the elbow by 0 they are at x = -1.5, behind it.
-    assert sees(cell, (0, 0), (0, 180), (180, 0)) == [[True, True], [True, True], [False, True]]
-
-
-def test_marker_behind_the_base() -> None:
-    post = Capsule((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), 0.2)
-    cell = planar(
-        2, shapes=Shapes({"base": (post,)}), instruments=read_by(stands=np.array([5.0, 0.0, 0.0]))
-    )
-    assert sees(cell, (0, 0), (180, 0), (170, 0), (90, 0)) == [[True], [False], [True], [True]]
 
 
 def test_marker_in_the_capsule_of_the_tool() -> None:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doe.criteria.determinant import Determinant
 from doe.optimal.blocks import pack, unpack
 from tests.doe.problems import criteria, random_information
 
@@ -116,11 +115,3 @@ def test_unchanged_by_relabelling(name: str) -> None:
         np.testing.assert_allclose(
             there.value(change.T @ M @ change), criterion.value(M), rtol=1e-8
         )
-
-
-def test_scaling_of_parameters_scales_d_for_all_plans_alike() -> None:
-    rng = np.random.default_rng(6)
-    M = np.array([random_information(rng, P) for _ in range(10)])
-    units = np.diag(rng.uniform(0.01, 100.0, P))
-    ratio = Determinant(units).value(M) / Determinant(np.eye(P)).value(M)
-    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-10)

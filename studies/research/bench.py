@@ -17,7 +17,6 @@ from typing import Any
 import click
 import numpy as np
 from numpy.typing import ArrayLike
-from rich.table import Table
 
 import calib
 from calib.files.write import json_text, write_files
@@ -25,7 +24,7 @@ from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.withheld.figures import wilson
-from studies.tables import plain_table
+from studies.research.withheld.tables import table as table
 
 Row = dict[str, Any]
 Option = Callable[[Any], Any]
@@ -118,36 +117,6 @@ class _Here:
         return None
 
     map = staticmethod(map)
-
-
-def table(rows: Iterable[Mapping[str, Any]]) -> Table:
-    """Rows under their headings; the first column and columns of words stand left, figures right."""
-    rows = list(rows)
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    texts = {key: [shown(row.get(key)) for row in rows] for key in keys}
-    lines = max((key.count("\n") for key in keys), default=0)
-    columns = []
-    for k, (key, own) in enumerate(texts.items()):
-        figures = k > 0 and all(map(_figure, own))
-        above = "\n" * (lines - key.count("\n"))
-        columns.append((above + key, "right" if figures else "left"))
-    made = plain_table(*columns)
-    for row in zip(*texts.values(), strict=True):
-        made.add_row(*row)
-    return made
-
-
-def shown(value: object) -> str:
-    """A cell of a table: four digits of a number, a dash where there is none."""
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _figure(text: str) -> bool:
-    return not text or text[0].isdigit() or text[0] in "-+<>"
 
 
 def rate(hits: int, n: int, ends: bool = True) -> str:

@@ -31,8 +31,9 @@ import numpy as np
 import psutil
 
 from calib.arrays import Array
-from studies.research.bench import Output, bench, count, shown
+from studies.research.bench import Output, bench, count
 from studies.research.benchmarks.day import ARMS, Setting, draw_day, write_day
+from studies.research.withheld.tables import shown
 
 FAULTY = 20
 """One robot in so many has a table that cannot be read."""

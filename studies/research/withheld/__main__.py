@@ -106,7 +106,7 @@ def run(
 def score(folder: Path, json_path: Path | None) -> None:
     """Check both commitments, open the keys and score."""
     from studies.research.withheld.score import score as score_cases
-    from studies.research.withheld.tables import show
+    from studies.research.withheld.score import show
 
     try:
         result = score_cases(folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -92,47 +91,18 @@ FIGURES: tuple[Figure, ...] = (
     ("shape", True, "located", lambda j: j.located, None),
     ("shape", True, "called explained", lambda j: j.explained, (0.0, 0.10)),
 )
-HARD: dict[str, Test] = {
-    "plain": lambda j: (
-        not any(j.conditions[c] for c in ("wrong_sigma", "outliers", "hidden", "range_noise"))
-    ),
-    "sigma wrong": lambda j: bool(j.conditions["wrong_sigma"]),
-    "outliers": lambda j: bool(j.conditions["outliers"]),
-    "hidden markers": lambda j: bool(j.conditions["hidden"]),
-    "15 configurations": lambda j: j.conditions["configurations"] < 40,
-    "columns missing": lambda j: j.conditions["missing"] is not None,
-    "rigid joints": lambda j: bool(j.conditions["rigid"]),
-    "geometry known": lambda j: bool(j.conditions["known_geometry"]),
-    "range noise, said": lambda j: j.conditions["range_noise"] == "said",
-    "range noise, unsaid": lambda j: j.conditions["range_noise"] == "unsaid",
-    "arm noise, said": lambda j: j.conditions.get("arm_noise") == "said",
-    "arm noise, unsaid": lambda j: j.conditions.get("arm_noise") == "unsaid",
-}
-# The figures that are asked again of every robot and under every condition.
-AGAIN = (
-    ("null", "false alarms"),
-    ("single, visible", "named exactly"),
-    ("single, visible", "within its class"),
-    ("single, visible", "located"),
-    ("pair, visible", "both found"),
-    ("outside, visible", "unknown and located"),
-    ("shape, visible", "right cause listed"),
-)
 
 
 @dataclass(frozen=True)
 class Questions:
     """What is asked of a set of cases.
 
-    figures : family by family; conditions : groups of cases in which the main figures are asked again
-    again : family and figure of these
+    figures : family by family
     floors, floor_bars : families whose held-out errors are held against the floor; largest median
         and ninth decile wanted
     """
 
     figures: tuple[Figure, ...]
-    conditions: dict[str, Test]
-    again: tuple[tuple[str, str], ...]
     floors: tuple[str, ...]
     floor_bars: tuple[float, float]
 
@@ -145,13 +115,8 @@ class Questions:
             found.append(Rate(kind, figure, sum(map(test, some)), len(some), bar))
         return found
 
-    @property
-    def families(self) -> tuple[str, ...]:
-        """Families in order."""
-        return tuple(dict.fromkeys(family for family, *_ in self.figures))
 
-
-FIRST = Questions(FIGURES, HARD, AGAIN, ("single",), (1.05, 1.2))
+FIRST = Questions(FIGURES, ("single",), (1.05, 1.2))
 
 
 _REAL_FIGURES: tuple[Figure, ...] = (
@@ -174,34 +139,8 @@ _REAL_FIGURES: tuple[Figure, ...] = (
     ("outside", True, "located with its variable", lambda j: j.depends, None),
     ("outside", True, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
 )
-_CONDITIONS: dict[str, Test] = {
-    "once a visit": lambda j: j.conditions["visit"] == "once",
-    "free and loaded": lambda j: j.conditions["visit"] == "free and loaded",
-    "thrice without a move": lambda j: j.conditions["visit"] == "thrice",
-    "one marker": lambda j: bool(j.conditions["one_marker"]),
-    "no time column": lambda j: j.conditions["missing"] == "time",
-    "other columns missing": lambda j: j.conditions["missing"] not in (None, "time"),
-    "ripples in the background": lambda j: bool(j.conditions["background"]),
-    "torques measured": lambda j: bool(j.conditions["torques"]),
-    "gear ratios said": lambda j: bool(j.conditions["ratios_said"]),
-    "one joint on a grid": lambda j: bool(j.conditions["grid"]),
-    "arm noise, said": lambda j: j.conditions.get("arm_noise") == "said",
-    "arm noise, unsaid": lambda j: j.conditions.get("arm_noise") == "unsaid",
-    "sigma wrong": lambda j: bool(j.conditions["wrong_sigma"]),
-    "outliers": lambda j: bool(j.conditions["outliers"]),
-    "hidden markers": lambda j: bool(j.conditions["hidden"]),
-    "geometry known": lambda j: bool(j.conditions["known_geometry"]),
-}
 _EACH = "mixture, each visible cause"
 _JOINT = "whole, each visible joint"
-_REAL_AGAIN = (
-    ("null", "false alarms"),
-    ("single, visible", "within its class"),
-    ("single, visible", "located"),
-    (_EACH, "cause found"),
-    (_JOINT, "joint found"),
-    ("outside, visible", "unknown and located"),
-)
 _SIZES = ((60.0, 200.0), (200.0, 600.0), (600.0, float("inf")))
 
 
@@ -211,7 +150,7 @@ class _Real(Questions):
         return [*super().rates(judged), *_each(judged), *_overall(judged)]
 
 
-REAL = _Real(_REAL_FIGURES, _CONDITIONS, _REAL_AGAIN, ("single", "mixture", "whole"), (1.06, 1.2))
+REAL = _Real(_REAL_FIGURES, ("single", "mixture", "whole"), (1.06, 1.2))
 
 
 def _each(judged: Sequence[Judgement]) -> list[Rate]:
@@ -249,15 +188,6 @@ def _overall(judged: Sequence[Judgement]) -> list[Rate]:
         Rate("names", "given 0.90 or more, right", sum(sure), len(sure)),
         Rate("names", "given 0.925 to 0.975, right", sum(near), len(near), (0.93, 0.97)),
     ]
-
-
-def verdicts(judged: Iterable[Judgement]) -> dict[str, dict[str, int]]:
-    """How often each visible cause outside the catalogue got each verdict."""
-    found: dict[str, Counter[str]] = {}
-    for j in judged:
-        if j.family == "outside" and j.visible:
-            found.setdefault(j.truth[0].partition(":")[0], Counter())[j.verdict] += 1
-    return {cause: dict(found[cause]) for cause in sorted(found)}
 
 
 def _causes(judged: Iterable[Judgement], family: str) -> list[CauseJudged]:
@@ -303,23 +233,4 @@ _READ_FIGURES: tuple[Figure, ...] = (
         )
     ),
 )
-_READ_AGAIN = (
-    ("null", "false alarms"),
-    ("single, visible", "within its class"),
-    ("single, visible", "located"),
-    ("instrument, visible", "within its class"),
-    ("instrument, visible", "located"),
-)
-
-
-def _read_by(kind: str) -> Test:
-    return lambda j: j.conditions["reader"] == kind
-
-
-SENSED = Questions(
-    _READ_FIGURES,
-    {kind: _read_by(kind) for kind in READERS},
-    _READ_AGAIN,
-    ("single", "instrument"),
-    (1.05, 1.2),
-)
+SENSED = Questions(_READ_FIGURES, ("single", "instrument"), (1.05, 1.2))

@@ -1,4 +1,4 @@
-"""The score of many answers: rates with Wilson intervals, calibration, coverage, held-out errors."""
+"""The score of many answers, and how it is printed: rates, calibration, held-out errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
 from scipy.stats import binom
 
-from studies.research.withheld.figures import DRAWN, FIRST, REAL, SENSED, Questions, Rate, verdicts
+from studies.research.withheld.figures import DRAWN, FIRST, REAL, SENSED, Questions, Rate
 from studies.research.withheld.judge import Judgement, judge
 from studies.research.withheld.seal import Answered, opened
+from studies.research.withheld.tables import table
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MANY = 40  # configurations of a plan from which held-out errors are held against the floor
@@ -46,17 +48,10 @@ def score_of(keys: dict[str, Any], answered: Answered) -> dict[str, Any]:
         "failed": sum(not j.answered for j in judged),
         "names": any(j.named for j in judged),
         "seconds": _quantiles([run["seconds"] for run in answered.runs.values()]),
-        "rates": [rate.as_dict() for rate in rates(judged, asked)],
-        "robots": [rate.as_dict() for rate in by_robot(judged, asked)],
-        "conditions": [rate.as_dict() for rate in by_condition(judged, asked)],
-        "causes": [rate.as_dict() for rate in by_cause(judged)],
+        "rates": [rate.as_dict() for rate in asked.rates(judged)],
         "reliability": reliability(judged),
         "coverage": coverage(judged).as_dict(),
-        "coverage_by_effect": [rate.as_dict() for rate in coverage_by_effect(judged)],
         "heldout_over_floor": floors(judged, asked),
-        "heldout_by_family": floors_by_family(judged, asked),
-        "heldout_by_robot": floors_by_robot(judged),
-        "outside_verdicts": verdicts(judged),
         "answers": [_short(j) for j in judged],
     }
 
@@ -67,51 +62,6 @@ def judged_or_failed(key: dict[str, Any], answer: dict[str, Any] | None) -> Judg
         return judge(key, answer)
     except (AttributeError, KeyError, TypeError, ValueError):
         return judge(key, None)
-
-
-def rates(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
-    """Family by family."""
-    return asked.rates(judged)
-
-
-def by_condition(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
-    """The main figures again under each of the conditions that make a case hard."""
-    groups = {name: list(filter(holds, judged)) for name, holds in asked.conditions.items()}
-    return [rate for name, some in groups.items() for rate in _again(name, some, asked)]
-
-
-def by_robot(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[Rate]:
-    """The main figures again for each robot."""
-    groups = {name: [j for j in judged if j.robot == name] for name in _robots(judged)}
-    return [rate for name, some in groups.items() for rate in _again(name, some, asked)]
-
-
-def _robots(judged: Iterable[Judgement]) -> list[str]:
-    return sorted({j.robot for j in judged})
-
-
-def _again(name: str, some: Sequence[Judgement], asked: Questions) -> list[Rate]:
-    found = {(rate.family, rate.figure): rate for rate in asked.rates(some)}
-    return [Rate(name, figure, *_count(found[family, figure])) for family, figure in asked.again]
-
-
-def _count(rate: Rate) -> tuple[int, int]:
-    return rate.hits, rate.n
-
-
-def by_cause(judged: Sequence[Judgement]) -> list[Rate]:
-    """Of each cause what is named within its class, or outside the catalogue unknown and located."""
-    found = []
-    for family in ("single", "instrument", "mixture", "whole", "outside"):
-        own = [j for j in judged if j.family == family]
-        told = [(c.name, c.found) for j in own for c in j.causes if c.visible]
-        if family == "outside":
-            told = [(j.truth[0], j.unknown_located) for j in own if j.visible]
-        groups: dict[str, list[bool]] = {}
-        for name, hit in told:
-            groups.setdefault(name.partition(":")[0], []).append(hit)
-        found += [Rate(family, name, sum(h), len(h)) for name, h in sorted(groups.items())]
-    return found
 
 
 def reliability(judged: Iterable[Judgement]) -> list[dict[str, Any]]:
@@ -132,13 +82,6 @@ def coverage(judged: Iterable[Judgement]) -> Rate:
     return Rate("parameters", "truth within 1.96 std", sum(held), len(held), (0.93, 0.97))
 
 
-def coverage_by_effect(judged: Iterable[Judgement]) -> list[Rate]:
-    """The same, effect by effect."""
-    held = [one for j in judged for one in j.covered]
-    own = {effect: [h for e, h in held if e == effect] for effect in sorted({e for e, _ in held})}
-    return [Rate("parameters", effect, sum(h), len(h)) for effect, h in own.items()]
-
-
 def floors(judged: Iterable[Judgement], asked: Questions = FIRST) -> dict[str, Any]:
     """Held-out RMS after over the true floor: visible effects, at least 40 configurations."""
     found = _floors(j for j in judged if j.family in asked.floors and j.visible)
@@ -146,23 +89,6 @@ def floors(judged: Iterable[Judgement], asked: Questions = FIRST) -> dict[str, A
     reached = all(map(_reaches, ends, asked.floor_bars))
     bars = {"families": list(asked.floors), "bars": list(asked.floor_bars)}
     return {**found, **bars, "met": reached if found["n"] else None}
-
-
-def floors_by_family(judged: Sequence[Judgement], asked: Questions = FIRST) -> list[dict[str, Any]]:
-    """The same family by family, with what the user's model alone leaves."""
-    found = []
-    for family in asked.families:
-        own = [j for j in judged if j.family == family and (j.visible or family == "null")]
-        found.append({"family": family, **_floors(own)})
-    return found
-
-
-def floors_by_robot(judged: Sequence[Judgement]) -> list[dict[str, Any]]:
-    """The same robot by robot, single visible effects."""
-    own = [j for j in judged if j.family == "single" and j.visible]
-    return [
-        {"robot": name, **_floors(j for j in own if j.robot == name)} for name in _robots(judged)
-    ]
 
 
 def _floors(judged: Iterable[Judgement]) -> dict[str, Any]:
@@ -205,3 +131,97 @@ def _short(j: Judgement) -> dict[str, Any]:
     ends = {name: _finite(getattr(j, name)) for name in ("before_over_floor", "over_floor")}
     faint = [cause.name for cause in j.causes if not cause.visible]
     return {**shown, **ends, "faint": faint, "missed": [c.name for c in j.causes if not c.found]}
+
+
+Row = dict[str, Any]
+_BY_ANYONE = ("false alarms", "something found")  # figures of programs that name nothing, too
+_NONE = "-"
+
+
+def show(console: Console, result: Row) -> None:
+    """Print the score: each figure against its bar, rivals beside; probabilities; held-out errors."""
+    scores = {result["program"]: result, **result["rivals"]}
+    families = ", ".join(f"{n} {family}" for family, n in sorted(result["families"].items()))
+    console.print(f"{result['cases']} sealed cases: {families}")
+    for name, one in scores.items():
+        median, ninth = (_ratio(one["seconds"][quantile]) for quantile in ("median", "p90"))
+        console.print(
+            f"  {name}: {one['failed']} without an answer; {median} s a case, ninth decile {ninth} s"
+        )
+    console.print("\nThe same cases, program by program (rates in %)")
+    figures = zip(*map(_rated, scores.values()), strict=True)
+    console.print(table(_figure(scores, rows) for rows in figures))
+    console.print("  visible: noncentrality above 60 beside all that is modelled; faint: below.")
+    console.print("  twin: another effect moves every marker alike.")
+    console.print("\nOf effects named with some probability, how many are there (in %)")
+    naming = {name: score for name, score in scores.items() if score["names"]}
+    bins = zip(*(score["reliability"] for score in naming.values()), strict=True)
+    console.print(table(_stated(dict(zip(naming, rows, strict=True))) for rows in bins))
+    console.print("\nHeld-out RMS over the true floor, plans of at least 40 configurations")
+    console.print(table(_heldout(name, one["heldout_over_floor"]) for name, one in scores.items()))
+
+
+def _rated(score: Row) -> list[Row]:
+    """Rates by family, and the coverage in the same form."""
+    return [*score["rates"], {**score["coverage"], "figure": "95 % interval holds truth"}]
+
+
+def _figure(scores: dict[str, Row], rows: Sequence[Row]) -> Row:
+    """A figure of the first program with interval and bar, and the rate of each rival."""
+    own, (first, *rivals) = rows[0], scores
+    rated = dict(zip(scores, rows, strict=True))
+    shown = {name: _rate_of(scores[name], row) for name, row in rated.items()}
+    return {
+        "cases": own["family"],
+        "figure": own["figure"],
+        "of": own["n"],
+        "bar": _bar(own["bar"]),
+        first: shown[first],
+        "95 %": _interval(own["ci95"]),
+        "met": {None: "", True: "yes", False: "no"}[own["met"]],
+        **{name: shown[name] for name in rivals},
+    }
+
+
+def _rate_of(score: Row, row: Row) -> str:
+    if row["rate"] is None or not (score["names"] or row["figure"] in _BY_ANYONE):
+        return _NONE
+    return f"{100 * row['rate']:.1f}"
+
+
+def _stated(rows: dict[str, Row]) -> Row:
+    """Of effects that were named with a probability within these bounds, how many are there."""
+    found: Row = {"stated": next(iter(rows.values()))["family"]}
+    for name, row in rows.items():
+        counted = _NONE if row["rate"] is None else f"{100 * row['rate']:.1f} of {row['n']}"
+        found |= {name: counted, f"95 %, {name}": _interval(row["ci95"])}
+    return found
+
+
+def _heldout(name: str, floor: Row) -> Row:
+    """Median and ninth decile against their bars; infinite stands for a failed run."""
+    found: Row = {"program": name, "cases": floor["n"]}
+    if floor["n"]:
+        for key, bar in zip(("median", "p90"), floor["bars"], strict=True):
+            low, high = map(_ratio, floor[f"{key}_ci95"])
+            found |= {key: f"{_ratio(floor[key])} ({low} to {high})", f"{key} bar": f"{bar:g}"}
+        for key in ("before", "reach"):
+            found[f"{key}, median"] = _ratio(floor[f"{key}_median"])
+    return found
+
+
+def _bar(bar: tuple[float, float] | None) -> str:
+    if bar is None:
+        return ""
+    low, high = (f"{100 * end:.0f}" for end in bar)
+    if bar[0] == 0.0:
+        return f"max {high}"
+    return f"min {low}" if bar[1] == 1.0 else f"{low} to {high}"
+
+
+def _interval(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else f"{100 * interval[0]:.1f} to {100 * interval[1]:.1f}"
+
+
+def _ratio(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.2f}"

@@ -8,17 +8,12 @@ from typing import Any
 
 import pytest
 
-from studies.research.withheld.figures import Rate, wilson
+from studies.research.withheld.figures import FIRST, Rate, wilson
 from studies.research.withheld.judge import judge
 from studies.research.withheld.score import (
-    by_condition,
-    by_robot,
     coverage,
-    coverage_by_effect,
     floors,
-    floors_by_family,
     judged_or_failed,
-    rates,
     reliability,
 )
 
@@ -131,7 +126,7 @@ def test_missing() -> None:
     j = judge(key("single", BACKLASH), None)
     assert not any((j.answered, j.gap, j.exact, j.found, j.located, j.misnamed))
     assert j.over_floor == math.inf
-    nulls = rates([judge(key("null"), None), judge(key("null"), answer("no_gap"))])[0]
+    nulls = FIRST.rates([judge(key("null"), None), judge(key("null"), answer("no_gap"))])[0]
     assert (nulls.hits, nulls.n) == (1, 2)
 
 
@@ -163,7 +158,7 @@ def test_an_arm_may_be_said_to_scatter(
         null["conditions"] = {**CONDITIONS, "arm_noise": "unsaid"}
     found = judge(null, said)
     assert found.alarm == alarm
-    assert [r.hits for r in rates([found]) if r.figure == "false alarms"] == [alarm]
+    assert [r.hits for r in FIRST.rates([found]) if r.figure == "false alarms"] == [alarm]
     assert not judge(key("single", BACKLASH), said).alarm
     said["gap"]["heldout_after_mm"] = None
     assert (judge(null, said).over_floor == math.inf) == alarm
@@ -218,7 +213,7 @@ def test_wilson() -> None:
 def test_whole_score() -> None:
     right = judge(key("single", BACKLASH), answer("explained", named(-41.0, 1.0), located=("A3",)))
     failed = judge(key("single", BACKLASH), None)
-    table = {(r.family, r.figure): r for r in rates([right, right, failed])}
+    table = {(r.family, r.figure): r for r in FIRST.rates([right, right, failed])}
     exact = table["single, visible", "named exactly"]
     assert (exact.hits, exact.n) == (2, 3)
     assert (coverage([right, failed]).hits, coverage([right]).n) == (1, 1)
@@ -228,13 +223,5 @@ def test_whole_score() -> None:
     ]
     assert floors([right, right, failed])["median"] == pytest.approx(1.05)
     assert floors([right, failed, failed])["median"] is None
-    assert by_condition([right])[1].hits == 1
-    assert [(r.figure, r.hits, r.n) for r in coverage_by_effect([right, failed])] == [
-        ("backlash", 1, 1)
-    ]
-    assert [(r.family, r.hits) for r in by_robot([right]) if r.n] == [("heavy", 1)] * 3
-    single = next(row for row in floors_by_family([right, failed]) if row["family"] == "single")
-    assert (single["n"], single["median"], single["p90"]) == (2, pytest.approx(1.05), None)
-    assert single["before_median"] == pytest.approx(1.5)
     few = right.__class__(**{**right.__dict__, "conditions": {**CONDITIONS, "configurations": 15}})
     assert floors([few])["n"] == 0

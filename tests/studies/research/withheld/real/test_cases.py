@@ -27,9 +27,8 @@ from studies.research.withheld.keys import cell_text, key_of, table_text, tuning
 from studies.research.withheld.make import POPULATIONS, families, make
 from studies.research.withheld.real_arms import SCATTER, SHARES, WHOLE, draw_conditions
 from studies.research.withheld.robots import HEAVY, MODELS, draw_arm
-from studies.research.withheld.score import score
+from studies.research.withheld.score import score, show
 from studies.research.withheld.seal import commit_answers, commit_keys, read_json, write_json
-from studies.research.withheld.tables import show
 from tests.studies.research.withheld.real.scenes import day_of
 
 SEED = 20
@@ -233,9 +232,6 @@ def test_who_knows_the_keys_scores_fully(scored: dict[str, Any]) -> None:
     assert scored["coverage"]["rate"] == 1.0
     assert scored["heldout_over_floor"]["bars"] == [1.06, 1.2]
     assert 0.8 < scored["heldout_over_floor"]["median"] < 1.2
-    assert [sum(v.values()) for v in scored["outside_verdicts"].values()] in ([], [1])
-    named = {row["figure"] for row in scored["causes"] if row["family"] == "mixture"}
-    assert named
 
 
 @pytest.mark.long
@@ -246,7 +242,7 @@ def test_score_in_print(scored: dict[str, Any]) -> None:
     printed = console.export_text()
     assert "…" not in printed
     assert max(map(len, printed.splitlines())) <= 120
-    for said in ("mixture, each visible cause", "one marker", "no time column", "above before"):
+    for said in ("mixture, each visible cause", "above before"):
         assert said in printed
 
 

@@ -11,61 +11,48 @@ POSECAL_DATA.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+import shlex
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest import mock
 
 import click
 
-from calib.files.write import json_text, write_files
-from studies.command.options import one_line_faults
+from studies.cli import run
+from studies.research.bench import Output, Row, bench, count, table
 from studies.research.benchmarks.day import Setting, draw_day, write_day
-from studies.research.benchmarks.mistakes.drawn import Mistake, mistakes
 from studies.research.benchmarks.mistakes.healthy import drawn, real
-from studies.research.benchmarks.mistakes.heard import heard
+from studies.research.benchmarks.mistakes.table import MISTAKES, Mistake
 
+_TRACEBACK = 1  # the status with which Python ends then
 _POSES, _MARKERS = 40, 3
 _BEGINS = ("warning:", "posecal:", "note ")
 _FULL = 85  # characters of a line that was wrapped
 
 
-@dataclass(frozen=True)
-class Row:
-    """What one mistake was told.
-
-    line : the words about it; place, remedy, ended : whether they are said, and the status is right
-    """
-
-    did: str
-    call: str
-    status: int
-    line: str
-    place: bool
-    remedy: bool
-    ended: bool
-
-
 def row_of(mistake: Mistake) -> Row:
-    """Make the mistake in a fresh folder, and hear."""
+    """Make the mistake in a fresh folder: the line about it, and whether what it must say is said."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         write_day(folder, draw_day(Setting(mistake.arm, 1e-5, 1, _POSES, _MARKERS), 1, 0))
         mistake.edit(folder)
         if mistake.before:
             heard(mistake.before, folder)
-        said = heard(mistake.call, folder)
-    text = said.text.replace(f"{name}/", "")
-    return Row(
-        mistake.did,
-        f"posecal {mistake.call}",
-        said.status,
-        _line(said.err if said.status else f"{said.err}\n{said.out}", mistake.place),
-        bool(re.search(mistake.place, text)),
-        bool(re.search(mistake.remedy, text)),
-        bool(said.status) is mistake.refused and said.status in (0, 2),
-    )
+        status, out, err = heard(mistake.call, folder)
+    text = " ".join(f"{err} {out}".split()).replace(f"{name}/", "")
+    return {
+        "did": mistake.did,
+        "call": f"posecal {mistake.call}",
+        "line": _line(err if status else f"{err}\n{out}", mistake.place),
+        "status": status,
+        "place": bool(re.search(mistake.place, text)),
+        "remedy": bool(re.search(mistake.remedy, text)),
+        "ended": bool(status) is mistake.refused and status in (0, 2),
+    }
 
 
 def _line(text: str, place: str) -> str:
@@ -82,39 +69,45 @@ def _line(text: str, place: str) -> str:
     return next((own for own in parts if re.search(place, own)), (parts or [""])[0])
 
 
-def _table(rows: list[Row]) -> Iterator[str]:
-    yield "| what was done | said | status | place | remedy |"
-    yield "|---|---|---|---|---|"
-    for row in rows:
-        line = row.line.replace("|", "/")
-        marks = ["yes" if own else "no" for own in (row.place, row.remedy)]
-        ended = f"{row.status}{'' if row.ended else ' (wrong)'}"
-        yield f"| {row.did} | {line} | {ended} | {' | '.join(marks)} |"
+def heard(call: str, folder: Path) -> tuple[int, str, str]:
+    """Status of a call of posecal in a folder, and what it wrote to both streams."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        mock.patch.object(sys, "argv", ["posecal", *shlex.split(call)]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            run()
+            status: object = 0
+        except SystemExit as end:
+            status = end.code
+        except Exception as error:
+            status = _TRACEBACK
+            err.write(f"traceback: {type(error).__name__}: {error}")
+    return status if isinstance(status, int) else 0, out.getvalue(), err.getvalue()
 
 
-@click.command(help=__doc__, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--days", type=click.IntRange(min=0), default=240, show_default=True)
-@click.option("--only", default="", help="Mistakes whose name holds this.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path, dir_okay=False))
-@one_line_faults
-def main(days: int, only: str, json_path: Path | None) -> None:
-    """Print the table and the counts."""
-    rows = [row_of(own) for own in mistakes() if only in own.did]
-    for line in _table(rows):
-        click.echo(line)
-    right = sum(row.place and row.remedy and row.ended for row in rows)
-    click.echo(f"\nplace, remedy and status right: {right} of {len(rows)}")
-    false = [(name, said) for name, said in map(drawn, range(days)) if said]
+@bench(
+    click.option("--only", default="", help="Mistakes whose name holds this."),
+    count("--days", 240, least=0),
+)
+def main(days: int, only: str, seed: int) -> Output:
+    """The line that each mistake gets, and how often a healthy day is called one."""
+    rows = [row_of(own) for own in MISTAKES if only in own.did]
+    right = sum(row["place"] and row["remedy"] and row["ended"] for row in rows)
+    false = [(name, said) for name, said in (drawn(k, seed) for k in range(days)) if said]
     measured = list(real()) if days else []
-    click.echo(f"drawn healthy days called a mistake: {len(false)} of {days}")
-    click.echo(
-        f"real tables called a mistake: {sum(bool(s) for _, s in measured)} of {len(measured)}"
-    )
-    for name, said in [*false, *((n, s) for n, s in measured if s)]:
-        click.echo(f"  {name}: {'; '.join(said)}")
-    if json_path is not None:
-        found = {"mistakes": [vars(row) for row in rows], "drawn": false, "real": measured}
-        write_files({json_path: json_text(found)})
+    called = [(name, said) for name, said in measured if said]
+    shown = [
+        table(rows),
+        f"\nplace, remedy and status right: {right} of {len(rows)}",
+        f"drawn healthy days called a mistake: {len(false)} of {days}",
+        f"real tables called a mistake: {len(called)} of {len(measured)}",
+        *(f"  {name}: {'; '.join(said)}" for name, said in [*false, *called]),
+    ]
+    return shown, {"mistakes": rows, "drawn": false, "real": measured}
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.threads import one_blas_thread
 from studies.research.bench import data_folder
-from studies.research.benchmarks.day import placement
+from studies.research.benchmarks.day import cell_text, placement
 from studies.research.fuzz_days.day import draw_arm, draw_joints
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.truth import tip_in_numpy, urdf
@@ -69,15 +69,9 @@ def _write(
         for j, point in enumerate(read, 1):
             values = [*(f"{x:.7f}" for x in own), *(f"{x:.{digits}f}" for x in point)]
             rows.append(",".join([f"p{i:03d}", f"m{j}", *values]))
-    markers = "\n".join(f"m{j} = {(p * 1e3).round(1).tolist()}" for j, p in enumerate(places, 1))
     (folder / "measurements.csv").write_text("\n".join([*rows, ""]), encoding="utf-8")
     (folder / "robot.urdf").write_text(urdf(arm, masses=False), encoding="utf-8")
-    (folder / "cell.toml").write_text(
-        f'schema = 1\nname = "day"\n[robot]\nurdf = "robot.urdf"\nbase = "{arm.base}"\n'
-        f'tip = "{arm.tip}"\n[markers_mm]\n{markers}\n[instrument]\nsigma_mm = {1e3 * sigma:.3g}\n'
-        '[model]\neffects = ["base", "tool", "geometry"]\n',
-        encoding="utf-8",
-    )
+    (folder / "cell.toml").write_text(cell_text("day", arm, places, sigma), encoding="utf-8")
 
 
 def alarms(cell_path: Path, table: Path, noisy: bool = True) -> list[str]:

@@ -201,8 +201,8 @@ class BeforeAfter(NamedTuple):
 
     before: float
     after: float
-    unit: str
-    heldout: bool
+    unit: str = "mm"
+    heldout: bool = False
 
 
 class Record(Entry):
@@ -229,6 +229,11 @@ class Record(Entry):
     def kind(self) -> str:
         """The name of its kind, by which it is read."""
         return self.command
+
+    @property
+    def error(self) -> BeforeAfter | None:
+        """What it begins with and what it leaves; None where it holds no such errors."""
+        return None
 
     def dumps(self) -> str:
         """The JSON that :func:`read` reads."""

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry
 from studies.record import (
+    BeforeAfter,
     Count,
     Entry,
     Envelope,
@@ -163,6 +164,11 @@ class ChangesRecord(Record):
         if (self.tolerance_mm is None) != (self.verdict is None):
             raise ValueError("verdict and tolerance_mm do not go together")
         return self
+
+    @property
+    def error(self) -> BeforeAfter:
+        """At the targets today, with the values of before and with those of after."""
+        return BeforeAfter(self.kept_rms_mm.value, self.renewed_rms_mm)
 
 
 def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.joints import JointValues, check_same_joints, shown_joints
-from studies.record import Count, Entry, Envelope, NotNegative, Number, Record
+from studies.record import BeforeAfter, Count, Entry, Envelope, NotNegative, Number, Record
 
 if TYPE_CHECKING:
     from calib import Compensation
@@ -87,6 +87,11 @@ class CompensateRecord(Record):
     def _belongs_together(self) -> Self:
         check_same_joints(self.targets)
         return self
+
+    @property
+    def error(self) -> BeforeAfter:
+        """At the targets, by nominal commands and as expected by the corrected ones."""
+        return BeforeAfter(self.rms_mm.before, self.rms_mm.expected)
 
 
 def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:

@@ -343,10 +343,15 @@ class DiagnoseRecord(Findings, Record):
     @property
     def error(self) -> BeforeAfter:
         """RMS before and after, at poses held out where there are any."""
+        return self.error_at(heldout=self.gap.heldout_before_mm is not None)
+
+    def error_at(self, *, heldout: bool) -> BeforeAfter:
+        """RMS before and after, at the fitted poses or at those held out."""
         gap = self.gap
-        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
-            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, gap.unit, True)
-        return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, gap.unit, False)
+        before, after = gap.fit_before_mm, gap.fit_after_mm
+        if heldout and gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
+            before, after = gap.heldout_before_mm, gap.heldout_after_mm
+        return BeforeAfter(before, after, gap.unit, heldout)
 
     @property
     def worst_hidden(self) -> Sought | None:

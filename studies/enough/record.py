@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Self
 from pydantic import model_validator
 
 from studies.record import (
+    BeforeAfter,
     Count,
     Entry,
     Envelope,
@@ -142,6 +143,12 @@ class EnoughRecord(Record):
         if self.goal_mm is None and self.poses_to_goal is not None:
             raise ValueError("poses_to_goal has no goal_mm")
         return self
+
+    @property
+    def error(self) -> BeforeAfter | None:
+        """Expected at the targets now, and after all planned poses."""
+        now, end = self.now.task_rms_mm, self.end.task_rms_mm
+        return None if now is None or end is None else BeforeAfter(now, end)
 
     @property
     def gains(self) -> tuple[float | None, ...]:

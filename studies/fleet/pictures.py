@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from studies.fleet.record import FleetRecord, ParameterTrend, SessionEntry
+    from studies.fleet.record import FleetRecord, RobotTrend, SessionEntry
 
 _LEAST = 1e-6  # mm: below it an error is drawn as none
 _PANELS = 24
@@ -131,7 +131,7 @@ def _sorted(robots: list[SessionEntry]) -> list[SessionEntry]:
     return sorted(robots, key=lambda own: (own.rms_mm.nominal or 0.0, own.robot))
 
 
-def _at(own: ParameterTrend, dated: bool) -> Sequence[int]:
+def _at(own: RobotTrend, dated: bool) -> Sequence[int]:
     return own.days if dated and own.days is not None else range(1, len(own.tables) + 1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+from statistics import median
 from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry
 from studies.record import (
+    BeforeAfter,
     Count,
     Entry,
     Envelope,
@@ -110,7 +112,7 @@ class OffEntry(Entry):
     limit: Positive
 
 
-class ParameterTrend(Entry):
+class RobotTrend(Entry):
     """The tables of a robot that was measured again, in their order.
 
     days : since the first, None where a table has no date; p : of a steady rise or fall of the nominal
@@ -149,7 +151,7 @@ class FleetRecord(Record):
     sessions: tuple[SessionEntry, ...] = Field(min_length=1)
     types: tuple[TypeEntry, ...]
     off: tuple[OffEntry, ...]
-    trends: tuple[ParameterTrend, ...]
+    trends: tuple[RobotTrend, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -161,6 +163,23 @@ class FleetRecord(Record):
             if any(cause.robots > own.diagnosed for cause in own.causes):
                 raise ValueError("a cause is counted in more robots than were diagnosed")
         return self
+
+    @property
+    def latest(self) -> dict[str, FleetErrors]:
+        """Errors of the last table of each robot that was identified."""
+        return {own.robot: own.rms_mm for own in self.sessions if own.status}
+
+    @property
+    def error(self) -> BeforeAfter | None:
+        """Medians over robots, held out where that is known of all."""
+        last = self.latest.values()
+        held = all(own.heldout is not None for own in last)
+        before = [own.nominal for own in last if own.nominal is not None]
+        after = [own.heldout if held else own.fitted for own in last]
+        known = [own for own in after if own is not None]
+        if not before or len(known) < len(after):
+            return None
+        return BeforeAfter(median(before), median(known), heldout=held)
 
     @property
     def robots(self) -> int:
@@ -259,7 +278,7 @@ def _known(robots: Sequence[Done], key: str) -> list[float]:
     return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
 
 
-def _trends(done: Sequence[Done]) -> Iterator[ParameterTrend]:
+def _trends(done: Sequence[Done]) -> Iterator[RobotTrend]:
     """Of robots with several tables that could be identified."""
     from studies.fleet.spread import days_of, trend_p
 
@@ -268,7 +287,7 @@ def _trends(done: Sequence[Done]) -> Iterator[ParameterTrend]:
         if len(tables) < 2:
             continue
         nominal, days = _known(tables, "nominal"), days_of(tables)
-        yield ParameterTrend(
+        yield RobotTrend(
             robot=robot,
             type=tables[-1].type,
             tables=tuple(own.table for own in tables),

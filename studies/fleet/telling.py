@@ -29,7 +29,7 @@ from studies.fleet.pictures import errors_by_robot, over_days
 from studies.fleet.record import (
     FleetRecord,
     OffEntry,
-    ParameterTrend,
+    RobotTrend,
     SessionEntry,
     SharedEntry,
     TypeEntry,
@@ -196,7 +196,7 @@ def _days(record: FleetRecord) -> Iterator[Part]:
     yield Figure(lambda: over_days(record), numbers=False)
 
 
-_TRENDS: tuple[Column[ParameterTrend], ...] = (
+_TRENDS: tuple[Column[RobotTrend], ...] = (
     Column("robot", lambda row: row.robot),
     Column("tables", lambda row: len(row.tables), COUNT),
     Column("days", lambda row: None if row.days is None else row.days[-1], COUNT),

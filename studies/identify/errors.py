@@ -225,19 +225,21 @@ def told_errors(record: IdentifyRecord) -> Iterator[Part]:
 def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
     trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
     for key, label in _MODELS.items():
-        if key == "heldout" and record.nominal_at_heldout_mm is not None:
-            yield "held-out poses, nominal model", *_nominal_at_heldout(record)
+        if key == "heldout":
+            yield from _nominal_at_heldout(record)
         row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
         if row[0] is not None and trimmed.get(key, True):
             yield label, *row
 
 
-def _nominal_at_heldout(record: IdentifyRecord) -> tuple[float, float, float]:
-    """RMS, 95th percentile and largest distance, mm."""
+def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    """RMS, 95th percentile and largest distance, mm, where anything is held out."""
     rows = [row for row in record.residuals if row.heldout and row.metric]
-    lengths = np.array([np.linalg.norm(row.before) for row in rows])
-    rms = float(np.sqrt(np.mean(lengths**2)))
-    return rms, float(np.quantile(lengths, 0.95)), float(lengths.max())
+    if rows:
+        lengths = np.array([np.linalg.norm(row.before) for row in rows])
+        rms = float(np.sqrt(np.mean(lengths**2)))
+        p95 = float(np.quantile(lengths, 0.95))
+        yield "held-out poses, nominal model", rms, p95, float(lengths.max())
 
 
 _POSES: tuple[Column[Any], ...] = (

@@ -129,19 +129,13 @@ class IdentifyRecord(Record):
         return any(row.heldout for row in self.residuals)
 
     @property
-    def nominal_at_heldout_mm(self) -> float | None:
-        """RMS of the nominal model at the points held out."""
-        own = (row for row in self.residuals if row.heldout and row.metric)
-        held = [float(np.linalg.norm(row.before)) for row in own]
-        return float(np.sqrt(np.mean(np.square(held)))) if held else None
-
-    @property
     def error(self) -> BeforeAfter:
-        """RMS by the nominal and by the identified model, held out where anything was.
+        """RMS by the nominal and by the identified model, held out where anything was."""
+        return self.error_at(heldout=self.held_out)
 
-        In space; where no reading is a length, of the instrument that is predicted worst.
-        """
-        rows, unit = [row for row in self.residuals if row.heldout == self.held_out], "mm"
+    def error_at(self, *, heldout: bool) -> BeforeAfter:
+        """In space; where no reading is a length, of the instrument that is predicted worst."""
+        rows, unit = [row for row in self.residuals if row.heldout == heldout], "mm"
         if any(row.metric for row in rows):
             rows = [row for row in rows if row.metric]
         else:
@@ -151,4 +145,4 @@ class IdentifyRecord(Record):
             float(np.sqrt(np.mean([np.square(vector).sum() for vector in vectors])))
             for vectors in ([row.before for row in rows], [row.vector for row in rows])
         )
-        return BeforeAfter(before, after, unit, self.held_out)
+        return BeforeAfter(before, after, unit, heldout)

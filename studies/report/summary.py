@@ -105,29 +105,26 @@ def verdict(evidence: ReportEvidence, told: Mapping[str, str]) -> Raw | None:
 
 
 def _box(found: Fall, facts: Mapping[str, str]) -> Raw:
-    word, judged = Markup(), Markup()
-    if found.outcome is not None:
-        word = Markup("<p class=outcome>{}</p>").format(found.word or _WORDS[found.outcome])
-        judged = Markup("<br>{}.").format(found.judged[:1].upper() + found.judged[1:])
+    word, by = Markup(), Markup()
+    before, after, unit, _ = found.error
+    look = "fell" if after < before else "fail"
+    if (judged := found.judged) is not None:
+        look = judged.outcome
+        word = Markup("<p class=outcome>{}</p>").format(judged.word or _WORDS[judged.outcome])
+        by = Markup("<br>{}.").format(judged.by[:1].upper() + judged.by[1:])
     rows = Markup("").join(
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(label, text)
         for label, text in facts.items()
     )
-    was, now = (f"{short(value)} {found.unit}" for value in (found.before, found.after))
+    was, now = (f"{short(value)} {unit}" for value in (before, after))
     return Raw(
         Markup(
             '<div class="verdict {}">{}<p class=fell><span class=visually-hidden>from </span>'
             "<span class=was>{}</span> <span aria-hidden=true>\N{RIGHTWARDS ARROW}</span> "
             "<span class=visually-hidden>to </span><strong>{}</strong></p>"
             "<p class=of>{}, {} \N{RIGHTWARDS ARROW} {}.{}</p><dl class=facts>{}</dl></div>"
-        ).format(_look(found), word, was, now, found.of, *found.ends, judged, rows)
+        ).format(look, word, was, now, found.of, *found.ends, by, rows)
     )
-
-
-def _look(found: Fall) -> str:
-    if found.outcome is not None:
-        return found.outcome
-    return "fell" if found.after < found.before else "fail"
 
 
 def _facts(
@@ -207,14 +204,8 @@ def _caption(evidence: ReportEvidence) -> str:
 
 def _held(evidence: ReportEvidence) -> bool:
     """Whether every result with bars has held-out poses, so that they can be compared there."""
-    identified, diagnosed = _records(evidence)
-    return all(
-        [
-            identified is None or identified.nominal_at_heldout_mm is not None,
-            diagnosed is None or diagnosed.gap.heldout_after_mm is not None,
-            identified is not None or diagnosed is not None,
-        ]
-    )
+    drawn = [own for own in _records(evidence) if own is not None]
+    return bool(drawn) and all(own.error.heldout for own in drawn)
 
 
 def _records(evidence: ReportEvidence) -> tuple[IdentifyRecord | None, DiagnoseRecord | None]:
@@ -225,7 +216,7 @@ def _records(evidence: ReportEvidence) -> tuple[IdentifyRecord | None, DiagnoseR
     if first is not None and second is not None and not _same_data(first, second):
         diagnosed = None
     if not isinstance(identified, IdentifyRecord) or identified.rms_mm.nominal is None:
-        identified = None
+        identified = None  # no reading is a length
     if not isinstance(diagnosed, DiagnoseRecord) or diagnosed.gap.unit != "mm":
         diagnosed = None
     return identified, diagnosed
@@ -237,22 +228,15 @@ def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
     held = _held(evidence)
     noise: NoiseEntry | None = None
     if identified is not None:
-        rms = identified.rms_mm
-        before = identified.nominal_at_heldout_mm if held else rms.nominal
-        after = rms.heldout if held else rms.fitted_all
-        if before is None or after is None:
-            return
-        yield Bar("before: nominal model", before, "bad")
-        yield Bar("after: identified model", after, "good")
+        error = identified.error_at(heldout=held)
+        yield Bar("before: nominal model", error.before, "bad")
+        yield Bar("after: identified model", error.after, "good")
         noise = identified.noise
     if diagnosed is not None and diagnosed.effects:
-        gap = diagnosed.gap
-        before = gap.heldout_before_mm if held else gap.fit_before_mm
-        after = gap.heldout_after_mm if held else gap.fit_after_mm
-        if identified is None and before is not None:
-            yield Bar("before: model as given", before, "bad")
-        if after is not None:
-            yield Bar("after: with the causes that the diagnosis found", after, "good")
+        error = diagnosed.error_at(heldout=held)
+        if identified is None:
+            yield Bar("before: model as given", error.before, "bad")
+        yield Bar("after: with the causes that the diagnosis found", error.after, "good")
         noise = diagnosed.noise
     if noise is not None:
         sigma = 3.0**0.5 * noise.believed_sigma_mm

@@ -44,7 +44,7 @@ def picture(folder: Path) -> Picture:
     cell = load_cell(folder / "cell.toml")
     identified = read_as(folder / "identify.json", IdentifyRecord)
     diagnosed = json.loads((folder / "diagnose.json").read_text("utf-8"))
-    gap, nominal = diagnosed["gap"], identified.nominal_at_heldout_mm
+    gap, nominal = diagnosed["gap"], identified.error.before
     cause = diagnosed["effects"][0]
     steps = (
         ("as delivered", nominal, VERMILLION),

@@ -110,13 +110,15 @@ def test_what_the_tolerance_of_changes_and_the_goal_of_enough_say() -> None:
     moved = fall(read(OLD / "changes.json"))
     assert moved is not None
     assert old_fields("changes")["verdict"] == "does_not"
-    assert moved.outcome == "fail"
-    assert moved.before == old_fields("changes")["kept_rms_mm"]["value"]
+    assert moved.judged is not None
+    assert moved.judged.outcome == "fail"
+    assert moved.error.before == old_fields("changes")["kept_rms_mm"]["value"]
     enough = fall(read(OLD / "enough.json"))
     short = fall(changed("enough", poses_to_goal=3))
-    assert enough is not None
-    assert short is not None
-    assert (enough.outcome, short.outcome) == ("pass", "fail")
+    for found, outcome in ((enough, "pass"), (short, "fail")):
+        assert found is not None
+        assert found.judged is not None
+        assert found.judged.outcome == outcome
 
 
 def test_without_a_measurement_there_is_no_box(tmp_path: Path) -> None:

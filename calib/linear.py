@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, stacked
+from calib.arrays import Array, IntArray, stacked
 from calib.model.covariance import covariance, gain
 from calib.scatter.poses import Mixing
 
@@ -72,6 +72,36 @@ class LinearProblem:
         return orthonormal(self.independent[1] @ self.span)
 
     @cached_property
+    def along(self) -> tuple[Array, Array]:
+        """Derivatives by every parameter, determined or not, (k, p), and residual (k,) in the basis."""
+        r, J = self.independent
+        return self.basis.T @ J, self.basis.T @ r
+
+    def freed(self, own: IntArray) -> Array:
+        """Orthonormal directions (k, c) in the basis that are free once some parameters are not fitted.
+
+        own : ndarray of int, which; every fitted direction with a share in them is given up
+        """
+        from scipy.linalg import qr
+
+        lost = np.abs(self.span[own]).sum(axis=0) > 0.0
+        if self._duals is not None:
+            return np.asarray(np.linalg.qr(unit(self._duals[lost].T))[0])
+        Q, R, _ = qr(unit((self.along[0] @ self.span)[:, ~lost]), pivoting=True)
+        pivots = np.abs(np.diag(R))
+        rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+        return np.asarray(Q[:, rank:])
+
+    @cached_property
+    def _duals(self) -> Array | None:
+        """Rows (d, k): each sees one fitted direction and no other; None where those depend."""
+        T = self.along[0] @ self.span
+        if T.shape[0] != T.shape[1]:
+            return None
+        lengths = np.linalg.norm(T, axis=0)
+        return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
+
+    @cached_property
     def gains(self) -> tuple[Array, Array]:
         """How the least-squares values follow whitened rows, (m, R, p), and what is held, (h, p)."""
         follow = gain(self.fitted[1], self.span).T
@@ -93,11 +123,15 @@ def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of columns (N, p), shape (N, rank)."""
     from scipy.linalg import qr
 
-    scale = np.linalg.norm(columns, axis=0)
-    unit = columns / np.where(scale > 0.0, scale, 1.0)
-    Q, R, _ = qr(unit, mode="economic", pivoting=True)
+    Q, R, _ = qr(unit(columns), mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
     return np.asarray(Q[:, pivots > DEPENDENT * pivots.max(initial=0.0)])
+
+
+def unit(columns: Array) -> Array:
+    """Columns (N, p) of length one; those of zeros as they are."""
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
 
 
 def huber_weights(lengths: Array, typical: float, multiple: float) -> Array:

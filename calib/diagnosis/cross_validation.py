@@ -22,10 +22,10 @@ from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.gap import blocks_of_time
-from calib.diagnosis.prior import held_rows
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import apart
 from calib.effects.protocol import Effect
+from calib.linear import LinearProblem
 from calib.noise import unwhitened
 from calib.poses import Poses
 
@@ -89,11 +89,10 @@ class CrossValidation:
         choices : what may stand in their place, the first its own: without a fold the best of them is
             chosen anew
         """
-        own = np.concatenate([self.fit.positions(effect) for effect in effects])
-        gone = self._without(own, by_time).left
+        gone = self._without(effects, by_time).left
         left, again = self._folds(by_time).left, 1.0
         if choices:
-            left, again = self._anew(own, by_time, choices)
+            left, again = self._anew(effects, by_time, choices)
         costs = [_costs(self.fit, e) for e in (left, gone)]
         return PredictionErrors(
             with_it=float(costs[0].sum()),
@@ -104,18 +103,20 @@ class CrossValidation:
             again=again,
         )
 
-    def _anew(self, own: IntArray, by_time: bool, choices: Sequence[Choice]) -> tuple[Array, float]:
+    def _anew(
+        self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice]
+    ) -> tuple[Array, float]:
         """Residuals (m, R) of poses predicted by what is best without their fold.
 
-        own : ndarray of int, positions of the values in whose place it comes
+        effects : in whose place it comes
         Besides, of how many folds that is the first of the choices, at whatever tuning.
         What is best is told by rows that err independently, what is missed by least squares.
         """
-        fit, plain = self.fit, self._without(own, by_time)
+        fit, plain = self.fit, self._without(effects, by_time)
         judged, mixing = plain, fit.mixing
         if mixing is not None:
             rows = fit.by_instrument(mixing(fit.r[..., None])[..., 0], mixing(fit.J))
-            judged = replace(self, fit=rows)._without(own, by_time)
+            judged = replace(self, fit=rows)._without(effects, by_time)
         best, worth = plain.left.copy(), np.zeros(len(plain.folds.folds))
         same = np.zeros(len(worth), dtype=bool)
         for choice in choices:
@@ -127,28 +128,22 @@ class CrossValidation:
                 same[f] = choice.name == choices[0].name
         return best, float(same.mean())
 
-    def _without(self, own: IntArray, by_time: bool) -> Without:
-        """The rest of the fit, values at these positions taken out."""
-        kept, fit, (m, R) = self._kept, self.fit, self.fit.r.shape
-        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
-        # Directions that nothing of the rest sees: what the effects alone explain.
-        u, _ = np.linalg.qr(kept.duals[lost].T)
-        rest = Without(kept, self._folds(by_time), u, fit.pull, np.zeros(len(kept.r)), (m, R))
-        return replace(rest, r=rest.beside(kept.r + kept.J[:, own] @ fit.moving[own]))
+    def _without(self, effects: Sequence[Effect], by_time: bool) -> Without:
+        """The rest of the fit, some of its effects taken out."""
+        kept, fit = self._kept, self.fit
+        own = np.concatenate([fit.positions(effect) for effect in effects])
+        u = kept.freed(own)  # directions that nothing of the rest sees
+        rest = Without(kept, self._folds(by_time), u, fit.pull, np.zeros(0))
+        return replace(rest, r=rest.beside(fit.without(effects).linear.fitted[0]))
 
     def _folds(self, by_time: bool) -> Folds:
         return self._by_time if by_time else self._by_configuration
 
     @cached_property
-    def _kept(self) -> FactorisedFit:
-        fit = self.fit
-        off, held = held_rows(fit.model, fit.amplitudes, fit.values, fit.pull)
-        J = np.concatenate([stacked(fit.J), held])
-        r = np.concatenate([fit.r.ravel(), off])
-        A = J @ fit.span
-        scale = np.linalg.norm(A, axis=0)
-        Q, T = np.linalg.qr(A / np.where(scale > 0.0, scale, 1.0))
-        return FactorisedFit(Q, J, r, np.linalg.pinv(T))
+    def _kept(self) -> LinearProblem:
+        """The fit to first order by least squares, which is what predicts."""
+        linear = self.fit.linear
+        return linear if linear.mixing is None else replace(linear, mixing=None)
 
     @cached_property
     def _by_configuration(self) -> Folds:
@@ -159,24 +154,10 @@ class CrossValidation:
         return self._over(_folds(self.stage.data.poses, by_time=True))
 
     def _over(self, fold: IntArray) -> Folds:
-        (m, R), kept = self.fit.r.shape, self._kept
-        r = (kept.r - kept.Q @ (kept.Q.T @ kept.r))[: m * R].reshape(m, R)
-        Q = kept.Q[: m * R].reshape(m, R, -1)
+        (m, R), Q, r = self.fit.r.shape, self._kept.basis, self._kept.fitted[0]
+        r = (r - Q @ (Q.T @ r))[: m * R].reshape(m, R)
+        Q = Q[: m * R].reshape(m, R, -1)
         return Folds(tuple(_fold(Q, fold == f) for f in range(int(fold.max()) + 1)), r)
-
-
-@dataclass(frozen=True, eq=False)
-class FactorisedFit:
-    """A fit's rows, those of the prior last, and a basis of its columns.
-
-    Q : ndarray, shape (N, k), orthonormal; J : ndarray, shape (N, p); r : ndarray, shape (N,)
-    duals : ndarray, shape (k, k), in the directions Q: each sees one column and none of the others
-    """
-
-    Q: Array
-    J: Array
-    r: Array
-    duals: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,19 +165,18 @@ class Without:
     """What the rest of a fit leaves, some effects taken out.
 
     u : ndarray, shape (k, c), directions of the fit that they leave free
-    r : ndarray, shape (N,), the residual then; shape : (m, R)
+    r : ndarray, shape (N,), the residual then
     """
 
-    kept: FactorisedFit
+    kept: LinearProblem
     folds: Folds
     u: Array
     pull: float
     r: Array
-    shape: tuple[int, int]
 
     def beside(self, rows: Array) -> Array:
         """Rows (N, ..) with the rest projected out."""
-        Q, u = self.kept.Q, self.u
+        Q, u = self.kept.basis, self.u
         seen = Q.T @ rows
         return np.asarray(rows - Q @ (seen - u @ (u.T @ seen)))
 
@@ -211,13 +191,13 @@ class Without:
         With M what projects out the rest and K what predicts a fold F by the others, these say of
         columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
         """
-        k, (m, R) = choice.rows.shape[-1], self.shape
+        m, R, k = choice.rows.shape
         X = np.zeros((len(self.r), k))
         X[: m * R] = stacked(choice.rows)
         X = self.beside(X)
         back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
         S, z = X.T @ X + np.diag((self.pull / choice.limits) ** 2), X.T @ self.r
-        rows = int(np.count_nonzero(np.abs(self.kept.J).sum(axis=-1)))
+        rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))
         price = k * float(np.log(max(2, rows)))
         at_poses = X[: m * R].reshape(m, R, k)
         for f, fold in enumerate(self.folds.folds):
@@ -229,7 +209,7 @@ class Without:
         return gains, left
 
     def _predicted(self, rows: Array) -> Array:
-        m, R = self.shape
+        m, R = self.kept.r.shape
         return self.folds.without(self.u, rows[: m * R].reshape(m, R, -1))
 
 

@@ -121,16 +121,11 @@ def likelihood_problem(
 
     without : candidates that are in the fit and are taken out of it
     """
-    fit = view.fit
+    fit = view.fit.without([c.effect for c in without]) if without else view.fit
     span, r = fit.span, fit.r
     off, prior = held_rows(fit.model, fit.amplitudes, fit.values)
     of_prior = np.column_stack([prior @ span, off])
-    if without:
-        own = np.concatenate([fit.positions(c.effect) for c in without])
-        span = span[:, np.abs(span[own]).sum(axis=0) == 0.0]
-        r = r + fit.J[..., own] @ fit.moving[own]
-        kept = np.abs(prior[:, own]).sum(axis=1) == 0.0
-        of_prior = np.column_stack([prior @ span, off])[kept]
+    of_prior = of_prior[of_prior.any(axis=1)]  # what is taken out takes its prior along
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
     known = span.shape[1]

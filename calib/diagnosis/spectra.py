@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arrays import Array, IntArray
+from calib.arrays import Array
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
@@ -113,9 +113,14 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
     rows = stage.observation(fit.model, fit.weight).rows(J[..., -len(carriers) :])
     found = []
     for i, ripple in enumerate(moving):
-        own = _own(fit, ripple.where)
-        bare = _without(fit, np.concatenate(own)) if own else fit
-        named = tuple((fit.values[part[0]], fit.values[part[1:3]]) for part in own)
+        own = [
+            effect
+            for effect in fit.model.effects
+            if isinstance(effect, GearRipple) and effect.where == ripple.where
+        ]
+        bare = fit.without(own) if own else fit
+        parts = [fit.values[fit.positions(effect)] for effect in own]
+        named = tuple((values[0], values[1:3]) for values in parts)
         found.append(_View(ripple, poses, bare, bare.modelled, rows[..., i : i + 1], scale, named))
     return found
 
@@ -123,22 +128,6 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
 def _ripple(robot: Robot, joint: int) -> GearRipple:
     axis = along_axis(robot, joint)[:, None]
     return GearRipple(robot.joints[joint], joint + 1, axis, FEWEST, 1, None)
-
-
-def _own(fit: Fit, joint: str) -> list[IntArray]:
-    """Where each ripple of a joint stands in the values."""
-    return [
-        fit.positions(effect)
-        for effect in fit.model.effects
-        if isinstance(effect, GearRipple) and effect.where == joint
-    ]
-
-
-def _without(fit: Fit, own: IntArray) -> Fit:
-    """A fit from whose model some parameters are taken out, to first order."""
-    J = fit.J.copy()
-    J[..., own] = 0.0
-    return replace(fit, r=fit.r + fit.J[..., own] @ fit.moving[own], J=J)
 
 
 @dataclass(frozen=True, eq=False)

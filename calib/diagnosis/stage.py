@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -92,6 +92,15 @@ class Fit:
         rows = self.model.by_prior * (self.pull if self.mixing is None else 1.0)
         by_prior = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
         return int(self.span.shape[1]) - round(float(by_prior))
+
+    def without(self, effects: Iterable[Effect]) -> Fit:
+        """The fit to first order as if it had never had some of its effects: they are at nothing."""
+        own = np.concatenate([self.positions(effect) for effect in effects])
+        values = self.values.copy()
+        values[own] = 0.0
+        kept = np.abs(self.span[own]).sum(axis=0) == 0.0
+        r = self.r + self.J[..., own] @ self.moving[own]
+        return replace(self, values=values, span=self.span[:, kept], r=r)
 
     def by_instrument(self, r: Array, J: Array) -> Fit:
         """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
 from calib.diagnosis.screen import VISIBLE, Field, beside
@@ -18,7 +18,7 @@ from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.identification.scan import beside as beside_scan
 from calib.identification.scan import times
-from calib.linear import DEPENDENT
+from calib.linear import unit
 
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
@@ -89,7 +89,7 @@ class Lineup:
         if grid is None:
             return
         carrier = view.rows[..., self.where[grid.candidate.key]]
-        carried = beside_scan(_without(view.fit, member).linear).carried(carrier)
+        carried = beside_scan(view.fit.without([member.effect]).linear).carried(carrier)
         for form in grid.scanned(carried).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits
@@ -129,32 +129,9 @@ class FitView:
         return beside(J, self.fit.modelled, X, r)
 
     @cached_property
-    def _turned(self) -> tuple[Array, Array]:
-        """Every parameter, determined or not, (k, p), and the residual, (k,), along the basis."""
-        Q, (r, J) = self.fit.modelled, self.fit.equations
-        return Q.T @ J, Q.T @ r
-
-    @cached_property
     def _shown(self) -> Array:
-        """Every parameter along the basis, of length one, (k, p)."""
-        return _unit(self._turned[0])
-
-    @cached_property
-    def _determined(self) -> Array:
-        """The directions that were fitted, along the basis, (k, d)."""
-        return self._turned[0] @ self.fit.span
-
-    @cached_property
-    def _duals(self) -> Array | None:
-        """Rows (d, k): each sees one direction that was fitted and none of the others.
-
-        None where the directions depend on each other.
-        """
-        T = self._determined
-        if T.shape[0] != T.shape[1]:
-            return None
-        lengths = np.linalg.norm(T, axis=0)
-        return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
+        """Every parameter, determined or not, along the basis, of length one, (k, p)."""
+        return unit(self.fit.linear.along[0])
 
     @cached_property
     def by_instrument(self) -> FitView:
@@ -170,11 +147,10 @@ class FitView:
         """
         fit, whole = self.fit, self.beside
         own = np.concatenate([fit.positions(member.effect) for member in members])
-        lost = np.abs(fit.span[own]).sum(axis=0) > 0.0
-        U = _free(self._determined, self._duals, lost)
+        U = fit.linear.freed(own)
         U = _unseen(U, np.delete(U.T @ self._shown, own, axis=1))
         # The residual as it would be without the effect, to first order.
-        parameters, r = self._turned
+        parameters, r = fit.linear.along
         r = r + parameters[:, own] @ fit.moving[own]
         held = sum(len(member.amounts) for member in members)  # rows of priors, which go with them
         return Field(
@@ -213,31 +189,6 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _without(fit: Fit, member: Candidate) -> Fit:
-    """A fit to first order as if a member were not in it."""
-    own = fit.positions(member.effect)
-    kept = np.abs(fit.span[own]).sum(axis=0) == 0.0
-    values = fit.values.copy()
-    values[own] = 0.0
-    r = fit.r + fit.J[..., own] @ fit.moving[own]
-    return replace(fit, values=values, span=fit.span[:, kept], r=r)
-
-
-def _free(columns: Array, duals: Array | None, lost: Mask) -> Array:
-    """Orthonormal directions (k, c) that columns (k, d) leave free without some of them.
-
-    duals : ndarray, shape (d, k): each sees one column and none of the others; None where they depend
-    """
-    from scipy.linalg import qr
-
-    if duals is not None:
-        return np.asarray(np.linalg.qr(_unit(duals[lost].T))[0])
-    Q, R, _ = qr(_unit(columns[:, ~lost]), pivoting=True)
-    pivots = np.abs(np.diag(R))
-    rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
-    return np.asarray(Q[:, rank:])
-
-
 def _unseen(free: Array, shown: Array) -> Array:
     """Of directions (k, c) those that what is visible of other parameters leaves free.
 
@@ -245,11 +196,6 @@ def _unseen(free: Array, shown: Array) -> Array:
     """
     squares, V = np.linalg.eigh(shown @ shown.T)
     return np.asarray(free @ V[:, squares <= VISIBLE**2])
-
-
-def _unit(columns: Array) -> Array:
-    lengths = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
 
 
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:

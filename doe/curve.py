@@ -27,7 +27,7 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[CurveS
             chosen = choose(smaller, pool, quiet, Clock(), thorough=False)
         except CannotIdentify:
             continue
-        judged = assess(smaller, pool.q[chosen.index])
+        judged = assess(smaller, pool.q[chosen.plan])
         steps.append(
             CurveStep(
                 smaller.request.poses,

@@ -20,6 +20,7 @@ from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.notes import notes_of
+from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, level_values, named
 from doe.problem import Problem, problem_of
 from doe.problem.pool import Pool, chunked, drawn, pool_of
@@ -34,10 +35,10 @@ from doe.problem.request import (
 from doe.solve import (
     Clock,
     Effort,
-    Finished,
     check_count,
     choose,
     finish,
+    landscape_of,
     new_poses_instead,
     with_second_visits,
 )
@@ -222,7 +223,7 @@ def _designed(
     chosen = choose(problem, pool, effort, clock)
     levels = request.levels
     if levels is not None and not levels.chosen:
-        settled = levels.only(np.unique(pool.q[chosen.index, levels.joint]))
+        settled = levels.only(np.unique(pool.q[chosen.plan, levels.joint]))
         if follows:
             effort.progress("levels chosen; the model's angles follow them")
             there = _designed(
@@ -235,8 +236,9 @@ def _designed(
             )
             return replace(there, notes=(note, *there.notes))
         levels = settled
-    found = finish(problem, pool, chosen, effort, clock)
-    poses, reference, again, certificate = _visited(problem, found, effort)
+    final, found, certificate = finish(problem, pool, chosen, effort, clock)
+    landscape, live = landscape_of(problem, final, found)
+    poses, reference, again, certificate = _visited(problem, final, found, certificate, effort)
     q = poses.q
     result = Design(
         problem=problem,
@@ -245,8 +247,8 @@ def _designed(
         levels=levels,
         assessment=assess(problem, q),
         certificate=certificate,
-        candidates=Candidates(pool.drawn, len(pool), pool.removed, found.live),
-        landscape=found.landscape,
+        candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
+        landscape=landscape,
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
         seconds=clock.laps,
@@ -258,15 +260,17 @@ def _designed(
 
 
 def _visited(
-    problem: Problem, found: Finished, effort: Effort
+    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate, effort: Effort
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
-    poses, reference, again = named(found.q[visiting_order(found.q)]), None, None
-    certificate = found.certificate
+    q = pool.q[found.plan]
+    poses, reference, again = named(q[visiting_order(q)]), None, None
     if effort.reapproaches:
         poses, again = with_reapproaches(problem, poses, effort.reapproaches)
-        certificate = with_second_visits(problem, found, poses.q[-len(again.again) :])
-        instead = new_poses_instead(problem, found, len(again.again))
+        certificate = with_second_visits(
+            problem, pool, found, certificate, poses.q[-len(again.again) :]
+        )
+        instead = new_poses_instead(problem, pool, found.plan, len(again.again))
         again = replace(again, instead=instead, asked=effort.asked)
     if effort.reference_every:
         busy = () if again is None else again.poses + again.again

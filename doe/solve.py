@@ -19,8 +19,8 @@ from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import SHORT_WORK, Proof, provable, prove
 from doe.optimal.exchange import greedy, robust_exchange, smallest_left
-from doe.optimal.relax import Relaxation, bounded, relax
-from doe.optimal.search import best_plan
+from doe.optimal.relax import bounded, relax
+from doe.optimal.search import WholePlan, best_plan
 from doe.plan import Certificate, Landscape
 from doe.problem import Problem
 from doe.problem.pool import Pool, drawn, judge, movable, rounded, together
@@ -78,47 +78,9 @@ class Clock:
         self.last = now
 
 
-@dataclass(frozen=True, eq=False)
-class Chosen:
-    """A whole plan of candidates with the weights that bound it.
-
-    index : ndarray of int, shape (N,), candidates; value : float, the plain criterion
-    agreement : float, median of what the starts of the search ended at, over the best plan
-    relaxed : Relaxation, its value and bound those of the plain criterion
-    """
-
-    index: IntArray
-    value: float
-    agreement: float
-    relaxed: Relaxation
-
-
-@dataclass(frozen=True, eq=False)
-class Finished:
-    """The plan before it is put into the order of a day.
-
-    certificate : Certificate; landscape : Landscape
-    live : int, candidates that a better plan could still contain
-    pool : Pool, with the plan's own poses; plan : ndarray of int, shape (N,), its candidates
-    relaxed : Relaxation, at which the bound was found
-    """
-
-    certificate: Certificate
-    landscape: Landscape
-    live: int
-    pool: Pool
-    plan: IntArray
-    relaxed: Relaxation
-
-    @property
-    def q(self) -> Array:
-        """Joint values of the plan, shape (N, dof), rad or m."""
-        return self.pool.q[self.plan]
-
-
 def choose(
     problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
-) -> Chosen:
+) -> WholePlan:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     blocks, rules = problem.posed(pool)
     relaxed = relax(problem.criterion, blocks, rules)
@@ -130,31 +92,23 @@ def choose(
     clock.lap("exchange")
     if problem.criterion.whole:
         _check_determined(problem, blocks.total(found.plan))
-    agreement = float(np.median(found.starts) / found.value)
-    chosen = _reported(problem, blocks, rules, found.plan, agreement, relaxed)
+    chosen = _reported(problem, blocks, rules, found)
     effort.progress(
         f"whole plan found, at least {chosen.value / chosen.relaxed.bound:.4f} of the best"
     )
     return chosen
 
 
-def _reported(
-    problem: Problem,
-    blocks: Blocks,
-    rules: Allowed,
-    plan: IntArray,
-    agreement: float,
-    relaxed: Relaxation,
-) -> Chosen:
+def _reported(problem: Problem, blocks: Blocks, rules: Allowed, found: WholePlan) -> WholePlan:
     """A plan with value and bound of the criterion that people read.
 
     The search goes by one with a little more in it, and a bound of the one is none of the other: at a
     single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
     """
-    plain = problem.criterion.plain
+    plain, relaxed = problem.criterion.plain, found.relaxed
     if plain is not problem.criterion:
         relaxed = bounded(plain, blocks, rules, relaxed)
-    return Chosen(plan, float(plain.value(blocks.total(plan))), agreement, relaxed)
+    return replace(found, value=float(plain.value(blocks.total(found.plan))), relaxed=relaxed)
 
 
 def check_count(problem: Problem, pool: Pool) -> None:
@@ -190,22 +144,25 @@ def _check_determined(problem: Problem, M: Array) -> None:
     )
 
 
-def finish(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: Clock) -> Finished:
-    """Harden, polish, prove."""
+def finish(
+    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort, clock: Clock
+) -> tuple[Pool, WholePlan, Certificate]:
+    """Harden, polish, prove: the plan before it is put into the order of a day, and what is proved.
+
+    Returns the candidates as well, the plan's own poses among them.
+    """
     criterion, before = problem.criterion, chosen
     if effort.robust:
         blocks, rules = problem.posed(pool)
-        index = robust_exchange(criterion, blocks, rules, chosen.index)
-        value = float(criterion.plain.value(blocks.total(index)))
-        chosen = replace(chosen, index=index, value=value)
+        plan = robust_exchange(criterion, blocks, rules, chosen.plan)
+        value = float(criterion.plain.value(blocks.total(plan)))
+        chosen = replace(chosen, plan=plan, value=value)
         clock.lap("robust exchange")
     elif effort.refine:
         pool, chosen = _polished(problem, pool, chosen, effort)
         clock.lap("polish")
     blocks, rules = problem.posed(pool)
-    live = survivors(chosen.relaxed.G, blocks, rules, chosen.value)
-    plain = criterion.plain
-    proof = Proof(chosen.index, chosen.value, chosen.relaxed.bound, 0)
+    proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once.
     if provable(criterion, rules) and not (effort.robust or effort.reapproaches):
         proof = _proved(problem, pool, chosen, effort)
@@ -227,31 +184,36 @@ def finish(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort, clock: 
         nodes=proof.nodes,
         rounds=before.relaxed.rounds,
         agreement=before.agreement,
-        left=smallest_left(plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
+        left=smallest_left(criterion.plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
-    view = _landscape(pool, rules, blocks.scores(chosen.relaxed.G), proof.plan)
-    return Finished(certificate, view, len(live), pool, proof.plan, chosen.relaxed)
+    return pool, replace(chosen, plan=proof.plan, value=proof.value), certificate
 
 
-def _landscape(pool: Pool, rules: Allowed, scores: Array, plan: IntArray) -> Landscape:
+def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landscape, int]:
+    """What the candidates would add, and how many of them a better plan could still contain."""
+    blocks, rules = problem.posed(pool)
+    scores = blocks.scores(found.relaxed.G)
     share = scores / rules.thresholds(scores)[rules.group]
-    shown = np.union1d(np.argsort(-share, kind="stable")[:_SHOWN], plan)
-    return Landscape(pool.q[shown], share[shown], np.isin(shown, plan))
+    shown = np.union1d(np.argsort(-share, kind="stable")[:_SHOWN], found.plan)
+    view = Landscape(pool.q[shown], share[shown], np.isin(shown, found.plan))
+    return view, len(survivors(found.relaxed.G, blocks, rules, found.value))
 
 
-def _polished(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> tuple[Pool, Chosen]:
+def _polished(
+    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort
+) -> tuple[Pool, WholePlan]:
     """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
     blocks = problem.blocks(pool)
-    q = polish(problem, pool.q[chosen.index], blocks.total(chosen.index), seed=effort.seed)
-    index = np.arange(len(pool), len(pool) + len(q))
+    q = polish(problem, pool.q[chosen.plan], blocks.total(chosen.plan), seed=effort.seed)
+    plan = np.arange(len(pool), len(pool) + len(q))
     pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
     blocks, rules = problem.posed(pool)
-    start = np.concatenate([chosen.relaxed.index, index])
+    start = np.concatenate([chosen.relaxed.index, plan])
     relaxed = relax(problem.criterion, blocks, rules, start=start)
-    return pool, _reported(problem, blocks, rules, index, chosen.agreement, relaxed)
+    return pool, _reported(problem, blocks, rules, replace(chosen, plan=plan, relaxed=relaxed))
 
 
-def _proved(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> Proof:
+def _proved(problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort) -> Proof:
     """Bound of branch and bound, with its plan where that is better for what the search goes by too."""
     criterion, (blocks, rules) = problem.criterion, problem.posed(pool)
 
@@ -264,16 +226,16 @@ def _proved(problem: Problem, pool: Pool, chosen: Chosen, effort: Effort) -> Pro
         criterion.plain,
         blocks,
         rules,
-        chosen.index,
+        chosen.plan,
         chosen.relaxed.G,
         most_work=_LONG_WORK if effort.prove else SHORT_WORK,
         told=partial(told, every=_NODES_TOLD) if effort.prove else lambda _: None,
     )
     before, after = criterion.value(
-        np.array([blocks.total(plan) for plan in (chosen.index, found.plan)])
+        np.array([blocks.total(plan) for plan in (chosen.plan, found.plan)])
     )
     if after < before:
-        found = Proof(chosen.index, chosen.value, found.bound, found.nodes)
+        found = Proof(chosen.plan, chosen.value, found.bound, found.nodes)
     told(found)
     return found
 
@@ -345,12 +307,14 @@ def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, IntArray]:
     return kept, np.asarray(blocks), numbered // _TRIES
 
 
-def with_second_visits(problem: Problem, found: Finished, q: Array) -> Certificate:
+def with_second_visits(
+    problem: Problem, pool: Pool, found: WholePlan, before: Certificate, q: Array
+) -> Certificate:
     """The certificate of the plan where poses q, shape (k, dof), of it are visited again."""
-    plain, relaxed, before = problem.criterion.plain, found.relaxed, found.certificate
-    blocks, again = problem.blocks(found.pool), problem.information(q)
+    plain, relaxed = problem.criterion.plain, found.relaxed
+    blocks, again = problem.blocks(pool), problem.information(q)
     scores = blocks.scores(relaxed.G)
-    best = problem.rules(found.pool.level).again(scores, len(q))
+    best = problem.rules(pool.level).again(scores, len(q))
     own = np.concatenate([blocks.matrices(found.plan), again])
     M = blocks.fixed + own.sum(axis=0)
     return replace(
@@ -362,12 +326,12 @@ def with_second_visits(problem: Problem, found: Finished, q: Array) -> Certifica
     )
 
 
-def new_poses_instead(problem: Problem, found: Finished, count: int) -> float:
-    """Task RMS [m] with so many more poses in place of second visits, the others kept.
+def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int) -> float:
+    """Task RMS [m] with so many more poses in place of second visits, the chosen (N,) kept.
 
     The poses that add most to the problem's criterion, one after the other; NaN where there are none.
     """
-    blocks, chosen = problem.blocks(found.pool), found.plan
+    blocks = problem.blocks(pool)
     scores = blocks.scores(problem.criterion.gradient(blocks.total(chosen)))
     others = np.setdiff1d(np.arange(len(scores)), chosen)
     some: IntArray = others[np.argsort(-scores[others])[:_TRIED]]
@@ -376,4 +340,4 @@ def new_poses_instead(problem: Problem, found: Finished, count: int) -> float:
     anywhere = Allowed(np.zeros(len(some), dtype=int), np.zeros(1), np.array([count]), 1)
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
     more = some[greedy(problem.criterion, beside, anywhere)]
-    return assess(problem, found.pool.q[np.concatenate([chosen, more])]).task_rms
+    return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms

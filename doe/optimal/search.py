@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import IntArray
 from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks
 from doe.optimal.branch import provable, prove
@@ -29,17 +29,19 @@ _WORTH = 1e-6  # relative gain below which a plan is no better
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """The best plan found.
+class WholePlan:
+    """The best plan found, with the weights that bound it.
 
-    plan : ndarray of int, candidates; value : float, its criterion
-    starts : ndarray, criterion at the local optimum that each start ended in: where they agree, what is
-        missing to the bound is likely the bound's slack
+    plan : ndarray of int, shape (N,), candidates; value : float, its criterion
+    agreement : float, median of the local optima that the starts ended in, over the best plan: where
+        they agree, what is missing to the bound is likely the bound's slack
+    relaxed : Relaxation
     """
 
     plan: IntArray
     value: float
-    starts: Array
+    agreement: float
+    relaxed: Relaxation
 
 
 def best_plan(
@@ -50,7 +52,7 @@ def best_plan(
     *,
     seed: int,
     thorough: bool = True,
-) -> Found:
+) -> WholePlan:
     """Search by exchanges among the likely candidates, then among all that a better plan may contain.
 
     thorough : else from a few rounded weights alone, some per mille lower
@@ -83,7 +85,8 @@ def best_plan(
     if thorough and provable(criterion, allowed):
         proof = prove(criterion, blocks, allowed, plan, relaxed.G)
         plan, value = proof.plan, proof.value
-    return Found(plan, value, np.array([value for _, value in ends]))
+    agreement = float(np.median([end for _, end in ends]) / value)
+    return WholePlan(plan, value, agreement, relaxed)
 
 
 def _eased(

@@ -17,8 +17,8 @@ from calib.arm.statics import Loads, Payload, Transmitted
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.files import cell as cell_files
-from calib.files import instruments as instrument_files
 from calib.identification.estimators import Estimator
+from calib.instruments import points
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
@@ -82,9 +82,7 @@ STATICS: dict[str, Bug] = {
 WEIGHTS: dict[str, Bug] = {
     "weights x 3": changed(Noise, "whitening", lambda W, *_: 3.0 * W),
     "weights / 1.5": changed(Noise, "whitening", lambda W, *_: W / 1.5),
-    "sigma read x 3": changed(
-        instrument_files, "_noise", lambda own, *_: Noise.isotropic(3.0 * own.along)
-    ),
+    "sigma read x 3": changed(points, "_noise", lambda own, *_: Noise.isotropic(3.0 * own.along)),
 }
 DERIVATIVES = {"derivative x 1.05": (one_column(1.05), "4.76 %"),
                "derivative's sign": (one_column(-1.0), "200 %")}  # fmt: skip

@@ -18,6 +18,7 @@ from calib.files.write import json_text
 from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements, poses_at
+from studies.research.bench import rms_3d
 from studies.research.benchmarks.day import cell_text, placement, reflectors
 from studies.research.benchmarks.peers.judge import Left, environment, solved
 from studies.research.benchmarks.peers.work import Work
@@ -141,8 +142,7 @@ def ridge(model: Model, data: Measurements, sigma: float, rng: np.random.Generat
 def exact_values(model: Model, data: Measurements) -> tuple[Array, float]:
     """Values without any penalty, and the RMS of what they leave, m."""
     values = _solved(model, data, 1.0, None)
-    off = model.off(values, data)
-    return values, float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
+    return values, rms_3d(model.off(values, data))
 
 
 def _solved(model: Model, data: Measurements, sigma: float, folds: list[IntArray] | None) -> Array:

@@ -29,7 +29,7 @@ from studies.plots.style import (
     tidy,
 )
 from studies.plots.view import Viewpoint
-from studies.research.paper import drawing as draw
+from studies.research.paper.drawing import Drawing
 from studies.results import read_as
 
 if TYPE_CHECKING:
@@ -65,19 +65,17 @@ def picture(folder: Path) -> Picture:
 
 
 def _arms(panel: Axes, cell: Cell, q: Array) -> None:
-    draw.stage(panel)
+    draw = Drawing(panel, _VIEW)
     origins = forward(cell.robot, q).o
-    draw.ground(panel, _VIEW, origins.reshape(-1, 3), 0.1)
+    draw.ground(origins.reshape(-1, 3), 0.1)
     for points in origins[1:]:
-        draw.line(panel, _VIEW, points, color=SOFT, linewidth=1.0, zorder=5.0, alpha=0.7)
+        draw.line(points, color=SOFT, linewidth=1.0, zorder=5.0, alpha=0.7)
         panel.plot(*_VIEW.flat(points[-1:]).T, marker="o", markersize=4.0, color=BLUE, zorder=6.0)
     reach = cell.robot.reach
     for start, end in zip(origins[0][:-1], origins[0][1:], strict=True):
         if np.linalg.norm(end - start) > 0.01 * reach:
-            draw.tube(
-                panel, _VIEW, np.array([start, end]), (0.02 * reach, 0.016 * reach), lift=30.0
-            )
-    draw.ball(panel, _VIEW, origins[0][-1], 0.013 * reach, BLUE, lift=40.0)
+            draw.tube(np.array([start, end]), (0.02 * reach, 0.016 * reach), lift=30.0)
+    draw.ball(origins[0][-1], 0.013 * reach, BLUE, lift=40.0)
     panel.set_title("which poses to measure", loc="left")
 
 

@@ -239,13 +239,12 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 
 @bench(
     count("--problems", 50),
-    count("--first", 0, least=0),
     count("--starts", 60, least=0, help="Of the plain exchange, 0 for ours alone."),
     workers=True,
 )
-def main(problems: int, first: int, starts: int, seed: int, workers: int) -> Output:
+def main(problems: int, starts: int, seed: int, workers: int) -> Output:
     """Compare value and time."""
-    tasks = ((index,) for index in range(first, first + problems))
+    tasks = ((index,) for index in range(problems))
     rows = each(one, tasks, workers, seed=seed, starts=starts)
     parts: list[Any] = [table(map(_line, rows))]
     if starts:

@@ -1,6 +1,6 @@
 """Days that plan themselves by ``posecal next``, against a fixed plan of the same length.
 
-    python -m studies.research.benchmarks.next_poses [--days 20] [--causes 6] [--first 0] [--seed 0]
+    python -m studies.research.benchmarks.next_poses [--days 20] [--causes 6] [--seed 0]
         [--json FILE]
 
 The KR 270 of the demonstration, three markers read to 0.01 mm, a robot off by plausible errors. Beside
@@ -14,7 +14,7 @@ quarter of the joint box cannot, which nobody knows beforehand: who gets there h
 ``--causes``: the arm has a cause that its model lacks and that another looks like, of a size that
 twelve random poses show by eight standard deviations. Poses are counted until a diagnosis names it
 alone: chosen for the causes by turns of four, taken from the plan that is the best for the task beside
-those twelve, or random. ``--first`` is the number of the first day.
+those twelve, or random.
 """
 
 from __future__ import annotations
@@ -245,15 +245,14 @@ def _told(rivals: list[Found]) -> Iterator[Row]:
 
 @bench(
     count("--causes", 6, least=0, help="Days with a cause."),
-    count("--first", 0, least=0, help="Number of the first day."),
     count("--days", 20, least=0, help="For the task, of each kind."),
     workers=True,
 )
-def main(days: int, causes: int, first: int, seed: int, workers: int) -> Output:
+def main(days: int, causes: int, seed: int, workers: int) -> Output:
     """Poses that a day saves which plans itself."""
-    own = each(day, product(("all read", "barred"), range(first, first + days)), workers, seed=seed)
-    numbers = range(first, first + causes)
-    rivals = each(found, ((*CAUSES[k % len(CAUSES)], k) for k in numbers), workers, seed=seed)
+    own = each(day, product(("all read", "barred"), range(days)), workers, seed=seed)
+    drawn = ((*CAUSES[k % len(CAUSES)], k) for k in range(causes))
+    rivals = each(found, drawn, workers, seed=seed)
     figures = [*map(asdict, own), *map(asdict, rivals)]
     return [table(_rows(own)), *([table(_told(rivals))] if rivals else ())], figures
 

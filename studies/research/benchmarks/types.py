@@ -1,12 +1,10 @@
 """How many poses robot N + 1 of a type needs, after N of them: predicted, and simulated.
 
     python -m studies.research.benchmarks.types [--robots 8] [--sigma-mm 0.1] [--goal-mm 0.2] [--seed 0]
-        [--together 0] [--far] [--json FILE]
+        [--json FILE]
 
 The KR 270 of the demonstration with base, tool and geometry, three markers. The type's mean is off by a
-third of the plausible sizes, its robots differ from it by a tenth to a thirtieth of them, any two
-parameters with the correlation ``--together`` up to their signs; with ``--far`` all that are measured
-stand where one in twenty stands farther out. What N robots
+third of the plausible sizes, its robots differ from it by a tenth to a thirtieth of them. What N robots
 tell comes from as many days of 20 random poses, drawn to first order. Robots after them are simulated
 in full at random poses and go through ``calib.identify``. Poses are counted until the RMS error at 200
 targets is below the goal and stays there: predicted by the type and the poses alone before anything is
@@ -45,32 +43,23 @@ POSES = (2, 3, 4, 5, 6, 8, 11, 15, 20, 28)
 DAY = 20
 _MEAN, _SPREAD = 1 / 3, (1 / 30, 1 / 10)  # plausible sizes
 _KNOCK = 2e-3
-_FAR = 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class Type:
-    """Robots of one model: mean and spread, (k,), SI, of the parameters at ``own``.
-
-    half : ndarray, shape (k, k), a root of their correlations
-    """
+    """Robots of one model: mean and spread, (k,), SI, of the parameters at ``own``."""
 
     cell: Cell
     model: Model
     own: Array
     mean: Array
     spread: Array
-    half: Array
 
-    def robot(self, rng: np.random.Generator, far: bool = False) -> tuple[Array, float]:
+    def robot(self, rng: np.random.Generator) -> tuple[Array, float]:
         """A robot's values, (p,), and how far it is from the mean, in spreads."""
-        from scipy.special import chdtri
-
         z = rng.normal(size=len(self.own))
-        if far:
-            z *= np.sqrt(chdtri(len(z), 1.0 - _FAR) / (z @ z))
         values = self.model.initial
-        values[self.own] = self.mean + self.spread * (self.half @ z)
+        values[self.own] = self.mean + self.spread * z
         values[[p.effect == "base" for p in self.model.parameters]] = [
             3.0,
             1.0,
@@ -100,8 +89,8 @@ class Outcome:
     knocked: tuple[bool, ...]
 
 
-def drawn_type(sigma: float, rng: np.random.Generator, together: float = 0.0) -> Type:
-    """A type whose cells read points to sigma, m, and whose parameters go together."""
+def drawn_type(sigma: float, rng: np.random.Generator) -> Type:
+    """A type whose cells read points to sigma, m."""
     arm = arms()[0]
     cell = replace(arm, instruments=(replace(arm.tracker, noise=Noise(sigma, sigma)),))
     model = build(cell).model
@@ -109,12 +98,7 @@ def drawn_type(sigma: float, rng: np.random.Generator, together: float = 0.0) ->
     sizes = model.sizes[own]
     share = np.geomspace(*_SPREAD, len(own))[rng.permutation(len(own))]
     mean = _MEAN * sizes * rng.normal(size=len(own))
-    half = np.eye(len(own))
-    if together:
-        signs = rng.choice([-1.0, 1.0], len(own))
-        R = together * np.outer(signs, signs) + (1.0 - together) * half
-        half = np.asarray(np.linalg.cholesky(R), dtype=float)
-    return Type(cell, model, own, mean, share * sizes, half)
+    return Type(cell, model, own, mean, share * sizes)
 
 
 def learnt(of: Type, count: int, rng: np.random.Generator) -> Prior:
@@ -152,11 +136,9 @@ def true_error(of: Type, found: calib.Identification, truth: Array) -> float:
     return float(np.sqrt((off**2).sum(axis=-1).mean()))
 
 
-def outcome(
-    of: Type, prior: Prior, before: int, goal: float, rng: np.random.Generator, far: bool = False
-) -> Outcome:
+def outcome(of: Type, prior: Prior, before: int, goal: float, rng: np.random.Generator) -> Outcome:
     """One robot more, measured with more and more poses."""
-    truth, distance = of.robot(rng, far)
+    truth, distance = of.robot(rng)
     order = of.poses(max(POSES), rng)
     cell = replace(of.cell, prior=prior)
     bounds = [predicted(of, prior, order.take(slice(n))) for n in POSES]
@@ -211,14 +193,14 @@ def _row(own: list[Outcome]) -> Row:
 
 
 def after_others(
-    before: int, *, robots: int, sigma: float, goal: float, seed: int, together: float, far: bool
+    before: int, *, robots: int, sigma: float, goal: float, seed: int
 ) -> list[Outcome]:
     """Robots after so many others, each of a type of its own; sigma, goal : m."""
     rng = np.random.default_rng([seed, before])
     own = []
     for _ in range(robots):
-        of = drawn_type(sigma, rng, together)
-        own.append(outcome(of, learnt(of, before, rng), before, goal, rng, far))
+        of = drawn_type(sigma, rng)
+        own.append(outcome(of, learnt(of, before, rng), before, goal, rng))
     return own
 
 
@@ -226,8 +208,6 @@ def after_others(
     count("--robots", 8, help="After each number of others."),
     click.option("--sigma-mm", default=0.1, show_default=True, help="Of a coordinate of a point."),
     click.option("--goal-mm", default=0.2, show_default=True, help="RMS error at the targets."),
-    click.option("--together", default=0.0, show_default=True, help="Correlation of parameters."),
-    click.option("--far", is_flag=True, help="Robots that one in twenty stands farther out than."),
     workers=True,
 )
 def main(workers: int, sigma_mm: float, goal_mm: float, **options: Any) -> Output:

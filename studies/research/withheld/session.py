@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,11 +83,23 @@ def draw_session(
     visits = np.concatenate([np.arange(total), np.repeat(repeated, 2)])
     visits = in_any_order(rng, visits)
     config = np.repeat(visits, 2)
-    q = joints[config]
     loaded = np.tile([False, True], len(visits))
-    N = len(config)
-    time: Array = np.cumsum(rng.uniform(30.0, 60.0, N)).round(1)
-    force = np.zeros((N, 3))
+    time = np.cumsum(rng.uniform(30.0, 60.0, len(config))).round(1)
+    return _session(rng, arm, joints, config, config >= configurations, loaded, time, known_start)
+
+
+def _session(
+    rng: np.random.Generator,
+    arm: Arm,
+    joints: Array,
+    config: NDArray[np.int_],
+    held: NDArray[np.bool_],
+    loaded: NDArray[np.bool_],
+    time: Array,
+    known_start: bool,
+) -> Session:
+    """Readings of configurations in order; approach, load and temperature are drawn."""
+    q, force = joints[config], np.zeros((len(config), 3))
     force[loaded, 2] = -arm.load
     approach, motion = approaches(rng, q, known_start)
     return Session(
@@ -96,7 +108,7 @@ def draw_session(
             for i, (c, load) in enumerate(zip(config, loaded, strict=True))
         ),
         q=q,
-        held=config >= configurations,
+        held=held,
         force=force,
         hang=np.round(rng.uniform(-0.6, 0.6, 3) * arm.tool, 4),
         time=time,
@@ -192,25 +204,9 @@ def draw_day(
         loaded = np.tile([False, True], len(visits))
     N = len(config)
     paces = rng.uniform(30.0, 60.0, N) if timed else np.full(N, READING_S)
-    time: Array = np.cumsum(paces).round(1)
-    force = np.zeros((N, 3))
-    force[loaded, 2] = -arm.load
-    approach, motion = approaches(rng, joints[config], known_start)
-    return Session(
-        names=tuple(
-            f"p{c:03d}_{'loaded' if load else 'free'}_{i:03d}"
-            for i, (c, load) in enumerate(zip(config, loaded, strict=True))
-        ),
-        q=joints[config],
-        held=config >= configurations,
-        force=force,
-        hang=np.round(rng.uniform(-0.6, 0.6, 3) * arm.tool, 4),
-        time=time,
-        temperature=draw_temperature(rng, time),
-        approach=approach,
-        motion=motion,
-        pause=None if timed else int(np.argmax(config >= configurations)),
-    )
+    time, held = np.cumsum(paces).round(1), config >= configurations
+    made = _session(rng, arm, joints, config, held, loaded, time, known_start)
+    return made if timed else replace(made, pause=int(np.argmax(held)))
 
 
 def _visits(

@@ -17,21 +17,29 @@ from typing import Any
 import click
 
 from calib.errors import CalibError
-from studies.research.bench import Output, Row, bench, count
+from studies.research.bench import Output, Row, bench, count, table
 from studies.research.benchmarks.peers import designs
 from studies.research.benchmarks.peers.judge import (
     OWN,
     REQUIRED,
     Left,
     environment,
-    markdown,
     rows_of,
     solved,
+    told,
     with_ratios,
 )
 from studies.research.benchmarks.peers.work import write_work
-from studies.tables import number
 
+_PLANS = (
+    "task",
+    "program",
+    "way",
+    "seconds",
+    "det(M)^(1/p)",
+    "time [x posecal]",
+    "value [x posecal]",
+)
 DRIVEN = (*OWN, "figaroh", "pybotics", "robotkinecal")  # pydex designs alone
 
 
@@ -46,8 +54,9 @@ def main(folder: Path, repeats: int, seed: int) -> Output:
     pythons = environments(folder, click.echo)
     rows = identification(folder / "work", pythons, repeats, click.echo)
     compared = designs.beside(pythons)
-    text = "\n".join([markdown(rows), design_markdown(compared.rows), *compared.skipped])
-    return [text], {"identification": rows, "design": compared.rows}
+    plans = [{key: row.get(key) for key in _PLANS} for row in compared.rows]
+    shown = [table(map(told, rows)), "", table(plans), *compared.skipped]
+    return shown, {"identification": rows, "design": compared.rows}
 
 
 def environments(folder: Path, say: Callable[[str], Any]) -> dict[str, Path]:
@@ -78,24 +87,6 @@ def identification(
     if not rows or not rows[0]["program"].startswith("posecal"):
         raise CalibError("posecal itself did not answer; see the line above")
     return with_ratios(rows, rows[0])
-
-
-def design_markdown(rows: list[Row]) -> str:
-    """The table of programs that choose poses."""
-    head = [
-        "task",
-        "program",
-        "way",
-        "seconds",
-        "det(M)^(1/p)",
-        "time [x posecal]",
-        "value [x posecal]",
-    ]
-    lines = [head, ["---"] * len(head)]
-    for row in rows:
-        figures = (row.get(key) for key in head)
-        lines.append([x if isinstance(x, str) else number(x) for x in figures])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 if __name__ == "__main__":

@@ -120,18 +120,18 @@ def with_ratios(rows: Iterable[Row], to: Row) -> list[Row]:
     ]
 
 
-def markdown(rows: list[Row]) -> str:
-    """The table of the page on peers."""
-    head = ["program", "way", "free", "CPU [s]", "x posecal (spread)"]
-    kept = ["fitted [mm]", "held out [mm]", "held out, marker 1 [mm]", "held out, median [mm]"]
-    lines = [[*head, *kept], ["---"] * (len(head) + len(kept))]
-    for row in rows:
-        low, middle, high = row["x posecal"]
-        ratio = f"{middle:.3g} ({low:.3g} to {high:.3g})"
-        figures = ["-" if row[key] is None else f"{row[key]:.3f}" for key in kept]
-        own = [row["program"], row["way"], str(row["free"]), f"{row['seconds']:.3g}", ratio]
-        lines.append([*own, *figures])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+def told(row: Row) -> Row:
+    """A line of the table of programs that identify."""
+    low, middle, high = row["x posecal"]
+    kept = ("fitted [mm]", "held out [mm]", "held out, marker 1 [mm]", "held out, median [mm]")
+    return {
+        "program": row["program"],
+        "way": row["way"],
+        "free": row["free"],
+        "CPU [s]": f"{row['seconds']:.3g}",
+        "x posecal (spread)": f"{middle:.3g} ({low:.3g} to {high:.3g})",
+        **{key: row[key] for key in kept},
+    }
 
 
 def one_thread() -> dict[str, str]:

@@ -20,7 +20,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.change.known import DayEstimate
 from calib.effects import catalogue
-from calib.effects.protocol import ReadingEffect
+from calib.effects.readings import ReadingEffect
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.population.prior import Key

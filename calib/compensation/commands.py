@@ -38,7 +38,7 @@ from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.inverse import Goal, Reached, reach, tip_of
 from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.diagnosis.diagnosis import Diagnosis
-from calib.effects.protocol import ReadingEffect
+from calib.effects.readings import ReadingEffect
 from calib.effects.timed import Timed
 from calib.effects.tool import Tool
 from calib.errors import CalibError

@@ -12,10 +12,8 @@ from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
-from calib.effects.protocol import (
-    ARM,
-    Parameter,
-)
+from calib.effects.context import ARM
+from calib.effects.protocol import Parameter
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model import Model

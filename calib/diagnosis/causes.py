@@ -25,7 +25,7 @@ from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects import catalogue
-from calib.effects.protocol import ARM
+from calib.effects.context import ARM
 from calib.effects.timed import Timed
 from calib.identification.tuning import profiled
 from calib.model.covariance import determined

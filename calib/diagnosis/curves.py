@@ -29,18 +29,10 @@ from calib.diagnosis.functions import (
     neighbours,
     polyline,
 )
+from calib.effects.context import Context, motion_of
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import (
-    Context,
-    DirectedEffect,
-    Effect,
-    FrameEffect,
-    MarkerEffect,
-    Parameter,
-    PartEffect,
-    ReadingEffect,
-    motion_of,
-)
+from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
+from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
 

@@ -22,7 +22,7 @@ from calib.diagnosis.screen import backward_elimination
 from calib.diagnosis.searched import Searched
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import apart
-from calib.effects.protocol import ARM
+from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements

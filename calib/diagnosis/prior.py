@@ -16,7 +16,9 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.curves import Curve
-from calib.effects.protocol import Context, Parameter, ReadingEffect
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter
+from calib.effects.readings import ReadingEffect
 from calib.instruments import Instrument, Tracker
 from calib.instruments.common_errors import CommonError
 from calib.model import Model

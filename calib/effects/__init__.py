@@ -14,6 +14,7 @@ from calib.effects.base_compliance import BaseCompliance
 from calib.effects.base_drift import BaseDrift
 from calib.effects.bearing_compliance import BearingCompliance
 from calib.effects.board_scale import BoardScale
+from calib.effects.context import Context
 from calib.effects.focal_drift import FocalDrift
 from calib.effects.focal_expansion import FocalExpansion
 from calib.effects.focal_scale import FocalScale
@@ -30,7 +31,7 @@ from calib.effects.link_geometry import LinkGeometry
 from calib.effects.link_weight import LinkWeight
 from calib.effects.measured_torque import MeasuredTorque
 from calib.effects.payload import PayloadError
-from calib.effects.protocol import Context, Effect, Parameter, State
+from calib.effects.protocol import Effect, Parameter, State
 from calib.effects.settling import Settling
 from calib.effects.socket_seat import SocketSeat
 from calib.effects.step import Step

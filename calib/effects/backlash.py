@@ -15,8 +15,9 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
+from calib.effects.context import Context, Expectation
 from calib.effects.drive import DriveError, error_unit
-from calib.effects.protocol import Context, Expectation, Parameter
+from calib.effects.protocol import Parameter
 from calib.effects.usual import light
 from calib.poses import Poses
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Parameter
+from calib.effects.context import Context
+from calib.effects.protocol import Effect, Parameter
 from calib.instruments import TRACKER, Instrument
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.effects.bearing_compliance import BearingCompliance
-from calib.effects.protocol import Context, Expectation
+from calib.effects.context import Context, Expectation
 from calib.effects.usual import softer
 
 

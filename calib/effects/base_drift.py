@@ -7,8 +7,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from calib.effects.context import Context
 from calib.effects.drift import DriftingEffect
-from calib.effects.protocol import Context, FrameEffect
+from calib.effects.protocol import FrameEffect
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import (
-    Context,
-    ElasticEffect,
-    Expectation,
-    Parameter,
-    joint_index,
-    turning_joints,
-)
+from calib.effects.context import Context, Expectation, joint_index, turning_joints
+from calib.effects.protocol import ElasticEffect, Parameter
 from calib.effects.usual import softer
 from calib.poses import Poses
 

@@ -10,16 +10,8 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, room
-from calib.effects.protocol import (
-    Context,
-    ElasticEffect,
-    PoseEffect,
-    State,
-    Twist,
-    TwistEffect,
-    joint_index,
-    turning_joints,
-)
+from calib.effects.context import Context, joint_index, turning_joints
+from calib.effects.protocol import ElasticEffect, PoseEffect, State, Twist, TwistEffect
 from calib.poses import Poses
 
 

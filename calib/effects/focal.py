@@ -9,7 +9,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Expectation, ReadingEffect
+from calib.effects.context import Context, Expectation
+from calib.effects.protocol import Effect
+from calib.effects.readings import ReadingEffect
 from calib.instruments import Camera, Instrument
 from calib.instruments.lens import CENTER
 from calib.poses import Poses

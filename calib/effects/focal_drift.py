@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from calib.arrays import Array
+from calib.effects.context import Context
 from calib.effects.drift import drift_rate, since_the_first
 from calib.effects.focal import FocalEffect
-from calib.effects.protocol import Context, Parameter
+from calib.effects.protocol import Parameter
 from calib.poses import Poses
 
 

@@ -14,8 +14,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
+from calib.effects.context import Context, joint_index
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Context, Effect, Parameter, SpringEffect, joint_index
+from calib.effects.protocol import Effect, Parameter, SpringEffect
 from calib.poses import Poses
 
 # N m or N: small arms wind up by 0.1 N m, large ones by tens, most of it lost in the gear.

@@ -17,8 +17,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
+from calib.effects.context import Context, joint_index, turning_joints
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Context, Parameter, joint_index, turning_joints
+from calib.effects.protocol import Parameter
 from calib.effects.tuned import ANY_TUNING, TunedTwist
 from calib.poses import Poses
 

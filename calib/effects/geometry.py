@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.effects.protocol import ConstantTwist, Context
+from calib.effects.context import Context
+from calib.effects.protocol import ConstantTwist
 
 
 def segment(context: Context, where: str) -> int:

@@ -28,14 +28,8 @@ import numpy as np
 from calib.arm.kinematics import forward
 from calib.arm.se3 import across, cross, rotate, so3_exp
 from calib.arrays import Array
-from calib.effects.protocol import (
-    Context,
-    Expectation,
-    Parameter,
-    SpringEffect,
-    joint_index,
-    turning_joints,
-)
+from calib.effects.context import Context, Expectation, joint_index, turning_joints
+from calib.effects.protocol import Parameter, SpringEffect
 from calib.effects.usual import heavy
 from calib.poses import Poses
 

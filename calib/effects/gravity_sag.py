@@ -22,16 +22,9 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arm.se3 import across, cross, rotate
 from calib.arrays import Array
+from calib.effects.context import ARM, Context, Expectation, joint_index
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import (
-    ARM,
-    Context,
-    Expectation,
-    Parameter,
-    PoseEffect,
-    Twist,
-    joint_index,
-)
+from calib.effects.protocol import Parameter, PoseEffect, Twist
 from calib.effects.usual import light
 from calib.poses import Poses
 

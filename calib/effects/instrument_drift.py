@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.effects.context import Context, motion_of
 from calib.effects.drift import DriftingEffect, drift_rate
-from calib.effects.protocol import Context, Parameter, PartEffect, motion_of
+from calib.effects.protocol import Parameter
+from calib.effects.readings import PartEffect
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,9 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.effects.context import Context, joint_index, needs
 from calib.effects.drive import DriveError, along_axis, error_unit, variable_unit
-from calib.effects.protocol import Context, Parameter, joint_index, needs
+from calib.effects.protocol import Parameter
 from calib.poses import Poses
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from calib.arm.statics import Loads
-from calib.effects.protocol import Context, Parameter, WeightEffect, joint_index, needs
+from calib.effects.context import Context, joint_index, needs
+from calib.effects.protocol import Parameter, WeightEffect
 from calib.poses import Poses
 
 _SHARE = 0.1  # of a link's mass: plausible error

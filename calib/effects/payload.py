@@ -14,7 +14,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arm.statics import Loads, Payload
-from calib.effects.protocol import Context, Parameter, WeightEffect
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter, WeightEffect
 from calib.poses import Poses
 
 _SHARE = 0.1  # of a mass or a wrench: plausible error

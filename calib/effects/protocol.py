@@ -9,11 +9,11 @@ An effect acts in one of seven ways on the paper's product ``T_base T_robot T_to
   transmits, ``xi = K(parameters) w`` (equation 2 with the terms of k_theta it stands for);
 - :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic: a
   :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
-- :class:`MarkerEffect`: displaces one marker in the tip frame;
+- :class:`~calib.effects.readings.MarkerEffect`: displaces one marker in the tip frame;
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
-- :class:`ReadingEffect`: the instrument reads a point elsewhere than it is, a
-  :class:`RigidReading` all points of a pose as one body;
-- :class:`PartEffect`: an instrument, or what it looks at, stands elsewhere or is larger than it was.
+- :class:`~calib.effects.readings.ReadingEffect`: the instrument reads a point elsewhere than it is, a
+  ``RigidReading`` all points of a pose as one body;
+- :class:`~calib.effects.readings.PartEffect`: an instrument, or what it looks at, stands elsewhere or is larger than it was.
 
 From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
 effect with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`.
@@ -23,24 +23,17 @@ A new cause of error is one file with one such class and one entry in ``calib.ef
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple, Self, TypeAlias
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
 from calib.arm.kinematics import Frames
-from calib.arm.robot import Robot
-from calib.arm.se3 import displaced_shape, moved_as_one, so3_exp
-from calib.arm.statics import STANDARD_GRAVITY, Loads, Payload, Transmitted
+from calib.arm.statics import Loads, Transmitted
 from calib.arrays import Array
-from calib.errors import EffectCannotAct
-from calib.instruments import TRACKER, Instrument
-from calib.instruments.protocol import MOTION, SCALE
+from calib.effects.context import ARM, Context, Expectation
 from calib.poses import Poses
-
-ARM = "arm"
-"""The place that stands for all links, or all joints, at once."""
 
 
 @dataclass(frozen=True)
@@ -80,86 +73,6 @@ class State:
     poses: Poses
     frames: Frames
     wrench: Transmitted
-
-
-class Expectation(NamedTuple):
-    """What is known of a cause at a place before anything is measured.
-
-    odds : how often it is met there, beside a cause that any arm may have
-    twin_odds : how often it is the cause where the readings do not tell it from another
-    allowance : by how many times the usual limits such errors may be larger on this arm
-    instead : why it is not asked at all, empty where it is
-    """
-
-    odds: float = 1.0
-    allowance: float = 1.0
-    instead: str = ""
-    twin_odds: float = 1.0
-
-
-class MovablePart(NamedTuple):
-    """What may come loose: in how many numbers, and which markers on the tip it is, if it is there."""
-
-    numbers: int
-    body: slice | None
-
-
-@dataclass(frozen=True, eq=False)
-class Context:
-    """What an effect may ask for when it is placed.
-
-    robot : Robot
-    markers : ndarray, shape (M, 3), m, first guesses in the tip frame
-    marker_names, stations : tuple of str
-    knots : dict, joint name -> ndarray, rad, where ``stiffness_vs_angle`` has coefficients
-    anchors : dict, joint name -> ndarray, shape (2, 3), m: spring anchors of a gravity
-        compensator, on the link before the joint and on the link after it
-    gravity : ndarray, shape (3,), m/s^2, base axes
-    payload : Payload, as given
-    measured_load : whether the poses bring a load of their own: a wrench, or a plan's [load]
-    lacking : frozenset of str, covariates that the poses in hand do not have
-    clock_unit : str, of the session's clock, "s" or "reading"
-    gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
-    instruments : tuple of Instrument
-    bodies : dict, name -> position of the first of three markers that stand for it
-    """
-
-    robot: Robot
-    markers: Array
-    marker_names: tuple[str, ...]
-    stations: tuple[str, ...] = ("base",)
-    knots: Mapping[str, Array] = field(default_factory=dict)
-    anchors: Mapping[str, Array] = field(default_factory=dict)
-    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
-    payload: Payload = field(default_factory=Payload)
-    measured_load: bool = False
-    lacking: frozenset[str] = frozenset()
-    clock_unit: str = "s"
-    gear_ratios: Mapping[str, float] = field(default_factory=dict)
-    instruments: tuple[Instrument, ...] = (TRACKER,)
-    bodies: Mapping[str, slice] = field(default_factory=dict)
-
-    @property
-    def parts(self) -> Mapping[str, MovablePart]:
-        """What may come loose of the instruments and of what they look at, by place."""
-        found: dict[str, MovablePart] = {}
-        for instrument in self.instruments:
-            found |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
-            looked = (board for board in instrument.shapes if board in self.bodies)
-            found |= {
-                f"board:{board}": MovablePart(SCALE.stop, self.bodies[board]) for board in looked
-            }
-        return found
-
-    def reads(self, kind: str) -> bool:
-        """Whether there is an instrument of a kind."""
-        return any(instrument.kind == kind for instrument in self.instruments)
-
-    @property
-    def single_markers(self) -> tuple[str, ...]:
-        """Names of the markers that are markers of their own."""
-        part = {i for own in self.bodies.values() for i in range(own.start, own.stop)}
-        return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,115 +326,3 @@ class WeightEffect(LoadEffect):
     @abstractmethod
     def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
         """D loads / d parameter, one each, from the loads as given."""
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerEffect(DirectedEffect):
-    """Displaces one marker, ``where``, along the axes of the tip frame."""
-
-    def marker(self, names: Sequence[str]) -> slice:
-        """The marker among those of a model; none where that looks at other points."""
-        own = self.where.removeprefix("marker:")
-        at = list(names).index(own) if own in names else 0
-        return slice(at, at + (own in names))
-
-
-@dataclass(frozen=True, eq=False)
-class ReadingEffect(Effect):
-    """The instrument reads a point elsewhere than it is.
-
-    of : kind of the instruments whose rows it changes
-    """
-
-    of: ClassVar[str] = "points"
-
-    def changes(self, instrument: Instrument) -> bool:
-        """Whether it changes the rows of an instrument."""
-        return instrument.kind == self.of
-
-    @property
-    def varies_with(self) -> str:
-        return "range" if self.of == "points" else "none"
-
-    @abstractmethod
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """Readings of what is read right as rows (..., m, M, r): points in the axes of their stations.
-
-        values : ndarray, shape (..., p), SI
-        Returns readings (..., m, M, r), their derivatives by those rows (..., m or 1, M or 1, r, r) and
-        by the parameters (..., m, M, r, p).
-        """
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return ("instrument",) if context.reads(cls.of) else ()
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Effect:
-        return cls(where)
-
-
-@dataclass(frozen=True, eq=False)
-class RigidReading(DirectedEffect, ReadingEffect):
-    """Moves all readings of a pose as one body, along and about the axes of their station."""
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
-        return readings, R, rigid @ self.response(poses, values)[..., None, :, :]
-
-
-@dataclass(frozen=True, eq=False)
-class PartEffect(DirectedEffect):
-    """Displaces a part, ``where``: an instrument, a board, a socket, from where it is found to stand.
-
-    A camera sees everything displaced along and about its own axes; a board in the world moves and
-    grows along its own, about its origin, on the tip along the tip's, about its middle; a socket moves
-    along those of the base. What a 6-D instrument reads moves along and about its own axes; what a
-    wire or a gauge reads grows by its zero.
-    numbers : slice, those of the part that it moves: a zero, three of a shift, six of a motion, or what
-        it grows by
-    body : slice or None, the markers on the tip that the part is
-    """
-
-    numbers: slice
-    body: slice | None
-
-    def site(self, instrument: Instrument) -> str | None:
-        """At which of an instrument's sites it acts, None for all."""
-        name = self.where.partition(":")[2]
-        return name if name in instrument.sites else None
-
-    def moved(self, poses: Poses, values: Array, markers: Array) -> tuple[Array, Array, Array]:
-        """Its markers (..., m, k, 3), m, tip frame, displaced about their middle.
-
-        Returns them, what turns and scales them (..., m, 1, 3, 3), and derivatives (..., m, k, 3, p).
-        """
-        by = np.zeros((*values.shape[:-1], len(poses), SCALE.stop))
-        by[..., self.numbers] = self.amounts(poses, values)
-        middle = markers.mean(axis=-2, keepdims=True)
-        placed, columns = displaced_shape(by, markers - middle)
-        A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
-        columns = columns[..., self.numbers] @ self.response(poses, values)[..., None, :, :]
-        return middle + placed, A[..., None, :, :], columns
-
-
-def motion_of(part: MovablePart) -> slice:
-    """The numbers of a part by which it moves without growing."""
-    return slice(0, min(part.numbers, MOTION.stop))
-
-
-def joint_index(context: Context, where: str) -> int:
-    """Position of a joint in the chain."""
-    return context.robot.joints.index(where)
-
-
-def turning_joints(context: Context) -> tuple[str, ...]:
-    """Names of the joints that turn."""
-    robot = context.robot
-    return tuple(j for j, slides in zip(robot.joints, robot.prismatic, strict=True) if not slides)
-
-
-def needs(context_has: bool, effect: str, reason: str, remedy: str) -> None:
-    """Refuse an effect that lacks what it needs, with EffectCannotAct."""
-    if not context_has:
-        raise EffectCannotAct(effect, reason, remedy)

@@ -12,7 +12,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Parameter, PartEffect
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter
+from calib.effects.readings import PartEffect
 from calib.poses import Poses
 
 

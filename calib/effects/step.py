@@ -12,7 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Parameter
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter
 from calib.effects.timed import (
     SECONDS,
     Timed,

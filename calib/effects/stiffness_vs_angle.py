@@ -8,8 +8,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
+from calib.effects.context import Context, joint_index, needs
 from calib.effects.drive import ElasticDrive, along_axis, compliance_unit
-from calib.effects.protocol import Context, Parameter, joint_index, needs
+from calib.effects.protocol import Parameter
 from calib.poses import Poses
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.effects.protocol import ARM, Context, Parameter, PoseEffect, Twist, joint_index, needs
+from calib.effects.context import ARM, Context, joint_index, needs
+from calib.effects.protocol import Parameter, PoseEffect, Twist
 from calib.poses import Poses
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.

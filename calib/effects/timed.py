@@ -9,19 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.arrays import Array
+from calib.effects.context import Context, joint_index, motion_of
 from calib.effects.drive import along_axis, error_unit
-from calib.effects.protocol import (
-    ConstantTwist,
-    Context,
-    Effect,
-    FrameEffect,
-    MarkerEffect,
-    Parameter,
-    PartEffect,
-    RigidReading,
-    joint_index,
-    motion_of,
-)
+from calib.effects.protocol import ConstantTwist, Effect, FrameEffect, Parameter
+from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.tuned import Tuned
 from calib.poses import Poses
 

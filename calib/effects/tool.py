@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array
-from calib.effects.protocol import Context, Effect, Parameter
+from calib.effects.context import Context
+from calib.effects.protocol import Effect, Parameter
 
 _BODY = "body:"
 _MARKER = "marker:"

@@ -8,7 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, ElasticEffect, Parameter
+from calib.effects.context import Context
+from calib.effects.protocol import ElasticEffect, Parameter
 from calib.poses import Poses
 
 _LARGEST = 5e-4  # rad/(N m): a changer or a slender tool

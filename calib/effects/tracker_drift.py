@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.effects.context import Context
 from calib.effects.drift import DriftingEffect
-from calib.effects.protocol import Context, RigidReading
+from calib.effects.readings import RigidReading
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Parameter, ReadingEffect
+from calib.effects.protocol import Parameter
+from calib.effects.readings import ReadingEffect
 from calib.poses import Poses
 
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from calib.arrays import Array
+from calib.effects.context import Context, Expectation
 from calib.effects.drive import DriveError, error_unit, variable_unit
-from calib.effects.protocol import Context, Expectation, Parameter
+from calib.effects.protocol import Parameter
 from calib.poses import Poses
 
 _TURNING = (

@@ -15,16 +15,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import (
-    Context,
-    DirectedEffect,
-    Effect,
-    FrameEffect,
-    MarkerEffect,
-    Parameter,
-    PartEffect,
-    RigidReading,
-)
+from calib.effects.context import Context
+from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
+from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
 

@@ -11,7 +11,7 @@ RV-320E to RV-20E).
 
 from __future__ import annotations
 
-from calib.effects.protocol import Context
+from calib.effects.context import Context
 
 _TURNS = 1e-3  # rad, of a joint under the weight of its arm
 _LEVER = 0.25  # of the reach, at which the arm's weight pulls, on average over joints and poses

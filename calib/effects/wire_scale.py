@@ -8,7 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import Context, Parameter, ReadingEffect
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter
+from calib.effects.readings import ReadingEffect
 from calib.instruments import Instrument
 from calib.poses import Poses
 

@@ -18,8 +18,9 @@ from calib.compensation.estimate import Estimate
 from calib.compensation.trend import DayTrend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
+from calib.effects.context import Context
 from calib.effects.gear_ripple import GearRipple
-from calib.effects.protocol import ConstantTwist, Context, Effect, Parameter
+from calib.effects.protocol import ConstantTwist, Effect, Parameter
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError

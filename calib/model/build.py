@@ -13,14 +13,9 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.base import sought
-from calib.effects.protocol import (
-    ARM,
-    Constant,
-    ElasticEffect,
-    LoadEffect,
-    PoseEffect,
-    ReadingEffect,
-)
+from calib.effects.context import ARM
+from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
+from calib.effects.readings import ReadingEffect
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model

@@ -29,17 +29,15 @@ from calib.effects.protocol import (
     Effect,
     ElasticEffect,
     LoadEffect,
-    MarkerEffect,
     Parameter,
-    PartEffect,
     PoseEffect,
-    ReadingEffect,
     SpringEffect,
     State,
     TwistEffect,
     WeightEffect,
     displaced,
 )
+from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import NoEquilibrium

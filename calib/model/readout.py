@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.effects.protocol import PartEffect, ReadingEffect
+from calib.effects.readings import PartEffect, ReadingEffect
 from calib.instruments import Channels, Instrument, Tracker
 from calib.instruments.protocol import Linear
 from calib.poses import Poses

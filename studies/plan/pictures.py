@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import ARM
+from calib.effects.context import ARM
 from studies.plots.style import (
     FAINT,
     INK,

@@ -1,0 +1,108 @@
+"""Kinds of effects on what is read: a marker, a reading, or an instrument's part is displaced."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from calib.arm.se3 import displaced_shape, moved_as_one, so3_exp
+from calib.arrays import Array
+from calib.effects.context import Context
+from calib.effects.protocol import DirectedEffect, Effect
+from calib.instruments import Instrument
+from calib.instruments.protocol import MOTION, SCALE
+from calib.poses import Poses
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerEffect(DirectedEffect):
+    """Displaces one marker, ``where``, along the axes of the tip frame."""
+
+    def marker(self, names: Sequence[str]) -> slice:
+        """The marker among those of a model; none where that looks at other points."""
+        own = self.where.removeprefix("marker:")
+        at = list(names).index(own) if own in names else 0
+        return slice(at, at + (own in names))
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingEffect(Effect):
+    """The instrument reads a point elsewhere than it is.
+
+    of : kind of the instruments whose rows it changes
+    """
+
+    of: ClassVar[str] = "points"
+
+    def changes(self, instrument: Instrument) -> bool:
+        """Whether it changes the rows of an instrument."""
+        return instrument.kind == self.of
+
+    @property
+    def varies_with(self) -> str:
+        return "range" if self.of == "points" else "none"
+
+    @abstractmethod
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """Readings of what is read right as rows (..., m, M, r): points in the axes of their stations.
+
+        values : ndarray, shape (..., p), SI
+        Returns readings (..., m, M, r), their derivatives by those rows (..., m or 1, M or 1, r, r) and
+        by the parameters (..., m, M, r, p).
+        """
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ("instrument",) if context.reads(cls.of) else ()
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        return cls(where)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidReading(DirectedEffect, ReadingEffect):
+    """Moves all readings of a pose as one body, along and about the axes of their station."""
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
+        return readings, R, rigid @ self.response(poses, values)[..., None, :, :]
+
+
+@dataclass(frozen=True, eq=False)
+class PartEffect(DirectedEffect):
+    """Displaces a part, ``where``: an instrument, a board, a socket, from where it is found to stand.
+
+    A camera sees everything displaced along and about its own axes; a board in the world moves and
+    grows along its own, about its origin, on the tip along the tip's, about its middle; a socket moves
+    along those of the base. What a 6-D instrument reads moves along and about its own axes; what a
+    wire or a gauge reads grows by its zero.
+    numbers : slice, those of the part that it moves: a zero, three of a shift, six of a motion, or what
+        it grows by
+    body : slice or None, the markers on the tip that the part is
+    """
+
+    numbers: slice
+    body: slice | None
+
+    def site(self, instrument: Instrument) -> str | None:
+        """At which of an instrument's sites it acts, None for all."""
+        name = self.where.partition(":")[2]
+        return name if name in instrument.sites else None
+
+    def moved(self, poses: Poses, values: Array, markers: Array) -> tuple[Array, Array, Array]:
+        """Its markers (..., m, k, 3), m, tip frame, displaced about their middle.
+
+        Returns them, what turns and scales them (..., m, 1, 3, 3), and derivatives (..., m, k, 3, p).
+        """
+        by = np.zeros((*values.shape[:-1], len(poses), SCALE.stop))
+        by[..., self.numbers] = self.amounts(poses, values)
+        middle = markers.mean(axis=-2, keepdims=True)
+        placed, columns = displaced_shape(by, markers - middle)
+        A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
+        columns = columns[..., self.numbers] @ self.response(poses, values)[..., None, :, :]
+        return middle + placed, A[..., None, :, :], columns

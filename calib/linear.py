@@ -66,6 +66,11 @@ class LinearProblem:
         flat = np.concatenate([stacked(J), pull * self.held])
         return np.concatenate([r.ravel(), pull * self.off]), flat
 
+    def columns(self, rows: Array) -> Array:
+        """Further whitened columns (m, R, K) as independent rows (N, K), zero in what is held."""
+        flat = stacked(rows if self.mixing is None else self.mixing(rows))
+        return np.pad(flat, ((0, len(self.independent[0]) - len(flat)), (0, 0)))
+
     @cached_property
     def basis(self) -> Array:
         """Orthonormal basis of the fitted directions, of independent rows, shape (N, k)."""

@@ -180,7 +180,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     return Estimate(
         fit.model,
         fit.values,
-        cov + ignorance(fit.equations[1], fit.span, fit.model.sizes, lost),
+        cov + ignorance(fit.linear.independent[1], fit.span, fit.model.sizes, lost),
         result.data.poses.start,
         unexplained(fitted, result.heldout, fit.model.footprint(fit.values, result.data)),
         _names(fit.model, lost),

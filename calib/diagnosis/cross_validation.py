@@ -192,9 +192,7 @@ class Without:
         columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
         """
         m, R, k = choice.rows.shape
-        X = np.zeros((len(self.r), k))
-        X[: m * R] = stacked(choice.rows)
-        X = self.beside(X)
+        X = self.beside(self.kept.columns(choice.rows))
         back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
         S, z = X.T @ X + np.diag((self.pull / choice.limits) ** 2), X.T @ self.r
         rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))

@@ -178,7 +178,7 @@ def _left(
     """RMS (m) that each leaves at poses: ``X_t s - J_t (J^+ X s)``, by the candidate's key."""
     if not errors:
         return {}
-    _, J = fit.equations
+    _, J = fit.linear.independent
     X = np.stack([e.rows * e.size for e in errors], axis=1)
     taken = fit.span @ np.linalg.lstsq(J @ fit.span, X, rcond=None)[0]
     model = working_points(fit.model)

@@ -163,17 +163,14 @@ def refuted(cost: float, dof: int) -> bool:
     return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _AGREES
 
 
-def field(N: Array, X: Array, r: Array) -> Field:
+def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
     """Project the modelled columns out of candidates and residual.
 
     N : ndarray, shape (rows, p), whitened derivatives of what is modelled; X : ndarray, shape (rows, K)
     r : ndarray, shape (rows,), whitened residuals; rows of zeros count nothing
+    Q : ndarray, shape (rows, k), an orthonormal basis of what is modelled where it is known
     """
-    return beside(N, orthonormal(N), X, r)
-
-
-def beside(N: Array, Q: Array, X: Array, r: Array) -> Field:
-    """The same with an orthonormal basis Q (rows, k) of what is modelled."""
+    Q = orthonormal(N) if Q is None else Q
     rows = int(np.count_nonzero(N.any(axis=1) | X.any(axis=1)))
     lengths = np.linalg.norm(X, axis=0)
     return Field(X, r - Q @ (Q.T @ r), lengths, rows, rows - Q.shape[1], Q)

@@ -20,7 +20,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.quadratic import weighted_test
-from calib.diagnosis.screen import VISIBLE, Field, beside, field, score
+from calib.diagnosis.screen import VISIBLE, Field, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Effect
@@ -229,8 +229,8 @@ def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
     if not asked:
         return None
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
-    r, J = fit.equations
-    return ShapeQuestion(asked, beside(J, fit.modelled, X, r))
+    r, J = fit.linear.independent
+    return ShapeQuestion(asked, field(J, X, r, fit.linear.basis))
 
 
 def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
@@ -271,11 +271,10 @@ def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> 
     """Whether the effect pays beside itself running wholly with the variable."""
     if not doubted.plain.shape[1]:
         return True
-    own, (r, J) = fit.positions(effect), fit.equations
-    rest = fit.span[:, np.abs(fit.span[own]).sum(axis=0) == 0.0]
+    own, rest = fit.positions(effect), fit.without([effect])
     instead = _times(stage, fit, effect, doubted.plain)
-    without = r + J[:, own] @ fit.moving[own]
-    alone = field(np.concatenate([J @ rest, instead], axis=1), J[:, own], without)
+    r, J = rest.linear.independent
+    alone = field(np.concatenate([J @ rest.span, instead], axis=1), J[:, own], r)
     return score(alone, np.arange(len(own))).p < _SURE
 
 
@@ -284,9 +283,4 @@ def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
     own = fit.positions(effect)
     _, J = fit.model.jacobian(fit.values, stage.data.poses)
     moved = (J[..., own] @ fit.moving[own])[..., None] * functions[:, None, None, :]
-    rows = stage.observation(fit.model, fit.weight).rows(moved)
-    rows = rows if fit.mixing is None else fit.mixing(rows)
-    rows = rows.reshape(-1, functions.shape[1])
-    X = np.zeros((len(fit.equations[0]), functions.shape[1]))
-    X[: len(rows)] = rows
-    return X
+    return fit.linear.columns(stage.observation(fit.model, fit.weight).rows(moved))

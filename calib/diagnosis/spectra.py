@@ -121,7 +121,9 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
         bare = fit.without(own) if own else fit
         parts = [fit.values[fit.positions(effect)] for effect in own]
         named = tuple((values[0], values[1:3]) for values in parts)
-        found.append(_View(ripple, poses, bare, bare.modelled, rows[..., i : i + 1], scale, named))
+        found.append(
+            _View(ripple, poses, bare, bare.linear.basis, rows[..., i : i + 1], scale, named)
+        )
     return found
 
 
@@ -157,7 +159,7 @@ class _View:
     @cached_property
     def left(self) -> Array:
         """The residual beside the model, of independent rows, shape (N,)."""
-        r, _ = self.fit.equations
+        r, _ = self.fit.linear.independent
         return np.asarray(r - self.Q @ (self.Q.T @ r))
 
     @cached_property

@@ -72,16 +72,6 @@ class Fit:
         return LinearProblem(self.r, self.J, self.span, *held, self.mixing, pull=self.pull)
 
     @property
-    def equations(self) -> tuple[Array, Array]:
-        """Independent residuals (N,) and derivatives (N, p), the rows of the curves' prior last."""
-        return self.linear.independent
-
-    @property
-    def modelled(self) -> Array:
-        """An orthonormal basis of all that is modelled, of independent rows, shape (N, k)."""
-        return self.linear.basis
-
-    @property
     def covariance(self) -> Array:
         """Covariance of the values, shape (p, p), the noise as stated."""
         return self.linear.covariance

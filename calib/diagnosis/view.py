@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
-from calib.diagnosis.screen import VISIBLE, Field, beside
+from calib.diagnosis.screen import VISIBLE, Field, field
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import TuningGrid, tuning_grids
 from calib.effects.timed import Timed
@@ -116,17 +116,14 @@ class FitView:
 
     @cached_property
     def columns(self) -> Array:
-        """The same of independent rows, shape (m R, K)."""
-        rows = self.rows if self.fit.mixing is None else self.fit.mixing(self.rows)
-        return stacked(rows)
+        """The same of independent rows, shape (N, K)."""
+        return self.fit.linear.columns(self.rows)
 
     @cached_property
     def beside(self) -> Field:
         """Candidates and residual with all that is modelled projected out."""
-        r, J = self.fit.equations
-        X = np.zeros((len(r), self.columns.shape[1]))
-        X[: len(self.columns)] = self.columns
-        return beside(J, self.fit.modelled, X, r)
+        r, J = self.fit.linear.independent
+        return field(J, self.columns, r, self.fit.linear.basis)
 
     @cached_property
     def _shown(self) -> Array:

@@ -13,7 +13,8 @@ An effect acts in one of seven ways on the paper's product ``T_base T_robot T_to
 - :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
 - :class:`~calib.effects.readings.ReadingEffect`: the instrument reads a point elsewhere than it is, a
   ``RigidReading`` all points of a pose as one body;
-- :class:`~calib.effects.readings.PartEffect`: an instrument, or what it looks at, stands elsewhere or is larger than it was.
+- :class:`~calib.effects.readings.PartEffect`: an instrument, or what it looks at, stands elsewhere or
+  is larger than it was.
 
 From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
 effect with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`.

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, IntArray
 from calib.linear import LinearProblem, orthonormal
 from calib.scatter.poses import Mixing
 
@@ -76,9 +76,7 @@ def beside(problem: LinearProblem, further: Array | None = None) -> Beside:
     """Project everything modelled, and further columns (m, R, c), out of the residual of a fit."""
     (r, J), Q, mixing = problem.independent, problem.basis, problem.mixing
     if further is not None:
-        own = stacked(further if mixing is None else mixing(further))
-        own = np.pad(own, ((0, len(r) - len(own)), (0, 0)))
-        Q = orthonormal(np.concatenate([J @ problem.span, own], axis=1))
+        Q = orthonormal(np.concatenate([J @ problem.span, problem.columns(further)], axis=1))
     left = r - Q @ (Q.T @ r)
     m, R = problem.r.shape
     g, H = left[: m * R].reshape(m, R), Q[: m * R].reshape(m, R, -1)

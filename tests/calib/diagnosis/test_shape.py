@@ -62,7 +62,7 @@ def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) 
     stage, fit, effect = fitted(name)
     asked, rng = question(stage, fit, effect), np.random.default_rng(11)
     assert asked is not None
-    r, J = fit.equations
+    r, J = fit.linear.independent
     Q, R = np.linalg.qr(J @ fit.span)
     assert np.abs(np.diag(R)).min() > 0.0
     doubted = 0

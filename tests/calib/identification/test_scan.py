@@ -49,7 +49,7 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     functions = effect.functions(stage.data.poses, tunings)
     limits = np.array([p.limit for p in effect.amplitudes])
     falls, _ = scores(beside(fit.linear).carried(carrier), functions, limits)
-    r, J = fit.equations
+    r, J = fit.linear.independent
     for fall, own in zip(falls, functions, strict=True):
         rows = times(carrier, own)
         X = (rows if fit.mixing is None else fit.mixing(rows)).reshape(-1, rows.shape[-1])

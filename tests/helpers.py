@@ -14,14 +14,17 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp, transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
+from calib.diagnosis.stage import Stage
 from calib.effects import EFFECTS, Context
 from calib.files.cell import planned, with_targets
 from calib.files.schema import DesignTable
 from calib.files.write_tables import measurements_csv
+from calib.identification.start import initial_values, whitening
 from calib.instruments import Instrument, Tracker
 from calib.model import Model
+from calib.model.build import build
 from calib.noise import Noise
-from calib.poses import Poses, poses_at
+from calib.poses import Measurements, Poses, poses_at
 from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
 from studies.record import Envelope
 
@@ -136,6 +139,25 @@ def read_by(noise: Noise | None = None, stands: Array | None = None) -> tuple[In
 def with_effects(cell: Cell, *effects: str) -> Cell:
     """The cell under another model."""
     return replace(cell, effects=effects)
+
+
+def first_markers(cell: Cell, count: int) -> Cell:
+    """The cell with so many of its markers."""
+    return replace(
+        cell,
+        markers=cell.markers[:count],
+        marker_names=cell.marker_names[:count],
+        marker_normals=cell.marker_normals[:count],
+        marker_acceptance=cell.marker_acceptance[:count],
+    )
+
+
+def stage_of(cell: Cell, data: Measurements) -> Stage:
+    """Where a diagnosis begins: the cell's model at its start values, no pose left out."""
+    model = build(cell, data.poses).model
+    start = initial_values(model, data)
+    nothing = np.zeros(len(data), dtype=bool)
+    return Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
 
 
 def measured_cell(folder: Path) -> Path:

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array
 
 
@@ -26,6 +27,44 @@ def turn(axis: str, angle: float) -> Array:
 def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
     T = np.eye(4)
     T[:3, 3] = x, y, z
+    return T
+
+
+def rotation(r: Array) -> Array:
+    """About a vector (3,), by its length in rad: Rodrigues' formula."""
+    angle = float(np.sqrt((r**2).sum()))
+    x, y, z = r / (angle or 1.0)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K
+
+
+def frame(xi: Array) -> Array:
+    """Place (m) and rotation vector (rad) as (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation(xi[3:]), xi[:3]
+    return T
+
+
+def tips(robot: Robot, q: Array) -> Array:
+    """Nominal tip in base axes, link by link, shape (m, 4, 4)."""
+    found = []
+    for values in q:
+        T = np.eye(4)
+        for k, value in enumerate(values):
+            slides = robot.prismatic[k]
+            moved = value * np.concatenate([robot.axes[k] * slides, robot.axes[k] * (not slides)])
+            T = T @ robot.origins[k] @ frame(moved)
+        found.append(T @ robot.origins[-1])
+    return np.array(found)
+
+
+def looking(target: Array, at: Array) -> Array:
+    """A camera's frame (4, 4) in base axes: at a place, with its axis towards another."""
+    z = (target - at) / np.linalg.norm(target - at)
+    x = np.cross(z, [0.1, 0.2, 1.0])
+    x = x / np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), at
     return T
 
 

@@ -43,14 +43,6 @@ def test_three_candidates_of_a_level_reach_it(plan: doe.Design) -> None:
         assert share[3] <= 1.0 + 1e-12
 
 
-@pytest.mark.long
-def test_chosen_candidates_lie_near_the_bound(plan: doe.Design) -> None:
-    view = plan.landscape
-    chosen, others = view.share[view.chosen], view.share[~view.chosen]
-    assert chosen.min() > 0.8
-    assert np.median(chosen) > np.quantile(others, 0.98)
-
-
 def test_share_is_the_derivative_of_the_criterion(kr270: Cell) -> None:
     """Ratios of shares within a level against finite differences of log det at the weighted plan."""
     cell = replace(kr270, effects=ELASTIC, design=Planned())

@@ -26,7 +26,7 @@ from doe.visiting import reapproaches_of, with_reapproaches
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
-from tests.helpers import MADE_FROM, with_effects
+from tests.helpers import MADE_FROM, first_markers, with_effects
 
 QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False, "criterion": "D"}
 ARM = Repeatability(4e-5, 2e-4)
@@ -101,13 +101,7 @@ def test_they_count_as_what_they_are(cell: Cell) -> None:
 def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
     cell: Cell, markers: int, coordinates: int
 ) -> None:
-    few = replace(
-        cell,
-        markers=cell.markers[:markers],
-        marker_names=cell.marker_names[:markers],
-        marker_normals=cell.marker_normals[:markers],
-        marker_acceptance=cell.marker_acceptance[:markers],
-    )
+    few = first_markers(cell, markers)
     found = doe.design(few, poses=9, reapproach=4, **QUICK).reapproaches
     assert found is not None
     assert found.dof == pytest.approx(4 * coordinates)

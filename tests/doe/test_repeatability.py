@@ -17,7 +17,6 @@ from calib.arrays import Array
 from calib.cell import Load, Repeatability
 from calib.cell.planned import Planned
 from calib.model import Model
-from calib.model.build import build
 from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of
@@ -187,17 +186,3 @@ def test_poses_lose_nothing_for_known_markers(kr270: Cell) -> None:
     np.testing.assert_allclose(full.prediction.std, points.prediction.std, rtol=1e-6)
     for verdict in study.verdicts:
         assert (verdict.prediction.std > points.prediction.std * (1.0 - 1e-9)).all()
-
-
-@pytest.mark.long
-def test_the_model_of_a_visit_is_the_cells(kr270: Cell) -> None:
-    """A plan of the same poses counts each visit by itself: twice the visits, twice the information."""
-    cell = replace(
-        with_effects(kr270, "base", "joint_offset"), repeatability=ARM, load=None, design=Planned()
-    )
-    plan = doe.design(cell, poses=8, criterion="D", **QUICK)
-    twice = poses_at(np.concatenate([plan.poses.q, plan.poses.q]))
-    once = compare(cell, {"plan": plan.poses}, trials=0).plans[0].points.prediction.std
-    both = compare(cell, {"plan": twice}, trials=0).plans[0].points.prediction.std
-    np.testing.assert_allclose(both, once / np.sqrt(2.0), rtol=1e-6)
-    assert len(build(cell, twice).model.parameters) == len(once)

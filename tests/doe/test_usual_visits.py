@@ -21,7 +21,7 @@ from doe.assess import assess
 from doe.plan import named
 from doe.problem.request import Request, levels_of
 from doe.visiting import usual_reapproaches
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import cell_of, first_markers, random_robot, with_effects
 
 QUICK: dict[str, Any] = {"candidates": 500, "refine": False, "fresh": False, "criterion": "D"}
 
@@ -125,15 +125,8 @@ def test_no_plan_of_as_many_stops_is_above_the_bound(criterion: str, repeats: bo
 def test_all_poses_are_kept_where_fewer_leave_the_model_open(kr270: Cell) -> None:
     """51 parameters by one marker: of sixteen poses it has 48 readings, of twenty sixty."""
     effects = ("base", "tool", "geometry", "transmission_harmonic:A1,A2,A3,A4,A5,A6")
-    one = replace(
-        with_effects(kr270, *effects),
-        load=None,
-        design=Planned(),
-        markers=kr270.markers[:1],
-        marker_names=kr270.marker_names[:1],
-        marker_normals=kr270.marker_normals[:1],
-        marker_acceptance=kr270.marker_acceptance[:1],
-    )
+    one = first_markers(with_effects(kr270, *effects), 1)
+    one = replace(one, load=None, design=Planned())
     plan = doe.design(one, poses=20, **QUICK)
     assert 48 < len(plan.problem.model.parameters) <= 60
     assert plan.reapproaches is None

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib import Cell
-from calib.arm.robot import Robot
 from calib.arm.se3 import inverse, so3_exp, so3_log, transform
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
@@ -31,6 +30,7 @@ from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
 from tests.helpers import GRAVITY, cell_of, random_poses, random_robot
+from tests.plain_arm import tips
 
 LENS = Lens(np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01]))
 SITES = ("nest", "cup", "cone")
@@ -92,7 +92,7 @@ def scene(seed: int, count: int) -> Scene:
     site = np.array(SITES)[np.arange(count) % len(SITES)]
     time = 1e3 * np.arange(count)
     poses = replace(poses, q=q, site=site, time=time)
-    tip = tip_frame(robot, middle)
+    tip = tips(robot, middle[None])[0]
     plate, tiles, solid = (rng.uniform(-0.1, 0.1, (n, 3)) for n in (7, 5, 6))
     tiles[:, 2] = 0.0
     camera = framed(rng)
@@ -146,14 +146,6 @@ def scene(seed: int, count: int) -> Scene:
     }
     places |= {name: tip[:3, 3] + rng.uniform(-0.2, 0.2, 3) for name in SITES}
     return Scene(context, poses, places)
-
-
-def tip_frame(robot: Robot, q: Array) -> Array:
-    """Of the nominal arm, (4, 4), joint by joint."""
-    T = np.eye(4)
-    for origin, axis, angle in zip(robot.origins, robot.axes, q, strict=False):
-        T = T @ origin @ transform(so3_exp(axis * angle), np.zeros(3))
-    return np.asarray(T @ robot.origins[-1])
 
 
 def framed(rng: np.random.Generator) -> Array:

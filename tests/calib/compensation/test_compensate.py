@@ -18,6 +18,7 @@ from calib.compensation.commands import Compensation
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.inverse import tip_of
 from calib.compensation.unexplained import Unexplained
+from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
@@ -29,20 +30,24 @@ MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
 GEOMETRY = ("base", "tool", "geometry")
 
 
+def exactly(model: Model, values: Array, start: float = 0.0) -> Estimate:
+    """Values known without error."""
+    none = np.zeros((len(values), len(values)))
+    return Estimate(model, values, none, start, Unexplained(0.0, "fitted poses"), ())
+
+
 def estimate(cell: Cell, values: dict[str, float], poses: Poses | None = None) -> Estimate:
     """Exact knowledge of some parameters, the others zero."""
     model = build(cell, poses).model
     vector = np.array([values.get(p.id, 0.0) for p in model.parameters])
-    none = np.zeros((len(vector), len(vector)))
-    return Estimate(model, vector, none, 0.0, Unexplained(0.0, "fitted poses"), ())
+    return exactly(model, vector)
 
 
 def drawn(cell: Cell, rng: np.random.Generator, size: float = 1.0) -> Estimate:
     """A robot with errors of plausible size in every parameter."""
     model = build(cell).model
     values = size * model.sizes * rng.uniform(0.2, 1.0, len(model.parameters))
-    none = np.zeros((len(values), len(values)))
-    return Estimate(model, values, none, 0.0, Unexplained(0.0, "fitted poses"), ())
+    return exactly(model, values)
 
 
 def wanted(known: Estimate, found: Compensation) -> Array:
@@ -184,11 +189,6 @@ def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
         assert rest.rms == pytest.approx(2e-3 / np.sqrt(len(held)), rel=0.05)
 
 
-def test_nothing_is_unexplained_where_the_residual_is_noise(kr270: Cell) -> None:
-    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
-    assert estimate_of(calib.identify(kr270, data)).unexplained.rms == 0.0
-
-
 def cost(known: Estimate, target: Array, goal: tuple[Array, Array], length: float) -> object:
     def residual(q: Array) -> Array:
         tip = tip_of(known.model, known.values, poses_at(q[None]))
@@ -309,7 +309,7 @@ def test_backlash_follows_the_side_from_which_joints_come() -> None:
     sided = poses_at(q, approach=np.ones_like(q))
     model = build(cell, sided).model
     values = np.array([3e-4 if p.effect == "backlash" else 0.0 for p in model.parameters])
-    known = Estimate(model, values, np.zeros((len(values),) * 2), 0.0, Unexplained(0.0, ""), ())
+    known = exactly(model, values)
     given = calib.compensate(cell, known, sided)
     np.testing.assert_allclose(given.correction[:, 1], -3e-4, atol=1e-9)
     assert given.notes == ()
@@ -335,7 +335,7 @@ def test_drift_and_heat_rest_where_the_targets_do_not_say() -> None:
     values = np.where(
         [p.name == "x" and p.effect == "base_drift" for p in model.parameters], 1e-7, 0.0
     )
-    known = Estimate(model, values, np.zeros((len(values),) * 2), 3600.0, Unexplained(0.0, ""), ())
+    known = exactly(model, values, 3600.0)
     cold = calib.compensate(cell, known, q)
     assert len(cold.notes) == 2
     assert cold.before.max() == 0.0

@@ -6,8 +6,6 @@ The truth is plain numpy and OpenCV's projection: it shares no code with the est
 from __future__ import annotations
 
 import csv
-import json
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,13 +16,12 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.demo.embedded import embedded_text
-from tests.calib.instruments.test_pose import frame, tips
+from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
+from tests.plain_arm import frame, looking, tips
 
 JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])  # rad, of the true arm's joints
 HOME = np.radians([10.0, -60.0, 80.0, 15.0, 40.0, 20.0])
-LENS = np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01])
 PIXELS = np.array([1920.0, 1080.0])
 TILES = np.array([[x, y, 0.0] for y in range(4) for x in range(5)]) * 0.06
 BALL = np.array([0.12, -0.05, 0.2])
@@ -168,16 +165,6 @@ def degrees(count: int) -> Array:
     return 22.0 + 4.0 * np.sin(1.7 * hours(count))
 
 
-def looking(target: Array, at: Array) -> Array:
-    """A camera's frame in base axes: at a place, with its axis towards another."""
-    z = (target - at) / np.linalg.norm(target - at)
-    x = np.cross(z, [0.1, 0.2, 1.0])
-    x = x / np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), at
-    return T
-
-
 def read(
     cell: Cell,
     folder: Path,
@@ -249,23 +236,11 @@ def tabled(
 
 def written(folder: Path, instruments: str, ball: bool = True) -> Cell:
     """A cell with instruments, and with a ball on the tip where they are said to read one."""
-    (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-    robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
-    text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
-    text += f'tip = "{robot["tip"]}"\n' + instruments
-    text += f"[markers_mm]\nball = {(1e3 * BALL + 4.0).tolist()}\n" if ball else ""
-    effects = ["base", "tool", "joint_offset:A2,A3,A5"]
-    (folder / "cell.toml").write_text(text + f"[model]\neffects = {json.dumps(effects)}\n")
-    return calib.load_cell(folder / "cell.toml")
+    marker = f"[markers_mm]\nball = {(1e3 * BALL + 4.0).tolist()}\n" if ball else ""
+    effects = ("base", "tool", "joint_offset:A2,A3,A5")
+    return calib.load_cell(kr270_cell(folder, instruments, marker, effects=effects))
 
 
 def looked_at(board: str, camera: str) -> str:
     """A board and a camera, where they are said to be."""
-    points = {f"p{k}": [round(1e3 * float(c), 9) for c in p] for k, p in enumerate(TILES)}
-    listed = ", ".join(f"{name} = {point}" for name, point in points.items())
-    return (
-        f'[boards.plate]\non = "{board}"\npoints_mm = {{ {listed} }}\n'
-        f'[instruments.eye]\nkind = "camera"\non = "{camera}"\nfocal_px = {LENS[:2].tolist()}\n'
-        f"center_px = {LENS[2:4].tolist()}\ndistortion = {LENS[4:].tolist()}\n"
-        f"image_px = [1920, 1080]\nsigma_px = {SIGMA_PX}\n"
-    )
+    return board_text("plate", board, TILES) + camera_text("eye", camera)

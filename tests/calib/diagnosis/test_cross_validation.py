@@ -11,21 +11,16 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
 from calib.diagnosis.cross_validation import Choice, CrossValidation, _folds
 from calib.diagnosis.stage import Stage
-from calib.identification.start import initial_values, whitening
 from calib.instruments import KnownDistance, Socket
-from calib.model.build import build
 from calib.poses import Measurements
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.calib.instruments.test_touching import ONE, SITES, contacts_of_a_larger_arm
-from tests.helpers import cell_of, random_robot
+from tests.helpers import cell_of, random_robot, stage_of
 
 
-def stage_of(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    weights = whitening(cell, model, start, data)
-    stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool), robust=False)
-    return stage, candidates(cell, model, data)[0]
+def asked(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
+    stage = stage_of(cell, data)
+    return stage, candidates(cell, stage.model, data)[0]
 
 
 def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
@@ -43,7 +38,7 @@ def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
 @pytest.mark.parametrize("by_time", [False, True])
 def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
     cell, data, _ = measured("backlash:A3", [2e-4])
-    stage, suspects = stage_of(cell, data)
+    stage, suspects = asked(cell, data)
     right = next(c for c in suspects if c.key == "backlash:A3")
     wrong = next(c for c in suspects if c.key == "transmission_harmonic:A5")
     fit = stage.fit([right.effect, wrong.effect])
@@ -60,7 +55,7 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
 def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
     """Against refits: in each fold the best of the choices by the other poses alone."""
     cell, data, _ = measured("backlash:A3", [6e-5])
-    stage, suspects = stage_of(cell, data)
+    stage, suspects = asked(cell, data)
     linear = stage.about(stage.fit([]), [c.effect for c in suspects])
     offered = [c for c in suspects if c.key in ("backlash:A3", "backlash:A4", "backlash:A5")]
     fit = linear.fit([offered[0].effect])
@@ -100,7 +95,7 @@ def test_known_distances_hold_the_arm_s_size(by_time: bool) -> None:
     cell = cell_of(robot, ONE + np.array([0.08, -0.05, 0.06]), ("tool", "geometry"))
     sockets = Socket(name="a", sigma=2e-5, sites=SITES)
     cell = replace(cell, instruments=(sockets,), known_distances=tuple(pairs))
-    stage, suspects = stage_of(cell, data)
+    stage, suspects = asked(cell, data)
     right = next(c for c in suspects if c.key == "transmission_harmonic:j3")
     found = CrossValidation(stage, stage.fit([right.effect])).ledger([right.effect], by_time)
     assert found.rms_with == pytest.approx(predicted(stage, [right], by_time), rel=0.02)

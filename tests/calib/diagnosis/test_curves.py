@@ -11,9 +11,9 @@ from calib.diagnosis.candidates import candidates
 from calib.diagnosis.curves import Curve
 from calib.diagnosis.functions import Polyline, neighbours, polyline
 from calib.diagnosis.stage import Fit, Stage
-from calib.model import Model
 from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
+from tests.helpers import stage_of
 
 
 def test_a_polyline_interpolates() -> None:
@@ -73,13 +73,8 @@ def test_a_curve_is_shrunk_by_as_much_as_the_data_leave_open() -> None:
 
 
 def _stage_with_curve(cell: Cell, data: Measurements) -> tuple[Stage, Curve]:
-    from calib.identification.start import initial_values, whitening
-
-    model: Model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    weights = whitening(cell, model, start, data)
-    stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool), robust=False)
-    suspects, _ = candidates(cell, model, data)
+    stage = stage_of(cell, data)
+    suspects, _ = candidates(cell, stage.model, data)
     curves = [c.effect for c in suspects if isinstance(c.effect, Curve)]
     return stage, next(c for c in curves if c.variable.name.startswith("q:"))
 

@@ -16,12 +16,12 @@ from calib.arrays import Array
 from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
-from calib.identification.start import initial_values, whitening
-from calib.model.build import build, context_of, place_effect
+from calib.model.build import context_of, place_effect
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from tests.calib.diagnosis.days import Day, measured_day, settling
 from tests.calib.diagnosis.test_diagnose import measured
+from tests.helpers import stage_of
 
 DRAWS = 300
 SIZES: dict[str, list[float]] = {
@@ -39,10 +39,7 @@ def fitted(name: str) -> tuple[Stage, Fit, Effect]:
 
 
 def fit_of(cell: Cell, data: Measurements, name: str) -> tuple[Stage, Fit, Effect]:
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    nothing = np.zeros(len(data), dtype=bool)
-    stage = Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
+    stage = stage_of(cell, data)
     kind, where = name.split(":")
     effect = place_effect(kind, where, context_of(cell, data.poses))
     return stage, stage.fit([effect]), effect

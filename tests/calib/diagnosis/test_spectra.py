@@ -11,12 +11,11 @@ import pytest
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis.spectra import Spectrum, spectra_of
-from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
-from calib.identification.start import initial_values, whitening
-from calib.model.build import build, context_of, place_effect
+from calib.model.build import context_of, place_effect
 from calib.poses import Poses
 from tests.calib.identification.test_identify_tunings import arm, read, session
+from tests.helpers import stage_of
 
 STEP = np.radians(10.0)
 MIRROR = 36.0  # cycles a turn that steps of 10 degrees cannot tell from none
@@ -26,16 +25,7 @@ def spectra_at(
     cell: Cell, data: Measurements, ripples: Sequence[tuple[str, float]] = ()
 ) -> dict[str, Spectrum]:
     """At a fit of the cell's model, with ripples beside it, without any contest."""
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    stage = Stage(
-        data,
-        model,
-        start,
-        whitening(cell, model, start, data),
-        np.zeros(len(data), dtype=bool),
-        robust=False,
-    )
+    stage = stage_of(cell, data)
     context = context_of(cell, data.poses)
     effects = [place_effect("gear_ripple", where, context) for where, _ in ripples]
     tuned = [

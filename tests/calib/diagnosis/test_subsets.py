@@ -12,15 +12,12 @@ from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.screen import Field, Score, field, score
-from calib.diagnosis.stage import Stage
 from calib.diagnosis.stepwise import ALPHA
 from calib.diagnosis.subsets import instead_of
 from calib.diagnosis.view import lineup
-from calib.identification.start import initial_values, whitening
-from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import with_moves
-from tests.helpers import cell_of
+from tests.helpers import cell_of, stage_of
 
 ROWS, KNOTS, ASKED = 240, 10, 100
 
@@ -146,11 +143,8 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     points = read(q, error(q), markers, rng)
     seen = np.ones(points.shape[:2], dtype=bool)
     data = Measurements(with_moves(poses_at(q)), points, seen, np.full(seen.shape, np.nan))
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    nothing = np.zeros(len(data), dtype=bool)
-    stage = Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
-    suspects, _ = candidates(cell, model, data)
+    stage = stage_of(cell, data)
+    suspects, _ = candidates(cell, stage.model, data)
     fit = stage.fit(())
     linear = stage.about(fit, [c.effect for c in suspects])
     view, _ = lineup(linear, suspects).seen_from(linear, fit, (), fresh=True)

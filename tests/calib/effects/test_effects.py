@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arm.kinematics import forward
-from calib.arm.se3 import displacement, so3_exp, transform
+from calib.arm.se3 import displacement
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.drive import error_unit
@@ -16,6 +16,7 @@ from calib.errors import EffectCannotAct
 from calib.model import Model
 from calib.poses import Poses
 from tests.helpers import GRAVITY, model_of, random_context, random_poses, random_robot
+from tests.plain_arm import tips
 
 COUNT = 8
 
@@ -29,22 +30,6 @@ def scene(request: pytest.FixtureRequest) -> tuple[Context, Poses]:
 
 def model_with(context: Context, kind: str, where: str) -> Model:
     return model_of(context, []).with_effects((EFFECTS[kind].at(context, where),))
-
-
-def tips(context: Context, q: Array) -> Array:
-    """Homogeneous tip frames of the nominal arm, joint by joint, shape (m, 4, 4)."""
-    T = np.tile(np.eye(4), (len(q), 1, 1))
-    for k in range(context.robot.dof):
-        T = T @ context.robot.origins[k] @ motion(context, k, q[:, k])
-    return T @ context.robot.origins[-1]
-
-
-def motion(context: Context, k: int, value: Array) -> Array:
-    along = context.robot.axes[k] * value[:, None]
-    none = np.zeros_like(along)
-    if context.robot.prismatic[k]:
-        return transform(so3_exp(none), along)
-    return transform(so3_exp(along), none)
 
 
 def seen(context: Context, T: Array) -> Array:
@@ -68,7 +53,7 @@ def test_errors_of_a_drive(kind: str, scene: tuple[Context, Poses]) -> None:
         }[kind]
         moved = q.copy()
         moved[:, k] += dq
-        expected = seen(context, tips(context, moved))
+        expected = seen(context, tips(context.robot, moved))
         np.testing.assert_allclose(model.predict(values, poses), expected, atol=1e-12)
         assert model.parameters[0].unit.startswith(error_unit(bool(robot.prismatic[k])))
 
@@ -95,7 +80,7 @@ def test_gear_harmonics(scene: tuple[Context, Poses]) -> None:
         assert [p.name for p in model.parameters] == ["cos_1", "sin_1", "cos_2", "sin_2"]
         q, moved = poses.q[:, k], poses.q.copy()
         moved[:, k] += a * np.cos(q) + b * np.sin(q) + c * np.cos(2 * q) + d * np.sin(2 * q)
-        expected = seen(context, tips(context, moved))
+        expected = seen(context, tips(context.robot, moved))
         np.testing.assert_allclose(model.predict(values, poses), expected, atol=1e-12)
 
 
@@ -116,7 +101,7 @@ def test_drifts_move_everything_alike_and_start_at_the_first_pose(
     model = model_with(context, kind, where)
     rates = np.array([1e-3, -2e-3, 3e-3, 2e-4, 1e-4, -3e-4])  # an hour
     scale = np.array([p.scale for p in model.parameters]) * 1e6
-    nominal = seen(context, tips(context, poses.q))
+    nominal = seen(context, tips(context.robot, poses.q))
     D = displacement((poses.time - poses.time.min())[:, None] / 3600.0 * rates)
     expected = np.einsum("mab,mjb->mja", D[:, :3, :3], nominal) + D[:, None, :3, 3]
     read = model.predict(rates * scale, poses)
@@ -147,11 +132,11 @@ def test_links_grow_along_their_own_translation(where: str, scene: tuple[Context
         for link in grows:
             origins[link, :3, 3] *= 1.0 + growth * kelvin
         warm = replace(context, robot=replace(robot, origins=origins))
-        expected[i] = seen(warm, tips(warm, poses.q[i : i + 1]))[0]
+        expected[i] = seen(warm, tips(warm.robot, poses.q[i : i + 1]))[0]
     model = model_with(context, "thermal_expansion", where)
     read = model.predict(np.array([growth]), poses)
     np.testing.assert_allclose(read, expected, atol=1e-12)
-    assert np.abs(read - seen(context, tips(context, poses.q))).max() > 1e-5
+    assert np.abs(read - seen(context, tips(context.robot, poses.q))).max() > 1e-5
 
 
 def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
@@ -175,7 +160,7 @@ def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
         products, *_ = np.linalg.lstsq(X, torque * 1e-6, rcond=None)
         moved = poses.q.copy()
         moved[:, k] += 1e-6 * torque
-        expected = seen(context, tips(context, moved))
+        expected = seen(context, tips(context.robot, moved))
         np.testing.assert_allclose(model.predict(products, poses), expected, atol=1e-10)
 
 
@@ -272,6 +257,6 @@ def test_poses_that_do_not_say_leave_an_effect_at_rest(scene: tuple[Context, Pos
     ]
     kinds.remove("step")  # poses of which the clock says nothing are after it
     model = model_of(context, kinds)
-    nominal = seen(context, tips(context, poses.q))
+    nominal = seen(context, tips(context.robot, poses.q))
     values = model.initial + model.sizes
     np.testing.assert_allclose(model.predict(values, silent), nominal, atol=1e-12)

@@ -19,7 +19,7 @@ from calib.errors import InputError
 from calib.model import Model
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from tests.calib.effects.test_effects import model_with, seen, tips
+from tests.calib.effects.test_effects import model_with, seen
 from tests.helpers import (
     measured_cell,
     model_of,
@@ -27,6 +27,7 @@ from tests.helpers import (
     random_poses,
     random_robot,
 )
+from tests.plain_arm import tips
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def scene() -> tuple[Context, Poses]:
 def expected_at(context: Context, poses: Poses, k: int, dq: Array) -> Array:
     moved = poses.q.copy()
     moved[:, k] += dq
-    return seen(context, tips(context, moved))
+    return seen(context, tips(context.robot, moved))
 
 
 def as_one(points: Array, xi: Array) -> Array:
@@ -85,7 +86,7 @@ def test_what_follows_the_clock(
     tuning = float(np.median(t)) + 0.1
     amount = np.exp(-t / tuning) if kind == "warm_up" else (t > tuning).astype(float)
     model = timed(context, kind, where, poses)
-    plain = seen(context, tips(context, poses.q))
+    plain = seen(context, tips(context.robot, poses.q))
     if where in context.robot.joints:
         values = np.array([tuning, 3e-4])
         expected = expected_at(context, poses, int(where[1]) - 1, 3e-4 * amount)
@@ -105,7 +106,7 @@ def test_one_marker_jumps(scene: tuple[Context, Poses]) -> None:
     t = poses.time - poses.time.min()
     moment, moved = float(np.median(t)) + 0.1, np.array([1e-4, -2e-4, 3e-4])
     model = timed(context, "step", "marker:m2", poses)
-    T = tips(context, poses.q)
+    T = tips(context.robot, poses.q)
     expected = seen(context, T)
     expected[:, 1] += np.where(t > moment, 1.0, 0.0)[:, None] * (T[:, :3, :3] @ moved)
     values = np.append(moment, moved)

@@ -20,6 +20,7 @@ from calib.files.shapes import urdf_shapes
 from calib.files.urdf import load_urdf
 from calib.poses import poses_at
 from tests.helpers import GRAVITY
+from tests.plain_arm import frame, shift, turn
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 
@@ -59,21 +60,9 @@ class Joint:
     def moved(self, q: float) -> Array:
         """From the parent's frame to the child's, shape (4, 4)."""
         r, p, y = self.rpy
-        T = np.eye(4)
-        T[:3, :3] = about([0, 0, 1], y) @ about([0, 1, 0], p) @ about([1, 0, 0], r)
-        T[:3, 3] = self.xyz
-        motion = np.eye(4)
-        if self.kind == "prismatic":
-            motion[:3, 3] = self.axis * q
-        elif self.kind != "fixed":
-            motion[:3, :3] = about(self.axis, q)
-        return T @ motion
-
-
-def about(axis: Array | list[int], angle: float) -> Array:
-    x, y, z = axis
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=float)
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+        T = shift(*self.xyz) @ turn("z", y) @ turn("y", p) @ turn("x", r)
+        slides, turns = self.kind == "prismatic", self.kind in ("revolute", "continuous")
+        return T @ frame(q * np.concatenate([self.axis * slides, self.axis * turns]))
 
 
 def random_tree(seed: int) -> tuple[list[Joint], list[str]]:

@@ -11,6 +11,7 @@ import pytest
 import calib
 from calib.cell import Cell
 from doe.constraints import scene_of
+from tests.calib.files.test_collision import to_segment
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -115,7 +116,7 @@ def test_what_touches_a_geom_is_in_a_capsule(tmp_path: Path, base: str) -> None:
             )
             ours = (
                 min(
-                    float(to_segment(probe, c.start[n], c.end[n])) - c.radius
+                    to_segment(probe[None], c.start[n], c.end[n])[0] - c.radius
                     for c in scene.capsules
                 )
                 - 1e-3
@@ -125,12 +126,6 @@ def test_what_touches_a_geom_is_in_a_capsule(tmp_path: Path, base: str) -> None:
             apart.append(geom - ours)
     assert touched > 5
     assert np.max(apart) < 0.15
-
-
-def to_segment(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
-    along = b - a
-    t = np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(point - a - t * along))
 
 
 def test_a_plane_on_the_arm_is_named(tmp_path: Path) -> None:

@@ -14,9 +14,7 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.files.robot import corrected_robot
-from tests.calib.files.test_kinematics import CELL, cell_of_file, numbers, poses
-from tests.plain_arm import rpy_pose
+from tests.calib.files.test_kinematics import CELL, cell_of_file, poses
 
 ROWS = {
     "UR5e": """
@@ -100,18 +98,3 @@ def test_the_file_is_the_arm_of_its_urdf(tmp_path: Path, model: str) -> None:
     assert by_file.robot.joints == by_urdf.robot.joints
     q = np.random.default_rng(4).uniform(-6, 6, (20, 6))
     np.testing.assert_allclose(poses(by_file.robot, q), poses(by_urdf.robot, q), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("model", ROWS)
-def test_out_again_it_is_the_same(tmp_path: Path, model: str) -> None:
-    """From the file letter by letter with its hash, from the URDF frame by frame."""
-    out = tmp_path / "out.yaml"
-    by_file = cell_of_file(tmp_path, as_yaml(model))
-    nothing = np.zeros((8, 6))
-    assert corrected_robot(by_file, "kinematics", nothing, {}, out).text == as_yaml(model)
-    (tmp_path / "given.yaml").write_text(as_yaml(model))
-    out.write_text(corrected_robot(of_urdf(tmp_path, model), "kinematics", nothing, {}, out).text)
-    given, made = numbers(tmp_path / "given.yaml"), numbers(out)
-    for name, own in given.items():
-        frames = [rpy_pose([values], np.zeros(0)) for values in (made[name], own)]
-        np.testing.assert_allclose(frames[0], frames[1], rtol=0, atol=1e-9)

@@ -9,7 +9,6 @@ import pytest
 
 import calib
 from calib import Cell, Measurements
-from calib.diagnosis.stage import Stage
 from calib.identification.outliers import (
     _alone,
     fit_statistics,
@@ -17,13 +16,12 @@ from calib.identification.outliers import (
     pose_statistics,
     prediction_statistics,
 )
-from calib.identification.start import initial_values, whitening
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import cell_of, random_robot, stage_of, with_effects
 
 SIGMA = 2e-5
 ALONE = 7
@@ -112,11 +110,7 @@ def test_weights_of_none_and_of_one() -> None:
 def test_a_pose_weighed_down_is_judged_as_one_left_out() -> None:
     """Its residual is a prediction: over what a fitted one leaves, it stood out the more alone."""
     cell, data = day(2, 40, 1e-4)
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    weights = whitening(cell, model, start, data)
-    none = np.zeros(40, dtype=bool)
-    stage = Stage(data, model, start, weights, none, robust=False)
+    stage = stage_of(cell, data)
     left = replace(stage, dropped=np.arange(40) == ALONE)
     without = left.fit(())
     weighed = replace(without, weight=np.where(left.dropped, 1e-6, 1.0))

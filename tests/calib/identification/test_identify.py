@@ -52,6 +52,16 @@ def random_configurations(
     return poses_at(rng.uniform(low, high, (count, cell.robot.dof)), **given)
 
 
+def day(
+    kr270: Cell, seed: int, count: int, markers: Array | None = None
+) -> tuple[Cell, Measurements, np.random.Generator]:
+    """A rigid arm anywhere; without ``markers`` nothing is guessed of three."""
+    rng = np.random.default_rng(seed)
+    cell = cell_of(kr270.robot, np.zeros((3, 3)) if markers is None else markers, RIGID)
+    data, _ = measured(cell, random_configurations(cell, rng, count), rng)
+    return cell, data, rng
+
+
 @pytest.mark.parametrize("markers", [1, 2, 3])
 @pytest.mark.parametrize("seed", range(4))
 def test_instrument_anywhere_and_no_guess_of_the_markers(
@@ -130,9 +140,7 @@ def test_full_pose_approach_recovers_the_truth(
 
 
 def test_approach_pose_needs_markers_out_of_line(kr270: Cell) -> None:
-    rng = np.random.default_rng(0)
-    cell = cell_of(kr270.robot, MARKERS[:2], RIGID)
-    data, _ = measured(cell, random_configurations(cell, rng, 30), rng)
+    cell, data, _ = day(kr270, 0, 30, MARKERS[:2])
     with pytest.raises(CalibError, match="three visible markers"):
         calib.identify(cell, data, approach="pose")
 
@@ -206,9 +214,7 @@ def test_several_stations_share_markers_and_robot(kr270: Cell) -> None:
 
 
 def test_hidden_markers_only_cost_information(kr270: Cell) -> None:
-    rng = np.random.default_rng(5)
-    cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
-    data, _truth = measured(cell, random_configurations(cell, rng, 40), rng)
+    cell, data, rng = day(kr270, 5, 40)
     seen = rng.random(data.seen.shape) > 0.3
     hidden = replace(data, seen=seen, readings=np.where(seen[..., None], data.points, 0.0))
     full, part = calib.identify(cell, data), calib.identify(cell, hidden)
@@ -217,9 +223,7 @@ def test_hidden_markers_only_cost_information(kr270: Cell) -> None:
 
 
 def test_outliers_are_listed_and_do_not_bend_the_result(kr270: Cell) -> None:
-    rng = np.random.default_rng(6)
-    cell = cell_of(kr270.robot, np.zeros((3, 3)), RIGID)
-    data, _truth = measured(cell, random_configurations(cell, rng, 60), rng)
+    cell, data, _ = day(kr270, 6, 60)
     bad = [7, 23, 41]
     points = data.points.copy()
     points[7] += np.array([0.0, 0.004, 0.0])
@@ -255,9 +259,7 @@ def test_too_few_poses_says_how_many_are_needed(kr270: Cell) -> None:
 
 def test_sizes_hold_what_few_poses_leave_open(kr270: Cell) -> None:
     """With fewer equations than parameters every one is estimated, and what is open is named."""
-    rng = np.random.default_rng(0)
-    cell = cell_of(kr270.robot, np.zeros((1, 3)), RIGID)
-    data, _ = measured(cell, random_configurations(cell, rng, 7), rng)
+    cell, data, _ = day(kr270, 0, 7, np.zeros((1, 3)))
     result = calib.identify(cell, data)
     assert result.status == "rank_deficient"
     assert result.rank <= 21 < len(result.values)

@@ -20,8 +20,9 @@ from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from studies.estimate import estimated
-from tests.calib.effects.test_effects import seen, tips
+from tests.calib.effects.test_effects import seen
 from tests.helpers import cell_of, random_context, random_robot, with_effects
+from tests.plain_arm import tips
 
 SIGMA = 1e-5
 MARKERS = np.array([[0.1, 0.0, 0.2], [-0.1, 0.1, 0.1], [0.0, -0.1, 0.15]])
@@ -48,7 +49,7 @@ def read(
     """Readings of an arm whose joints are off by dq (m, n) and whose readings by shift (m, 3)."""
     scene = random_context(rng, cell.robot, len(MARKERS))
     scene = replace(scene, markers=cell.markers)
-    points = seen(scene, tips(scene, poses.q + dq))
+    points = seen(scene, tips(scene.robot, poses.q + dq))
     points = points @ R.T + P + np.broadcast_to(shift, (len(poses), 3))[:, None]
     points = points + rng.normal(scale=SIGMA, size=points.shape)
     shape = points.shape[:2]

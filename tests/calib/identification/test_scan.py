@@ -13,20 +13,16 @@ from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
 from calib.identification.scan import beside, scores, times
-from calib.identification.start import initial_values, whitening
-from calib.model.build import build, context_of, place_effect
+from calib.model.build import context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
+from tests.helpers import stage_of
 
 
 def stage_of_a_day() -> tuple[calib.Cell, Stage]:
     """Free and loaded readings of each configuration."""
     cell, data, _ = measured("backlash:A3", [2e-4])
-    model = build(cell, data.poses).model
-    start = initial_values(model, data)
-    weights = whitening(cell, model, start, data)
-    stage = Stage(data, model, start, weights, np.zeros(len(data), dtype=bool), robust=False)
-    return cell, stage
+    return cell, stage_of(cell, data)
 
 
 @pytest.mark.parametrize("scatters", [False, True])

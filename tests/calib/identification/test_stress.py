@@ -13,7 +13,13 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import CalibError
 from calib.solver import levenberg_marquardt
-from tests.calib.identification.test_identify import MARKERS, RIGID, measured, random_configurations
+from tests.calib.identification.test_identify import (
+    MARKERS,
+    RIGID,
+    day,
+    measured,
+    random_configurations,
+)
 from tests.helpers import cell_of, random_robot, with_effects
 
 
@@ -58,9 +64,7 @@ def test_full_pose_with_hidden_markers_is_not_biased(kr270: Cell) -> None:
 
 
 def test_poses_without_orientation_are_named(kr270: Cell) -> None:
-    rng = np.random.default_rng(1)
-    cell = cell_of(kr270.robot, MARKERS, RIGID)
-    data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
+    cell, data, _ = day(kr270, 1, 40, MARKERS)
     seen = data.seen.copy()
     seen[[3, 8], 0] = False
     result = calib.identify(cell, replace(data, seen=seen), approach="pose")
@@ -139,9 +143,7 @@ def test_the_solver_does_not_call_a_dead_end_a_minimum() -> None:
 
 
 def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
-    rng = np.random.default_rng(3)
-    cell = cell_of(kr270.robot, MARKERS, RIGID)
-    data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
+    cell, data, _ = day(kr270, 3, 40, MARKERS)
     with pytest.raises(CalibError, match="check the units"):
         calib.identify(cell, replace(data, readings=data.points * 2e3))
     result = calib.identify(cell, replace(data, readings=data.points * 9.0))
@@ -157,9 +159,7 @@ def test_differences_need_pairs(kr270: Cell) -> None:
 
 
 def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
-    rng = np.random.default_rng(5)
-    cell = cell_of(kr270.robot, MARKERS, RIGID)
-    data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
+    cell, data, rng = day(kr270, 5, 40, MARKERS)
     points = data.points[:20] + rng.normal(size=(20, 3, 3)) * 2e-4
     held = replace(data.take(slice(0, 20)), readings=points, sigma=np.full((20, 3), 2e-4))
     result = calib.identify(cell, data.take(slice(20, None)), heldout=held)

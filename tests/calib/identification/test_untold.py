@@ -12,9 +12,10 @@ from calib import Cell, Identification, Measurements
 from calib.arrays import Array
 from calib.identification import fit
 from tests.calib.identification.test_identify import MARKERS, measured, random_configurations
-from tests.calib.instruments.test_pose import cell_with, frame, noisy, rows, tips
+from tests.calib.instruments.test_pose import cell_with, noisy, rows
 from tests.calib.instruments.test_pose import measured as of_bodies
 from tests.helpers import cell_of, with_effects
+from tests.plain_arm import frame, tips
 
 PLACES = ("base", "tool", "geometry")
 BODY = np.array([0.05, -0.03, 0.2, 0.3, -0.2, 0.4])

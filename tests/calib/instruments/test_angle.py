@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +19,8 @@ from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Angle
 from studies.cli import main
-from studies.demo.embedded import embedded_text
-from tests.calib.instruments.test_pose import about, tips
+from tests.camera_cells import kr270_cell
+from tests.plain_arm import rotation, tips
 
 OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])  # rad
 HOME = np.radians([10.0, -60.0, 80.0, 15.0, 40.0, 20.0])
@@ -32,24 +31,20 @@ SIGMA = 2e-5  # rad
 
 
 def written(folder: Path) -> calib.Cell:
-    (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-    robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
-    text = f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
-    text += f'tip = "{robot["tip"]}"\n[markers_mm]\n'
+    text = "[markers_mm]\n"
     for name, guess in zip(("m1", "m2"), 1e3 * MARKERS + 3.0, strict=True):
         text += f"{name} = {guess.tolist()}\n"
     for name in STANDS:
         text += f'[instruments.{name}]\nkind = "angle"\nsigma_urad = {1e6 * SIGMA}\n'
-    text += '[model]\neffects = ["base", "tool", "joint_offset:A2,A3,A5"]\n'
-    (folder / "cell.toml").write_text(text)
-    return calib.load_cell(folder / "cell.toml")
+    effects = ("base", "tool", "joint_offset:A2,A3,A5")
+    return calib.load_cell(kr270_cell(folder, text, effects=effects))
 
 
 def angles(q: Array, robot: Robot, name: str) -> Array:
     """Azimuth and elevation (m, 2, 2), rad, of both markers."""
     T = tips(robot, q + OFF)
     points = np.einsum("mij,kj->mki", T[:, :3, :3], MARKERS) + T[:, None, :3, 3]
-    own = (points - STANDS[name]) @ about(TURNS[name])
+    own = (points - STANDS[name]) @ rotation(TURNS[name])
     level = np.sqrt(own[..., 0] ** 2 + own[..., 1] ** 2)
     return np.stack([np.arctan2(own[..., 1], own[..., 0]), np.arctan(own[..., 2] / level)], -1)
 

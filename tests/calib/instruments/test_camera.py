@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,12 +25,11 @@ from calib.instruments.camera import Board
 from calib.instruments.lens import Lens
 from calib.model.build import build
 from studies.cli import main
-from studies.demo.embedded import embedded_text
-from tests.calib.instruments.test_pose import frame, tips
+from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
 from tests.helpers import central_difference
+from tests.plain_arm import frame, looking, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
-LENS = np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01])
 PIXELS = np.array([1920.0, 1080.0])
 OFF = {"A2": 8e-4, "A3": -6e-4, "A5": 1.1e-3}
 HOME = np.radians([10.0, -60.0, 80.0, 15.0, 40.0, 20.0])
@@ -48,46 +46,12 @@ def projected(points: Array, lens: Array = LENS) -> Array:
     return np.asarray(found, dtype=np.float64).reshape((*points.shape[:-1], 2))
 
 
-def looking(points: Array, at: Array) -> Array:
-    """A camera's frame (4, 4) in base axes: at a place, with its axis towards the points' middle."""
-    z = points.reshape(-1, 3).mean(axis=0) - at
-    z = z / np.linalg.norm(z)
-    x = np.cross(z, [0.1, 0.2, 1.0])
-    x = x / np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    T[:3, 3] = at
-    return T
-
-
-def board_text(name: str, on: str, points: Array) -> str:
-    listed = ", ".join(
-        f"p{i} = [{', '.join(f'{1e3 * c:.9f}' for c in point)}]" for i, point in enumerate(points)
-    )
-    return f'[boards.{name}]\non = "{on}"\npoints_mm = {{ {listed} }}\n'
-
-
-def camera_text(name: str, on: str, more: str = "", lens: Array = LENS) -> str:
-    return (
-        f'[instruments.{name}]\nkind = "camera"\non = "{on}"\n'
-        f"focal_px = [{lens[0]}, {lens[1]}]\ncenter_px = [{lens[2]}, {lens[3]}]\n"
-        f"distortion = {lens[4:].tolist()}\nimage_px = [1920, 1080]\nsigma_px = 0.2\n{more}\n"
-    )
-
-
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
     """Writes a cell of the KR 270 with these tables, and returns its path."""
 
     def write(*tables: str, effects: tuple[str, ...] = ("base", "tool", *OFFSETS)) -> Path:
-        (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-        robot = tomllib.loads(embedded_text("cell.toml"))["robot"]
-        text = (
-            f'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "{robot["base"]}"\n'
-            f'tip = "{robot["tip"]}"\n{"".join(tables)}\n[model]\neffects = {json.dumps(effects)}\n'
-        )
-        (tmp_path / "cell.toml").write_text(text)
-        return tmp_path / "cell.toml"
+        return kr270_cell(tmp_path, *tables, effects=effects)
 
     return write
 
@@ -179,7 +143,7 @@ def watched(
     path = written(board_text("b", "tip", shape), camera_text("cam", "world", more, lens))
     cell, q = calib.load_cell(path), near_home(count, 1)
     X = frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([3.6, -1.2, 2.2]))
+    C = looking(tip_frames(cell, q)[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
     rows = seen_on_tip(cell, q, {"b": (shape, X)}, {"cam": C})
     rows = rows if seed is None else noisy(rows, seed)
     return cell, table(path.parent / "m.csv", cell.robot.joints, q, rows)
@@ -249,7 +213,7 @@ def test_single_points_in_many_images(written: Callable[..., Path]) -> None:
     path = written(board_text("b", "tip", SOLID), camera_text("cam", "world"))
     cell, q = calib.load_cell(path), near_home(90, 5, 0.7)
     X = frame(np.array([0.02, 0.05, 0.1, -0.4, 0.5, 1.3]))
-    C = looking(tip_frames(cell, q)[:, :3, 3], np.array([4.0, 1.0, 2.5]))
+    C = looking(tip_frames(cell, q)[:, :3, 3].mean(axis=0), np.array([4.0, 1.0, 2.5]))
     rng, rows = np.random.default_rng(0), seen_on_tip(cell, q, {"b": (SOLID, X)}, {"cam": C})
     seen = [[row for row in rows if row[0] == i] for i in range(90)]
     alone = [own[int(rng.integers(len(own)))] for own in seen if own]
@@ -265,7 +229,7 @@ def test_markers_and_two_cameras(written: Callable[..., Path]) -> None:
     markers = f"[markers_mm]\n{listed.replace(', p', chr(10) + 'p')}\n"
     path = written(markers, camera_text("left", "world"), camera_text("right", "world"))
     cell, q = calib.load_cell(path), near_home(40, 6)
-    middle = tip_frames(cell, q)[:, :3, 3]
+    middle = tip_frames(cell, q)[:, :3, 3].mean(axis=0)
     frames = {
         "left": looking(middle, np.array([3.5, 1.5, 2.0])),
         "right": looking(middle, np.array([3.5, -1.5, 2.0])),
@@ -281,6 +245,7 @@ def test_markers_and_two_cameras(written: Callable[..., Path]) -> None:
 
 @pytest.mark.parametrize("boards", [1, 2])
 def test_a_camera_on_the_arm(written: Callable[..., Path], boards: int) -> None:
+    """And a table written of it is the table read."""
     shapes = {"b": TILED, "c": SOLID + np.array([0.5, 0.1, 0.0])}
     shapes = {name: shapes[name] for name in list(shapes)[:boards]}
     tables = [board_text(name, "world", points) for name, points in shapes.items()]
@@ -295,6 +260,11 @@ def test_a_camera_on_the_arm(written: Callable[..., Path], boards: int) -> None:
     found = calib.identify(cell, data)
     assert_true(found, 1e-7)
     assert found.by_instrument["eye", "px"]["fitted"] < 1e-3
+    (path.parent / "again.csv").write_text(measurements_csv(cell, data))
+    again = calib.load_measurements(cell, path.parent / "again.csv")
+    np.testing.assert_array_equal(again.seen, data.seen)
+    np.testing.assert_allclose(again.readings, data.readings, atol=1e-8)
+    assert build(cell, data.poses).model.channel_names[0] == "b:p0"
 
 
 @pytest.mark.parametrize("given", ["free", "believed", "listed"])
@@ -316,20 +286,6 @@ def test_a_lens_that_is_not_known(written: Callable[..., Path], given: str) -> N
 
 
 # -- the bound, tables, what is said -----------------------------------------------------------------
-
-
-def test_a_table_written_is_the_table_read(written: Callable[..., Path]) -> None:
-    path = written(board_text("b", "world", TILED), camera_text("eye", "tip"))
-    cell, q = calib.load_cell(path), near_home(12, 3, 0.3)
-    eye = frame(np.array([0.05, 0.08, 0.1, 0.1, -0.2, 0.5]))
-    B = tip_frames(cell, HOME[None])[0] @ eye @ frame(np.array([-0.15, -0.1, 1.3, 0.3, 0.2, -0.4]))
-    rows = seen_from_tip(cell, q, {"b": (TILED, B)}, eye)
-    data = calib.load_measurements(cell, table(path.parent / "m.csv", cell.robot.joints, q, rows))
-    (path.parent / "again.csv").write_text(measurements_csv(cell, data))
-    again = calib.load_measurements(cell, path.parent / "again.csv")
-    np.testing.assert_array_equal(again.seen, data.seen)
-    np.testing.assert_allclose(again.readings, data.readings, atol=1e-8)
-    assert build(cell, data.poses).model.channel_names[0] == "b:p0"
 
 
 def test_the_command_speaks_of_pixels(written: Callable[..., Path]) -> None:

@@ -22,8 +22,9 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from tests.calib.instruments.test_slot import arm, drawn, turn
+from tests.calib.instruments.test_slot import arm, drawn
 from tests.helpers import cell_of, random_robot
+from tests.plain_arm import frame, tips
 
 SIGMA = np.repeat([2e-4, 5e-4], 3)  # m, rad
 MIXED = np.eye(6) + 0.3 * np.array([[(-1.0) ** (i + j) for j in range(6)] for i in range(6)])
@@ -32,31 +33,6 @@ OFFSETS = ("j2", "j3")  # that of the last joint is the body's
 OFF = f"joint_offset:{','.join(OFFSETS)}"
 EFFECTS = ("base", "tool", OFF)
 TRUE = np.array([4e-4, -7e-4])  # rad, of the joints of OFFSETS
-
-
-def about(r: Array) -> Array:
-    """Rotation by a vector, rad."""
-    angle = float(np.linalg.norm(r))
-    return turn(r, angle) if angle else np.eye(3)
-
-
-def frame(xi: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = about(xi[3:]), xi[:3]
-    return T
-
-
-def tips(robot: Robot, q: Array) -> Array:
-    """Tip in base axes, shape (m, 4, 4), link by link."""
-    found = []
-    for angles in q:
-        T = np.eye(4)
-        for k, angle in enumerate(angles):
-            joint = np.eye(4)
-            joint[:3, :3] = turn(robot.axes[k], angle)
-            T = T @ robot.origins[k] @ joint
-        found.append(T @ robot.origins[-1])
-    return np.array(found)
 
 
 def seen_from(robot: Robot, q: Array, off: Array, Y: Array, X: Array) -> Array:

@@ -26,6 +26,7 @@ from calib.noise import Noise
 from calib.poses import poses_at
 from tests.calib.instruments.ballbar import Ballbar
 from tests.helpers import cell_of, random_robot
+from tests.plain_arm import rotation, tips
 
 MARKERS = np.array([[0.10, 0.02, -0.05], [-0.04, 0.12, 0.03]])
 OFFSETS = ("j2", "j3", "j4")
@@ -39,32 +40,12 @@ def arm() -> Robot:
     return random_robot(np.random.default_rng(11), 4)
 
 
-def turn(axis: Array, angle: float) -> Array:
-    """Rodrigues, an element at a time."""
-    x, y, z = axis / np.sqrt(sum(float(a) ** 2 for a in axis))
-    c, s, v = np.cos(angle), np.sin(angle), 1.0 - np.cos(angle)
-    return np.array(
-        [
-            [c + x * x * v, x * y * v - z * s, x * z * v + y * s],
-            [y * x * v + z * s, c + y * y * v, y * z * v - x * s],
-            [z * x * v - y * s, z * y * v + x * s, c + z * z * v],
-        ]
-    )
-
-
 def points_of(robot: Robot, q: Array, off: Array, markers: Array = MARKERS) -> Array:
     """Markers in base axes (m, M, 3), the joints of OFFSETS off by so much."""
     error = np.zeros(robot.dof)
     error[[robot.joints.index(j) for j in OFFSETS]] = off
-    found = []
-    for angles in q + error:
-        R, p = np.eye(3), np.zeros(3)
-        for k, angle in enumerate(angles):
-            p = p + R @ robot.origins[k, :3, 3]
-            R = R @ robot.origins[k, :3, :3] @ turn(robot.axes[k], angle)
-        p, R = p + R @ robot.origins[-1, :3, 3], R @ robot.origins[-1, :3, :3]
-        found.append([p + R @ marker for marker in markers])
-    return np.array(found)
+    T = tips(robot, q + error)
+    return np.asarray(markers @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
 
 
 def distances(theta: Array, q: Array, markers: Array = MARKERS) -> Array:
@@ -109,7 +90,7 @@ def test_beside_a_tracker_information_adds() -> None:
     by_laser, by_bar = np.arange(24) < 14, np.arange(24) >= 10
 
     def laser(t: Array) -> Array:
-        R = turn(t[9:], float(np.linalg.norm(t[9:])))
+        R = rotation(t[9:])
         return points_of(arm(), q[by_laser], t[:3]) @ R.T + t[6:9]
 
     def bar(t: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,15 +23,17 @@ from tests.helpers import random_robot
 SIGMA = 1e-5
 
 
+def arm(markers: int = 3) -> Model:
+    """Of three joints, without any effect."""
+    rng = np.random.default_rng(3)
+    robot, names = random_robot(rng, 3), tuple(f"m{j}" for j in range(markers))
+    places = rng.uniform(-0.2, 0.2, (markers, 3))
+    return Model(robot, names, places, (), Payload(), np.zeros(3), (TRACKER,))
+
+
 def scattering(poses: Poses, markers: int = 3) -> tuple[Scatter, Array, Day]:
     """Levers of poses, the same whitened, and the day by its rows."""
-    rng = np.random.default_rng(3)
-    robot = random_robot(rng, 3)
-    names = tuple(f"m{j}" for j in range(markers))
-    model = Model(
-        robot, names, rng.uniform(-0.2, 0.2, (markers, 3)), (), Payload(), np.zeros(3), (TRACKER,)
-    )
-    scatter = scatter_of(model, np.zeros(0), poses, Variances.none(3))
+    scatter = scatter_of(arm(markers), np.zeros(0), poses, Variances.none(3))
     weighted = scatter.levers.reshape(len(poses), 3 * markers, -1) / SIGMA
     rows = weighted.shape[1]
     day = Day(
@@ -54,33 +58,17 @@ def test_levers_are_what_small_displacements_do() -> None:
     """Joints turned and the tip displaced by hand, by exponentials."""
     poses = visits_of(4, 1, 1)
     scatter, _, _ = scattering(poses)
-    rng = np.random.default_rng(3)
-    robot = random_robot(rng, 3)
-    model = Model(
-        robot,
-        ("m0", "m1", "m2"),
-        rng.uniform(-0.2, 0.2, (3, 3)),
-        (),
-        Payload(),
-        np.zeros(3),
-        (TRACKER,),
-    )
+    model = arm()
     at = model.predict(np.zeros(0), poses)
     tip = model.state(np.zeros(0), poses).frames.o[:, -1:]
     for k in range(3):
         q = poses.q.copy()
         q[:, k] += 1e-6
-        moved = (model.predict(np.zeros(0), visits_at(poses, q)) - at) / 1e-6
+        moved = (model.predict(np.zeros(0), replace(poses, q=q)) - at) / 1e-6
         np.testing.assert_allclose(scatter.levers[..., k], moved, atol=1e-5)
         turn = so3_exp(1e-6 * np.eye(3)[k])
         turned_by = ((at - tip) @ turn.T + tip - at) / 1e-6
         np.testing.assert_allclose(scatter.levers[..., 6 + k], turned_by, atol=1e-5)
-
-
-def visits_at(poses: Poses, q: Array) -> Poses:
-    from dataclasses import replace
-
-    return replace(poses, q=q)
 
 
 def test_poses_that_do_not_count_change_nothing() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.arrays import Array
-from tests.plain_arm import shift, turn
+from tests.plain_arm import rotation, shift, turn
 
 SIGMA = 1e-5
 MASS, COM = 25.0, np.array([0.1, 0.0, 0.15])
@@ -75,13 +75,6 @@ def joints(count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(low, high, (count, 5))
 
 
-def about(axis: Array) -> Array:
-    angle = float(np.linalg.norm(axis))
-    x, y, z = axis / (angle or 1.0)
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
-
-
 def frames(q: Array) -> list[Array]:
     """Of the base and behind every joint."""
     T = [np.eye(4)]
@@ -109,8 +102,8 @@ def points(values: Array, q: Array, tilt: Array | None = None, force: Array | No
     )
     gravity = np.array([0.0, 0.0, -9.80665])
     if tilt is not None:
-        gravity = about(np.array([*tilt, 0.0])) @ gravity
-    R, out = about(place[3:]), np.empty((len(q), 3, 3))
+        gravity = rotation(np.array([*tilt, 0.0])) @ gravity
+    R, out = rotation(place[3:]), np.empty((len(q), 3, 3))
     for i, angles in enumerate(q):
         actual = angles + np.array([0.0, *offsets, 0.0])
         bent = actual.copy()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +23,7 @@ from doe.ahead.evidence import FREE
 from doe.ahead.places import Accuracy, accuracy_of
 from doe.ahead.rivals import data_rows, situation_after
 from studies.demo.embedded import embedded_cell
+from tests.doe.ahead.day import asking_only
 from tests.helpers import with_effects
 
 CAUSE = "transmission_scale:A3"
@@ -53,17 +52,7 @@ class Session:
         )
 
     def diagnosed(self, q: Array) -> Diagnosis:
-        """Asked of few causes only: the contest is tested elsewhere."""
-        module = sys.modules["calib.diagnosis.diagnose"]
-        every = module.candidates
-
-        def few(*given: Any) -> Any:
-            found, missing = every(*given)
-            kinds = ("transmission_scale", "backlash")
-            return [c for c in found if c.effect.kind in kinds], missing
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "candidates", few)
+        with asking_only("transmission_scale", "backlash"):
             return calib.diagnose(self.cell, self.read(q))
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +28,7 @@ from doe.ahead.search import Contested, Search
 from doe.ahead.situation import Offer
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured
+from tests.doe.ahead.day import asking_only
 from tests.helpers import designed, random_poses, random_robot
 
 RIVALS = ([8, 9], [10, 11, 12], [13])
@@ -163,17 +162,8 @@ def test_loads_are_found_in_the_wrench() -> None:
 
 
 def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple[Cell, Diagnosis]:
-    """A diagnosis that asks only some causes: the contest itself is tested elsewhere."""
-    module = sys.modules["calib.diagnosis.diagnose"]
-    every = module.candidates
-
-    def few(*given: Any) -> Any:
-        found, missing = every(*given)
-        return [c for c in found if c.effect.kind in kinds or c.key in kinds], missing
-
     cell, data, _ = measured(effect, values, seed=7)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "candidates", few)
+    with asking_only(*kinds):
         return cell, calib.diagnose(cell, data)
 
 

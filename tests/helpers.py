@@ -160,6 +160,12 @@ def stage_of(cell: Cell, data: Measurements) -> Stage:
     return Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
 
 
+def all_seen(poses: Poses, readings: Array) -> Measurements:
+    """Readings (m, M, r) of which none is hidden, each as uncertain as its instrument says."""
+    shape = readings.shape[:2]
+    return Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+
+
 def measured_cell(folder: Path) -> Path:
     """The embedded cell, Table II as ``plan.csv``, and what a robot that the model knows measures."""
     cell = embedded_cell()

@@ -22,7 +22,7 @@ from calib.change.difference import difference, holm
 from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError
 from calib.poses import poses_at
-from tests.helpers import cell_of
+from tests.helpers import all_seen, cell_of
 from tests.plain_arm import rpy_pose, shift, turn
 
 ORIGINS = [
@@ -75,8 +75,7 @@ def measured(
     ]
     points = np.array([markers @ T[:3, :3].T + T[:3, 3] for T in frames])
     noisy = points + SIGMA * rng.standard_normal(points.shape)
-    seen = np.ones(points.shape[:2], dtype=bool)
-    return Measurements(poses_at(q, approach=approach), noisy, seen, np.full(seen.shape, np.nan))
+    return all_seen(poses_at(q, approach=approach), noisy)
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis import Diagnosis, error_curve
-from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.error_curve import ErrorCurve, frame_of
-from calib.diagnosis.functions import Polyline
 from tests.calib.diagnosis.test_diagnose import diagnosed
 
 pytestmark = pytest.mark.long
@@ -82,17 +80,6 @@ def test_tilts_across_a_joint_and_loads() -> None:
     assert slope == pytest.approx(40e-9, rel=0.25)
     assert curve.function[0]
     assert not curve.function[1]  # the other tilt has a moment of its own
-
-
-def test_the_markers_tell_the_same_as_the_frame() -> None:
-    """What a load moves is found from the markers: tried on an effect whose twist is known."""
-    result, curve = found("backlash:A3", (HALF,))
-    joint = result.after.model.robot.joints.index("A3")
-    given = error_curve._GivenVariable("approach:A3", curve.variable)
-    line = TwistCurve("A3", joint + 1, curve.directions, given, Polyline(curve.knots))
-    alike = error_curve._alike(result, curve.candidate, line)[:, 0]
-    expected = result.causes[0].values[0] * result.data.poses.approach[:, joint]  # type: ignore[index]
-    np.testing.assert_allclose(alike, expected, rtol=1e-3)
 
 
 def test_places_without_a_single_frame_have_no_curve() -> None:

@@ -15,9 +15,9 @@ from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stepwise import ALPHA
 from calib.diagnosis.subsets import instead_of
 from calib.diagnosis.view import lineup
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from calib.poses.moves import with_moves
-from tests.helpers import cell_of, stage_of
+from tests.helpers import all_seen, cell_of, stage_of
 
 ROWS, KNOTS, ASKED = 240, 10, 100
 
@@ -141,8 +141,7 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     markers = np.array([[0.08, 0.0, -0.05], [-0.05, 0.06, 0.0], [-0.03, -0.07, 0.04]])
     cell: Cell = cell_of(robot, markers, ("base", "tool", "geometry"))
     points = read(q, error(q), markers, rng)
-    seen = np.ones(points.shape[:2], dtype=bool)
-    data = Measurements(with_moves(poses_at(q)), points, seen, np.full(seen.shape, np.nan))
+    data = all_seen(with_moves(poses_at(q)), points)
     stage = stage_of(cell, data)
     suspects, _ = candidates(cell, stage.model, data)
     fit = stage.fit(())

@@ -12,6 +12,7 @@ from calib.drift import DriftTest, drift_of
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import visits, with_moves
 from calib.scatter import Scatter, Variances
+from tests.helpers import all_seen
 
 SIGMA, ARM = 1e-5, 2e-5  # m
 PLACES, MARKERS = 5, 3
@@ -40,8 +41,7 @@ def read(poses: Poses, rng: np.random.Generator, drift: float = 0.0) -> Measurem
     points = np.tile(places, (2, 1, 1)) + SIGMA * rng.normal(size=(len(poses), MARKERS, 3))
     points += ARM * rng.normal(size=(len(poses), 1, 3))
     points[..., 0] += drift * np.arange(len(poses))[:, None]
-    seen = np.ones(points.shape[:2], dtype=bool)
-    return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
+    return all_seen(poses, points)
 
 
 def judged(data: Measurements, arm: Scatter | None) -> DriftTest:

@@ -15,7 +15,7 @@ from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from tests.helpers import cell_of, random_robot
+from tests.helpers import all_seen, cell_of, random_robot
 
 SIGMA = 1e-5
 MARKERS = np.array([[0.28, -0.02, -0.09], [0.28, -0.03, 0.10], [0.28, 0.13, 0.01], [0.1, 0.0, 0.1]])
@@ -37,8 +37,7 @@ def day(visits: int, between: int = 2, hour: float = 600.0) -> Poses:
 def readings(poses: Poses, points: Array, rng: np.random.Generator) -> Measurements:
     """Points (M, 3) read at every pose with noise."""
     noisy = points + rng.normal(size=(len(poses), *points.shape)) * SIGMA
-    shape = noisy.shape[:-1]
-    return Measurements(poses, noisy, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+    return all_seen(poses, noisy)
 
 
 def judged(data: Measurements) -> DriftTest:

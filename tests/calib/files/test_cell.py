@@ -13,10 +13,9 @@ from calib import Cell, Poses
 from calib.cell import Repeatability
 from calib.diagnosis.candidates import candidates
 from calib.errors import InputError
-from calib.files.cell_out import extended_cell
 from calib.model.build import build
-from calib.poses import Measurements
 from studies.demo.embedded import INPUTS, embedded_text
+from tests.helpers import all_seen
 
 
 def cell_with(folder: Path, robot: str = "", more: str = "") -> Cell:
@@ -35,9 +34,7 @@ def excluding(folder: Path, *names: str) -> Cell:
 def asked(cell: Cell, poses: Poses) -> tuple[set[str], dict[str, str]]:
     """Causes by name that the contest would hear, and what it would not, with the reason."""
     points = np.ones((len(poses), len(cell.markers), 3))
-    data = Measurements(
-        poses, points, np.ones(points.shape[:2], dtype=bool), np.full(points.shape[:2], np.nan)
-    )
+    data = all_seen(poses, points)
     found, missing = candidates(cell, build(cell, poses).model, data)
     return {c.key for c in found if c.named}, {n.effect: n.reason for n in missing}
 
@@ -85,18 +82,6 @@ def test_unknown_names_in_one_line(tmp_path: Path, name: str, text: str) -> None
         excluding(tmp_path, name)
     assert caught.value.where == "diagnosis.exclude"
     assert "\n" not in str(caught.value)
-
-
-def test_both_stay_in_the_cell_that_is_written(tmp_path: Path, table_two: Poses) -> None:
-    cell = cell_with(
-        tmp_path, "repeatability_mm = 0.03 # ISO 9283\n", '[diagnosis]\nexclude = ["payload"]\n'
-    )
-    (tmp_path / "there").mkdir()
-    target = tmp_path / "there" / "better.toml"
-    target.write_text(extended_cell(cell, [], table_two, target).text)
-    again = calib.load_cell(target)
-    assert again.repeatability == cell.repeatability
-    assert again.excluded == cell.excluded == ("payload",)
 
 
 def test_excluded_causes_are_not_asked(tmp_path: Path, table_two: Poses) -> None:

@@ -74,15 +74,6 @@ def test_an_instrument_that_stuck_is_named_and_kept(tmp_path: Path) -> None:
     assert "measure these poses again" in said
 
 
-def test_identification_is_that_without_the_copies(tmp_path: Path) -> None:
-    """They used to halve the variances, or to end in a division by zero."""
-    cell, copied = again(GOOD, np.arange(20)).read(tmp_path)
-    found = calib.identify(cell, copied)
-    plain = calib.identify(cell, read(GOOD, tmp_path))
-    np.testing.assert_array_equal(found.values, plain.values)
-    np.testing.assert_array_equal(found.covariance, plain.covariance)
-
-
 def test_a_load_hung_on_is_no_copy(tmp_path: Path) -> None:
     """Equal joints and points under another wrench are another reading, as exact data have it."""
     folder = again(GOOD, np.arange(20)).written(tmp_path)

@@ -25,11 +25,11 @@ from calib.files.tables import load_measurements, load_plan
 from calib.files.urdf import load_urdf
 from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from doe.problem.pool import drawn
 from studies.programs.stops import plan_stops
 from tests.calib.files.test_branches import Joint, placed
-from tests.helpers import cell_of, random_robot
+from tests.helpers import all_seen, cell_of, random_robot
 
 MARKERS = np.array([[0.1, 0.0, 0.05], [-0.05, 0.09, 0.05], [-0.05, -0.08, 0.07]])
 
@@ -185,8 +185,7 @@ def test_measurements_are_written_as_they_were_read(
         q[:, robot.joints.index("b")] += shift
         built, poses = build(here).model, poses_at(q)
         points = built.predict(built.initial, poses)
-        seen = np.ones(points.shape[:2], dtype=bool)
-        data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
+        data = all_seen(poses, points)
         text = measurements_csv(here, data)
         assert ("b_deg" in text) is (shift > 0.0)
         (tmp_path / "t.csv").write_text(text)

@@ -21,7 +21,7 @@ from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from studies.estimate import estimated
 from tests.calib.effects.test_effects import seen
-from tests.helpers import cell_of, random_context, random_robot, with_effects
+from tests.helpers import all_seen, cell_of, random_context, random_robot, with_effects
 from tests.plain_arm import tips
 
 SIGMA = 1e-5
@@ -52,8 +52,7 @@ def read(
     points = seen(scene, tips(scene.robot, poses.q + dq))
     points = points @ R.T + P + np.broadcast_to(shift, (len(poses), 3))[:, None]
     points = points + rng.normal(scale=SIGMA, size=points.shape)
-    shape = points.shape[:2]
-    return Measurements(poses, points, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+    return all_seen(poses, points)
 
 
 def ripple(cell: Cell, rng: np.random.Generator) -> tuple[Measurements, float]:

@@ -12,8 +12,8 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.identification.pattern import SURELY, Shared, Variable, shared, variables_of, within
-from calib.poses import Measurements, Poses, poses_at
-from tests.helpers import cell_of, random_robot
+from calib.poses import poses_at
+from tests.helpers import all_seen, cell_of, random_robot
 
 
 @pytest.mark.parametrize(("n", "k", "c", "s"), [(9, 3, 3, 4), (9, 4, 2, 3), (10, 5, 4, 5)])
@@ -98,11 +98,7 @@ def day(points: Array, q: Array, seed: int) -> calib.Identification:
     markers = np.array([[0.0, 0.0, 0.0], [0.1, 0.05, 0.0], [-0.05, 0.12, 0.0]])
     cell = cell_of(robot, markers, ("base", "joint_offset:j2,j3"))
     noise = 1e-5 * np.random.default_rng(seed).normal(size=points.shape)
-    seen = np.ones(points.shape[:2], dtype=bool)
-    poses: Poses = poses_at(q)
-    return calib.identify(
-        cell, Measurements(poses, points + noise, seen, np.full(seen.shape, np.nan))
-    )
+    return calib.identify(cell, all_seen(poses_at(q), points + noise))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -23,7 +23,7 @@ from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from tests.calib.instruments.test_slot import arm, drawn
-from tests.helpers import cell_of, random_robot
+from tests.helpers import all_seen, cell_of, random_robot
 from tests.plain_arm import frame, tips
 
 SIGMA = np.repeat([2e-4, 5e-4], 3)  # m, rad
@@ -83,8 +83,7 @@ def cell_with(
 
 
 def measured(q: Array, readings: Array) -> Measurements:
-    shape = readings.shape[:2]
-    return Measurements(poses_at(q), readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+    return all_seen(poses_at(q), readings)
 
 
 def anywhere(rng: np.random.Generator) -> Array:

@@ -17,7 +17,7 @@ from calib.noise import Noise
 from calib.poses import Measurements, poses_at
 from calib.poses.moves import before_the_first_move, in_one_session, moves, visits, with_moves
 from calib.simulation import drawn_readings
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
 Q = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.0], [0.2, 1.0], [0.2, 1.0], [0.2, 0.7]])
 APPROACH = [[0, 0], [1, 0], [1, 0], [-1, 1], [-1, 1], [-1, -1]]
@@ -59,9 +59,7 @@ def test_a_given_approach_is_kept() -> None:
 
 
 def as_data(poses: Poses) -> Measurements:
-    shape = (len(poses), 1)
-    blank = np.zeros((*shape, 3))
-    return Measurements(poses, blank, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+    return all_seen(poses, np.zeros((len(poses), 1, 3)))
 
 
 def test_moves_begin_anew_after_an_hour() -> None:

@@ -11,12 +11,12 @@ import calib
 from calib import Cell, Poses
 from calib.diagnosis.screen import score
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from doe.ahead.foresee import PowerAnalysis, foresee
 from doe.ahead.remedies import remedies_of
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
 
@@ -160,11 +160,7 @@ def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_tw
     unloaded = replace(kr270, load=None)
     poses = calib.readings(kr270, table_two)
     rng = np.random.default_rng(0)
-    shape = (len(poses), 3)
-    data = Measurements(
-        poses, rng.normal(size=(*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan)
-    )
-    table = foresee(unloaded, data)
+    table = foresee(unloaded, all_seen(poses, rng.normal(size=(len(poses), 3, 3))))
     assert [s.key for s in table.seen] == [s.key for s in plan.seen]
     for one, two in zip(plan.seen, table.seen, strict=True):
         np.testing.assert_allclose(one.smallest, two.smallest, rtol=1e-9)

@@ -14,6 +14,7 @@ from calib.poses import Measurements, Poses, poses_at
 from doe.ahead.enough import Enough, enough
 from doe.ahead.foresee import view_of
 from tests.doe.constraints.test_touching import KINDS, SITES, at, planned, settled, to_socket
+from tests.helpers import all_seen
 
 CELL = replace(KINDS["sockets"][0], repeatability=Repeatability(0.0, 0.0))
 SO_FAR = np.arange(7)
@@ -33,11 +34,8 @@ def plan() -> Poses:
 def whole(plan: Poses) -> Measurements:
     site = sites_of(plan.q)
     q = settled(plan.q, site, to_socket, np.random.default_rng(0))
-    shape = (len(q), 1)
-    return Measurements(
-        poses_at(q, site=np.array(["a", "b"])[site], names=plan.names),
-        np.zeros((*shape, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan),
-    )  # fmt: skip
+    poses = poses_at(q, site=np.array(["a", "b"])[site], names=plan.names)
+    return all_seen(poses, np.zeros((len(q), 1, 3)))
 
 
 @pytest.fixture(scope="module")

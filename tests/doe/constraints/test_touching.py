@@ -16,13 +16,13 @@ from calib import Cell
 from calib.arrays import Array
 from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket, Sphere
 from calib.instruments.plane import place_of
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.pool import drawn
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
-from tests.helpers import cell_of
+from tests.helpers import all_seen, cell_of
 
 ONE = np.array([[0.10, 0.02, -0.05]])
 SIGMA = 2e-5
@@ -100,10 +100,7 @@ def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
         touched = settled(q, site, missed, rng)
         names = np.array(["a", "b"])[site] if kind == "sockets" else None
         readings = np.zeros((len(q), 1, 3 if kind == "sockets" else 1))
-        data = Measurements(
-            poses_at(touched, site=names), readings, np.ones((len(q), 1), bool),
-            np.full((len(q), 1), np.nan),
-        )  # fmt: skip
+        data = all_seen(poses_at(touched, site=names), readings)
         lengths = [replace(k, length=APART + 1e-5 * rng.normal()) for k in cell.known_distances]
         own_cell = replace(cell, known_distances=tuple(lengths))
         result = calib.identify(own_cell, data)

@@ -113,32 +113,6 @@ def times(factor: float, *columns: str) -> Edit:
     return edit
 
 
-def plus(offset: float, *columns: str) -> Edit:
-    """Something added to the numbers of some columns."""
-
-    def edit(text: str) -> str:
-        head, *rows = [row.split(",") for row in text.strip().split("\n")]
-        for column in map(head.index, columns):
-            for row in rows:
-                row[column] = f"{float(row[column]) + offset:.9f}"
-        return "\n".join(",".join(row) for row in (head, *rows))
-
-    return edit
-
-
-def earlier(count: int, *columns: str) -> Edit:
-    """Some columns so many rows higher; the last rows, which have none, are left out."""
-
-    def edit(text: str) -> str:
-        head, *rows = [row.split(",") for row in text.strip().split("\n")]
-        for column in map(head.index, columns):
-            for row, later in zip(rows, rows[count:], strict=False):
-                row[column] = later[column]
-        return "\n".join(",".join(row) for row in (head, *rows[:-count]))
-
-    return edit
-
-
 def exchanged(one: str, other: str) -> Edit:
     """Two words for each other, everywhere."""
     return lambda text: text.replace(one, "\0").replace(other, one).replace("\0", other)

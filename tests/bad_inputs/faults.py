@@ -8,7 +8,6 @@ from tests.bad_inputs.edits import (
     Edit,
     added,
     column,
-    earlier,
     effects,
     exchanged,
     field,
@@ -16,7 +15,6 @@ from tests.bad_inputs.edits import (
     line,
     lines,
     no_rows_with,
-    plus,
     swap,
     times,
     whole,
@@ -41,9 +39,6 @@ class Fault:
 _IDENTIFY = "identify cell.toml measurements.csv"
 
 
-_UNITS = "deg,deg,deg,deg,deg,deg,mm,mm,mm,N,N,N,Nm,Nm,Nm"
-
-
 def _in(file: str, call: str, cases: dict[str, Edit]) -> list[Fault]:
     return [Fault(did, call, file, edit) for did, edit in cases.items()]
 
@@ -63,23 +58,13 @@ MEASUREMENTS = _in(
         "a point's column is missing": without("z_mm"),
         "a wrench without unit": header("fz_N", "fz"),
         "temperature in another unit": column("temperature_K", "293"),
-        "a column misspelt": column("temprature_degC", "20"),
         "a column twice": header("fx_N", "fy_N"),
         "no column of poses": header("pose", "point"),
-        "semicolons in place of commas": lambda t: t.replace(",", ";"),
-        "tabs in place of commas": lambda t: t.replace(",", "\t"),
-        "a title above the columns' names": lambda t: "Report of the day\n" + t,
-        "a line of units below them": lambda t: line(1, lambda h: f"{h}\n,,{_UNITS}")(t),
-        "a column with one letter missing": header("marker", "markr"),
-        "a joint's name in small letters": header("A1_deg", "a1_deg"),
-        "a length for a joint that turns": header("A1_deg", "A1_mm"),
         "a point's column in capital letters": header("x_mm", "X_mm"),
         "a decimal comma": field(5, "x_mm", '"1,5"'),
         "a word for a number": field(5, "x_mm", "abc"),
-        "a number of another base": field(5, "x_mm", "0x1F"),
         "an empty field": field(5, "x_mm", ""),
         "NaN": field(7, "A2_deg", "nan"),
-        "infinite": field(7, "y_mm", "1e999"),
         "a point beyond the horizon": field(4, "x_mm", "1e9"),
         "an angle of 1e300 degrees": field(4, "A1_deg", "1e300"),
         "a row twice": lambda t: t + t.split("\n")[1] + "\n",
@@ -100,11 +85,9 @@ MEASUREMENTS = _in(
         "an empty file": whole(""),
         "only a header": lines(1),
         "an open quote": line(4, lambda r: '"' + r),
-        "a binary file": whole("\0\1\2garbage"),
         "a table of 5000 columns": whole("pose," + ",".join(map(str, range(5000)))),
+        "a binary file": whole("\0\1\2garbage"),
         "a JSON in place of the table": whole('{"a": 1}\n'),
-        "a header in capital letters": header("pose", "Pose"),
-        "a header in German": header("pose,marker", "Stellung,Messpunkt"),
         "milliseconds since 1970": column("time_s", "1763819384123"),
         "counts of an encoder": field(4, "A1_deg", "1000000"),
     },
@@ -119,11 +102,7 @@ IMPLAUSIBLE = [
         _IDENTIFY,
         {
             "a mirrored frame": times(-1.0, "y_mm"),
-            "points in metres": times(1e-3, *_POINTS),
             "points in inches": times(1.0 / 25.4, *_POINTS),
-            "a joint that runs the other way": times(-1.0, "A5_deg"),
-            "a zero off by 90 degrees": plus(90.0, "A3_deg"),
-            "points one pose too early": earlier(3, *_POINTS),
             "two joints swapped": exchanged("A4_deg", "A6_deg"),
             "two markers exchanged in one reading": lambda t: field(3, "marker", "m1")(
                 field(2, "marker", "m2")(t)
@@ -131,26 +110,17 @@ IMPLAUSIBLE = [
         },
     ),
     Fault("a mirrored frame diagnosed", _DIAGNOSE, "measurements.csv", times(-1.0, "x_mm")),
-    Fault(
-        "a mirrored frame in mid-session",
-        "enough cell.toml measurements.csv --plan plan.csv",
-        "measurements.csv",
-        times(-1.0, "z_mm"),
-    ),
-]
+    Fault("a mirrored frame in mid-session", "enough cell.toml measurements.csv --plan plan.csv",
+          "measurements.csv", times(-1.0, "z_mm")),
+]  # fmt: skip
 
 CELL = _in(
     "cell.toml",
     _IDENTIFY,
     {
-        "malformed TOML": swap("[robot]", "[robot"),
-        "a key twice": swap("schema = 1", "schema = 1\nschema = 1"),
         "an empty cell": whole(""),
-        "a negative sigma": swap("0.010", "-0.010"),
         "a sigma of 1e-300": swap("0.010", "1e-300"),
-        "sigma in words": swap("0.010", '"small"'),
         "a number in quotes": swap("0.010", '"0.01"'),
-        "sigma is NaN": swap("0.010", "nan"),
         "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
         "a unit misspelt": swap("sigma_mm", "sigma_m"),
         "a common error in another unit": swap(
@@ -221,13 +191,11 @@ CELL = _in(
         "a floor that is merely there": swap("levels = {", "floor_mm = true\nlevels = {"),
         "a box without size": added('\n[[design.obstacle]]\ntype = "box"\ncenter_mm = [0, 0, 0]\n'),
         "no effects": effects(),
-        "an unknown effect": effects("base", "backlsh:A2"),
         "a misspelt effect": effects("joint_complience:A2"),
         "sizes that are no sizes": swap("[model]", '[model]\nsize_prior = "maybe"'),
         "a size in no unit of the effect": swap(
             "[model]", "[model]\nsize_prior = { geometry_deg = 3 }"
         ),
-        "an effect at no place": effects("joint_compliance:B7"),
         "an effect twice": effects("joint_compliance:A2,A2"),
         "a group with a place": effects("base:A2", "tool"),
         "an effect of the base at a joint": effects("base", "base_compliance:A2"),
@@ -255,10 +223,6 @@ _BOMB = (
     '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
     "<robot name='&b;'><link name='base_link'/></robot>"
 )
-_OUTSIDE = (
-    '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]>'
-    "<robot name='arm'><link name='base_link'>&a;</link></robot>"
-)
 _A2 = '<origin xyz="0.35 0 0" rpy="0 0 0"/>'
 
 
@@ -275,16 +239,12 @@ URDF = _in(
     {
         "not XML": swap("</robot>", "</robo>"),
         "an entity bomb": whole(_BOMB),
-        "an entity from outside": whole(_OUTSIDE),
         "a model of another kind": whole("<mujoco/>"),
-        "a xacro": swap("0.35 0 0", "${x} 0 0"),
-        "an empty URDF": whole(""),
         "an unknown encoding": whole('<?xml version="1.0" encoding="ebcdic-9"?><robot/>'),
         "elements nested by the hundred": whole(
             "<robot>" + "<a>" * 300 + "</a>" * 300 + "</robot>"
         ),
         "a word in place of a number": swap("0.35 0 0", "0.35 zero 0"),
-        "two numbers in place of three": swap("0.35 0 0", "0.35 0"),
         "NaN in an origin": swap("0.35 0 0", "0.35 nan 0"),
         "an origin beyond reason": swap("0.35 0 0", "1e300 0 0"),
         "a link in millimetres": swap("0.35 0 0", "350 0 0"),
@@ -306,42 +266,18 @@ OTHERS = [
     Fault("a plan in place of a cell", "identify plan.csv measurements.csv"),
     Fault("a plan in place of measurements", "identify cell.toml plan.csv"),
     Fault("a plan in place of a result", "compare cell.toml plan.csv --values plan.csv"),
-    Fault(
-        "a result of another model",
-        "compare cell.toml plan.csv --values result.json",
-        "cell.toml",
-        swap("joint_compliance:A3,A4,A5,A6", "joint_compliance"),
-    ),
-    Fault(
-        "a result nested by the thousand",
-        "compare cell.toml plan.csv --values result.json",
-        "result.json",
-        whole("[" * 100_000),
-    ),
-    Fault(
-        "a result with NaN",
-        "compare cell.toml plan.csv --values result.json",
-        "result.json",
-        lambda t: t.replace('"value": ', '"value": NaN, "was": ', 1),
-    ),
-    Fault(
-        "targets that are not there",
-        _IDENTIFY,
-        "cell.toml",
-        swap('# targets = "targets.csv"', 'targets = "targets.csv"'),
-    ),
-    Fault(
-        "targets without weight",
-        "design cell.toml --candidates 500",
-        "targets.csv",
-        whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight\n0,-90,90,0,45,0,0\n"),
-    ),
-    Fault(
-        "targets outside the limits",
-        "design cell.toml --candidates 500",
-        "targets.csv",
-        whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,90,90,0,45,0\n"),
-    ),
+    Fault("a result of another model", "compare cell.toml plan.csv --values result.json",
+          "cell.toml", swap("joint_compliance:A3,A4,A5,A6", "joint_compliance")),
+    Fault("a result nested by the thousand", "compare cell.toml plan.csv --values result.json",
+          "result.json", whole("[" * 100_000)),
+    Fault("a result with NaN", "compare cell.toml plan.csv --values result.json", "result.json",
+          lambda t: t.replace('"value": ', '"value": NaN, "was": ', 1)),
+    Fault("targets that are not there", _IDENTIFY, "cell.toml",
+          swap('# targets = "targets.csv"', 'targets = "targets.csv"')),
+    Fault("targets without weight", "design cell.toml --candidates 500", "targets.csv",
+          whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight\n0,-90,90,0,45,0,0\n")),
+    Fault("targets outside the limits", "design cell.toml --candidates 500", "targets.csv",
+          whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,90,90,0,45,0\n")),
     Fault("a command that is not there", "identfy cell.toml measurements.csv"),
     Fault("data forgotten", "identify cell.toml"),
     Fault("an option that is not there", _IDENTIFY + " --hold-out 0.3"),
@@ -352,13 +288,9 @@ OTHERS = [
     Fault("a device for the data", "identify cell.toml /dev/null"),
     Fault("an unknown approach", _IDENTIFY + " --approach poses"),
     Fault("a hold-out of 150 %", _IDENTIFY + " --holdout 1.5"),
-    Fault("a hold-out of NaN", _IDENTIFY + " --holdout nan"),
     Fault("a hold-out that is not there", _IDENTIFY + " --holdout held.csv"),
     Fault("the data as their own hold-out", _IDENTIFY + " --holdout measurements.csv"),
     Fault("nearly all held out", _IDENTIFY + " --holdout 0.99"),
-    Fault("a negative length", _IDENTIFY + " --approach pose --weighting plain --length-mm -1"),
-    Fault("a length of NaN", _IDENTIFY + " --approach pose --weighting plain --length-mm nan"),
-    Fault("a negative seed", _IDENTIFY + " --seed -1"),
     Fault("the result over the data", _IDENTIFY + " --json measurements.csv"),
     Fault("two results in one file", _IDENTIFY + " --json x --urdf x"),
     Fault("the result into a missing folder", _IDENTIFY + " --json no/folder/result.json"),
@@ -367,7 +299,6 @@ OTHERS = [
     Fault("the result onto a full device", _IDENTIFY + " --json /dev/full"),
     Fault("a plan twice", "compare cell.toml plan.csv plan.csv"),
     Fault("a negative number of experiments", "compare cell.toml plan.csv --monte-carlo -1"),
-    Fault("no worker", "compare cell.toml plan.csv --workers 0"),
     Fault("levels not understood", "design cell.toml --levels A2=5"),
     Fault("levels of no joint", "design cell.toml --levels B2=5x3"),
     Fault("a level outside the limits", "design cell.toml --levels A2=-140,-57,10x3"),
@@ -377,55 +308,32 @@ OTHERS = [
     Fault("an unknown criterion", "design cell.toml --criterion F"),
     Fault("a proof that there is none of", "design cell.toml --criterion E --prove"),
     Fault("candidates that are no count", "design cell.toml --candidates -5"),
-    Fault("a topic that is misspelt", "explain baklash"),
     Fault("too few candidates", "design cell.toml --candidates 3"),
     Fault("candidates beyond the memory", "design cell.toml --candidates 1e11"),
     Fault("a table of candidates that is not there", "design cell.toml --candidates pool.csv"),
-    Fault(
-        "more poses than candidates",
-        "design cell.toml --candidates 500 --levels A2=2x400",
-    ),
-    Fault(
-        "a million million poses, repeated",
-        "design cell.toml --levels A2=5x1000000000000 --candidates 500 --repeats",
-    ),
-    Fault(
-        "a factor of 1e308",
-        "design cell.toml --criterion c --candidates 500 --of joint_compliance:A6=1e308",
-    ),
-    Fault(
-        "a length of 1e300",
-        _IDENTIFY + " --approach pose --weighting plain --length-mm 1e300",
-    ),
-    Fault(
-        "a million million experiments", "compare cell.toml plan.csv --monte-carlo 1000000000000"
-    ),
+    Fault("more poses than candidates", "design cell.toml --candidates 500 --levels A2=2x400"),
+    Fault("a million million poses, repeated",
+          "design cell.toml --levels A2=5x1000000000000 --candidates 500 --repeats"),
     Fault("one rival alone", "design cell.toml --discriminate joint_compliance:A2"),
     Fault("a rival misspelt", "design cell.toml --discriminate joint_complience:A1,backlash:A3"),
-    Fault(
-        "a rival that the model contains",
-        "design cell.toml --discriminate joint_compliance:A2,bearing_compliance:A3",
-    ),
+    Fault("a rival that the model contains",
+          "design cell.toml --discriminate joint_compliance:A2,bearing_compliance:A3"),
     Fault("a criterion and rivals", "design cell.toml --criterion D --discriminate a:b,c:d"),
-    Fault(
-        "a factor that is none",
-        "design cell.toml --criterion c --candidates 500 --of joint_compliance:A3=x",
-    ),
-    Fault(
-        "a subset for a criterion that takes none",
-        "design cell.toml --candidates 500 --of joint_compliance:A6",
-    ),
-    Fault(
-        "a parameter that is not there",
-        "design cell.toml --criterion Ds --candidates 500 --of backlash:A1",
-    ),
+    Fault("a factor that is none",
+          "design cell.toml --criterion c --candidates 500 --of joint_compliance:A3=x"),
+    Fault("a subset for a criterion that takes none",
+          "design cell.toml --candidates 500 --of joint_compliance:A6"),
+    Fault("a parameter that is not there",
+          "design cell.toml --criterion Ds --candidates 500 --of backlash:A1"),
     Fault("the plan over the cell", "design cell.toml -o cell.toml"),
     Fault("a hold-out for a plan", "diagnose cell.toml plan.csv --plan-only --holdout 0.3"),
+    Fault("a better cell over the URDF", f"{_DIAGNOSE} --cell-out kr270.urdf"),
+    Fault("a factor of zero", "design cell.toml --criterion c --of joint_compliance:A6=0"),
+    Fault("a plan without poses", "compare cell.toml plan.csv", "plan.csv", lines(1)),
     Fault("measurements without points diagnosed", "diagnose cell.toml plan.csv"),
-    Fault("a negative number of next poses", "diagnose cell.toml measurements.csv --next -1"),
     Fault("the demonstration over edited files", "demo .", "cell.toml", added("# mine\n")),
     Fault("the demonstration in place of a file", "demo plan.csv"),
-]
+]  # fmt: skip
 
 
 def _all_approaches(table: str) -> str:
@@ -514,15 +422,12 @@ RESULTS = [
     Fault("compensation from no result", "compensate cell.toml cell.toml aims.csv"),
     Fault("compensation with targets and result exchanged",
           "compensate cell.toml aims.csv result.json"),
-    Fault("compensation from a result cut off", _COMPENSATE, "result.json", lambda text: text[:500]),
     Fault("compensation from a result of an older form", _COMPENSATE, "result.json",
           swap('"estimate"', '"was"')),
     Fault("compensation of targets outside the limits", _COMPENSATE, "aims.csv",
           swap("-140", "-175")),
     Fault("compensation over the targets", f"{_COMPENSATE} -o aims.csv"),
     Fault("a report of no result", "report cell.toml"),
-    Fault("a report of a result cut off", "report result.json", "result.json",
-          lambda text: text[:500]),
     Fault("a report of a result without residuals", "report result.json", "result.json",
           swap('"residuals"', '"rest"')),
     Fault("a report of a command that has none", "report result.json", "result.json",
@@ -530,6 +435,8 @@ RESULTS = [
     Fault("a report of nothing", "report"),
     Fault("a report over its result", "report result.json -o result.json"),
     Fault("a goal below zero", "enough cell.toml measurements.csv --plan plan.csv --goal-mm -1"),
+    Fault("what is enough over the measurements",
+          "enough cell.toml measurements.csv --json measurements.csv"),
     Fault("no plan to go on with", "enough cell.toml measurements.csv --plan none.csv"),
     Fault("half a plan without measurements", "enough cell.toml plan.csv --plan plan.csv"),
 ]  # fmt: skip
@@ -541,32 +448,29 @@ PLANT = [
     Fault("changes since a cell", "changes cell.toml result.json"),
     Fault("changes since what is not there", "changes none.json result.json"),
     Fault("changes since a day of another kind", "changes type.json result.json"),
-    Fault("changes of a result cut off", _CHANGES, "result.json", lambda text: text[:500]),
     Fault("changes of a result that did not converge", _CHANGES, "result.json",
           swap('"converged": true', '"converged": false')),
     Fault("changes on another nominal model", _CHANGES, "kr270.urdf", _OTHER),
     Fault("changes in a cell that changed", _CHANGES, "cell.toml", added("# moved")),
     Fault("changes in a cell that is none", f"{_CHANGES} --cell plan.csv"),
-    Fault("a tolerance below zero", f"{_CHANGES} --tolerance-mm -1"),
     Fault("changes over their results", f"{_CHANGES} --json result.json"),
     Fault("a fleet that is a file", "fleet cell.toml"),
     Fault("a fleet without a cell", "fleet figures"),
     Fault("a fleet with a share held out that is none",
           "fleet . --only identify --workers 1 --holdout 3"),
     Fault("a type learnt from diagnoses", "fleet . --only diagnose --prior new.json"),
+    Fault("a summary over a table", "fleet . --only identify --json measurements.csv"),
     Fault("a type over a table", "fleet . --only identify --prior measurements.csv"),
     Fault("no such file of a type", _TYPED, "typed.toml", swap("type.json", "none.json")),
     Fault("a result in place of a type", _TYPED, "typed.toml", swap("type.json", "result.json")),
     Fault("a type without its file", _TYPED, "typed.toml", swap('file = "type.json"', "")),
     Fault("a type's key misspelt", _TYPED, "typed.toml", swap("file = ", "fille = ")),
     Fault("a number for a type", _TYPED, "typed.toml", swap('"type.json"', "7")),
-    Fault("a type cut off", _TYPED, "type.json", lambda text: text[:500]),
     Fault("a type of the next version", _TYPED, "type.json", swap('"schema": 1', '"schema": 2')),
     Fault("a type of another nominal model", _TYPED, "kr270.urdf", _OTHER),
     Fault("a type that knows itself twice as well", _TYPED, "type.json",
           swap('"covariance_SI": [', '"covariance_SI": [[1.0],')),
     Fault("a type without a mean", _TYPED, "type.json", swap('"mean_SI"', '"mean"')),
-    Fault("a type of no robots", _TYPED, "type.json", swap('"robots": 1', '"robots": 0')),
     Fault("a type of other parameters", _TYPED, "type.json",
           lambda text: text.replace('"geometry"', '"bearing_compliance"').replace('_compliance"', '_x"')
           .replace('"stiffness_vs_angle"', '"x"')),
@@ -574,9 +478,6 @@ PLANT = [
           swap('"where": "A2",', '"where": "A9",')),
     Fault("differences beside a type", f"{_TYPED} --differences"),
     Fault("next poses after no poses", "next cell.toml plan.csv"),
-    Fault("no next poses", "next cell.toml measurements.csv --poses 0"),
-    Fault("next poses for nothing known", "next cell.toml measurements.csv --for luck"),
-    Fault("next poses until below zero", "next cell.toml measurements.csv --goal-mm -1"),
     Fault("next poses over the measurements",
           "next cell.toml measurements.csv -o measurements.csv"),
 ]  # fmt: skip

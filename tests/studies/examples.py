@@ -271,7 +271,6 @@ def _identify() -> list[Record]:
     }
     of_type = {"type": "kr270", "robots": 12, "statistic": 90.0, "rows": 2, "p": 1e-18,
                "of_the_type": False, "widened": 1.0, "parameters": [still, left]}  # fmt: skip
-    wide = {**of_type, "parameters": [still], "widened": 2.0}
     good_type = {**of_type, "of_the_type": True, "p": 0.3, "parameters": [still]}
     return [
         changed("identify"),
@@ -289,7 +288,6 @@ def _identify() -> list[Record]:
         changed("identify", drift=rated, noise={**told, "instrument_seen": None}, absorbed=[],
                 parameters=[{**p, "std": 2e-3 if p["std"] else None} for p in old["parameters"]]),
         changed("identify", of_type=of_type),
-        changed("identify", of_type=wide),
         changed("identify", of_type=good_type),
     ]  # fmt: skip
 

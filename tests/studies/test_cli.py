@@ -67,18 +67,6 @@ def completed(shell: str, words: str, at: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    ("shell", "at", "answer"),
-    [
-        ("bash", "1", "plain,identify\n"),
-        ("zsh", "1", "plain\nidentify\n"),
-        ("fish", "ide", "plain,identify\t"),
-    ],
-)
-def test_a_command_is_completed(shell: str, at: str, answer: str) -> None:
-    assert completed(shell, "posecal ide", at).startswith(answer)
-
-
 def test_options_choices_and_files_are_completed() -> None:
     assert completed("bash", "posecal design --cri", "2") == "plain,--criterion\n"
     assert "plain,task-worst" in completed("bash", "posecal design --criterion ", "3").split()

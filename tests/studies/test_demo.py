@@ -8,14 +8,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from studies.cli import main
 from studies.demo.embedded import embedded_cell, embedded_plan, session
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import run
 
 
 def test_it_names_what_it_wrote_and_the_next_commands_run(demo_folder: Path) -> None:
@@ -66,10 +61,3 @@ def test_what_was_edited_is_kept(demo_folder: Path, tmp_path: Path, name: str) -
     assert done.exit_code == 2
     assert f"{name}: is no file of an earlier demo, or was edited; it is kept" in done.stderr
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
-    (tmp_path / "taken").write_text("")
-    done = run("demo", tmp_path / "taken")
-    assert done.exit_code == 2
-    assert "cannot be made" in done.stderr

@@ -11,29 +11,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import calib
 from doe.criteria import CRITERIA, UNASKED
-from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
+from tests.studies.command_line import paper_cell, run
 
 OPTIONS = ("--candidates", 2000, "--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3")
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The paper's cell with its elastostatic model."""
     path = tmp_path_factory.mktemp("cell")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
-    cell = path / "cell.toml"
-    effects = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'
-    cell.write_text(re.sub(r"^effects = .*$", effects, cell.read_text(), flags=re.M))
+    paper_cell(path, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
     return path
 
 
@@ -126,55 +117,11 @@ def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> 
     assert set(again["against"]) == {str(plan) for plan in plans}
 
 
-@pytest.mark.long
-def test_extend_counts_beside_the_poses(folder: Path) -> None:
-    extended = run(
-        "design", folder / "cell.toml", *OPTIONS, "--extend", folder / "plan.csv", "--criterion", "D",
-        "--json", "-",
-    )  # fmt: skip
-    fields = json.loads(extended.stdout)
-    assert fields["extends"] == 15
-    assert len(fields["poses"]) == 15
-    assert fields["value"] <= fields["bound"]
-
-
 def test_help_names_every_criterion() -> None:
     shown = run("design", "--help").output
     _, described = shown.split("--criterion NAME")
     words = re.findall(r"[\w-]+(?=:)", described.split("--levels")[0])
     assert set(CRITERIA) - {UNASKED} <= set(words)
-
-
-FAULTS = {
-    "levels": (("--levels", "A2=5x3", "--poses", "4"), "need at least 5 poses"),
-    "criterion": (("--criterion", "F"), "criterion"),
-    "candidates": (("--candidates", "none.csv"), "none.csv"),
-    "rivals": (("--discriminate", "joint_compliance:A2"), "is not two effects"),
-    "unknown rival": (("--discriminate", "joint_complience:A2,backlash:A3"), "joint_compliance"),
-    "of": (("--criterion", "c", "--of", "joint_compliance:A3=x"), "is no factor"),
-    "factor zero": (("--criterion", "c", "--of", "joint_compliance:A6=0"), "is no factor"),
-    "of for task": (("--of", "joint_compliance:A6"), "say nothing to criterion task"),
-    "both": (("--criterion", "D", "--discriminate", "a:b,c:d"), "does not go with"),
-    "digits": (("--candidates", "\u00b2"), "cannot be read"),
-    "no count": (("--candidates", "-5"), "is no count"),
-    "output": (("-o", "CELL"), "already an input"),
-    "no load for chi_1": (("--of", "joint_compliance:A1", "--criterion", "Ds"), "no parameter"),
-}
-
-
-@pytest.mark.parametrize("case", FAULTS)
-def test_faults_are_one_line(folder: Path, case: str) -> None:
-    options, said = FAULTS[case]
-    options = tuple(str(folder / "cell.toml") if o == "CELL" else o for o in options)
-    before = sorted(folder.iterdir())
-    base = [] if case == "levels" else ["--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3"]
-    failed = run("design", folder / "cell.toml", *base, *options)
-    assert failed.exit_code == 2
-    lines = failed.stderr.strip().splitlines()
-    assert said in failed.stderr
-    if case != "criterion":  # click's own usage text, one line in the real entry point
-        assert len(lines) == 1
-    assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.long

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
@@ -31,6 +33,14 @@ def pictures(path: Path) -> Iterator[Picture]:
 def check(picture: Picture) -> None:
     assert collisions(picture) == [], picture.name
     assert len(picture.title.split()) >= 3, f"{picture.name} does not say what is seen"
+    assert picture.caption.endswith(".")
+    assert "\n" not in "".join(picture.header)
+    assert all(len(row) == len(picture.header) for row in picture.rows)
+    svg = svg_text(picture)
+    assert f"<dc:title>{escape(picture.title)}</dc:title>" in svg
+    assert "<dc:date>" not in svg, "the same bytes another day"
+    assert ">nan<" not in svg.lower()
+    assert min(float(size) for size in re.findall(r"font-size: ([\d.]+)px", svg)) >= 9.0
 
 
 @pytest.mark.parametrize("kind", _OLD)

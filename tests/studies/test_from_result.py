@@ -61,10 +61,6 @@ def test_what_is_given_stands_before_what_a_result_has(
     assert getattr(Outer.from_result(RESULT, **own), field) == value
 
 
-def test_the_first_of_several_results_that_has_a_figure_gives_it() -> None:
-    assert Outer.from_result(SimpleNamespace(rms=1.0), RESULT).rms_mm == 1000.0
-
-
 def test_what_no_result_tells_is_an_error_and_not_a_default() -> None:
     told = {key: value for key, value in vars(RESULT).items() if key not in ("rows", "rms")}
     with pytest.raises(TypeError, match="tells Outer of rms_mm, rows"):

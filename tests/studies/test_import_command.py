@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text, simulated
+from studies.demo.embedded import embedded_text, simulated
 from tests.camera_cells import PINHOLE, camera_cell
+from tests.studies.command_line import paper_cell
 
 
 def run(*arguments: object) -> Result:
@@ -26,9 +27,7 @@ def run(*arguments: object) -> Result:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cell, simulated measurements, and the same as an instrument and a controller write them."""
     path = tmp_path_factory.mktemp("import")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
-    cell = calib.load_cell(path / "cell.toml")
+    cell = calib.load_cell(paper_cell(path))
     data, _, _ = simulated(cell, calib.load_plan(cell, path / "plan.csv"), 3)
     text = measurements_csv(cell, data)
     (path / "measured.csv").write_text(text)
@@ -227,13 +226,6 @@ def _in_quotes(text: str) -> str:
     return "\n".join([head, *map(",".join, shown), ""])
 
 
-def _units_below(text: str) -> str:
-    head, rest = text.split("\n", 1)
-    parted = [name.rpartition("_")[::2] if "_" in name else (name, "") for name in head.split(",")]
-    names, units = (",".join(own) for own in zip(*parted, strict=True))
-    return f"{names}\n{units.replace('N,N,N,Nm,Nm,Nm', ',,,,,')}\n{rest}"
-
-
 _WRITTEN = {
     "tabs": lambda t: t.replace(",", "\t"),
     "semicolons and decimal commas": lambda t: t.replace(",", ";").replace(".", ","),
@@ -263,31 +255,3 @@ def test_a_whole_table_is_read_as_it_was_meant(folder: Path, tmp_path: Path, how
     fields = json.loads((tmp_path / "new.json").read_text(), parse_constant=pytest.fail)
     assert (fields["poses"], fields["points"]) == (30, 90)
     assert fields["markers"] == {"m1": 30, "m2": 30, "m3": 30}
-
-
-def test_units_in_a_line_of_their_own(folder: Path, tmp_path: Path) -> None:
-    text = (folder / "measured.csv").read_text()
-    head, *rows = (line.split(",") for line in text.strip().split("\n"))
-    kept = [i for i, name in enumerate(head) if not name.endswith(("_N", "_Nm"))]
-    plain = "\n".join(",".join(own[i] for i in kept) for own in (head, *rows)) + "\n"
-    (tmp_path / "day.csv").write_text(_units_below(plain))
-    assert run(tmp_path / "day.csv", "-o", tmp_path / "new.csv").exit_code == 0
-    assert (tmp_path / "new.csv").read_text().split("\n")[0] == plain.split("\n")[0]
-
-
-def test_titles_above_an_export(folder: Path, tmp_path: Path) -> None:
-    points = (folder / "points.txt").read_text()
-    (tmp_path / "points.txt").write_text(f"Report, of the day\nGroup, list\n{points}")
-    joints = (folder / "joints.csv").read_text()
-    (tmp_path / "joints.csv").write_text(f"Robot\nStation\n{joints}")
-    done = run(tmp_path / "points.txt", "--joints", tmp_path / "joints.csv", "--unit", "mm",
-               "--cell", folder / "cell.toml", "-o", tmp_path / "new.csv")  # fmt: skip
-    assert done.exit_code == 0, done.output
-    assert "30 poses, 90 points" in done.output
-
-
-def test_points_alone_are_no_whole_table(folder: Path, tmp_path: Path) -> None:
-    done = run(folder / "points.txt", "-o", tmp_path / "new.csv")
-    assert done.exit_code == 2
-    assert "give the joints by --joints FILE" in done.output
-    assert not (tmp_path / "new.csv").exists()

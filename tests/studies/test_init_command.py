@@ -183,20 +183,6 @@ def test_where_an_arm_begins_and_ends(
     assert "no link masses" in done.stderr
 
 
-def test_limits_in_degrees_and_absent_meshes(tmp_path: Path) -> None:
-    text = urdf("b>l1:a:prismatic l1>l2:c:revolute l2>tool0:t:fixed")
-    text = text.replace('lower="-1" upper="1"', 'lower="-180" upper="180"')
-    mesh = '<collision><geometry><mesh filename="arm.stl"/></geometry></collision>'
-    text = text.replace('<link name="l2"/>', f'<link name="l2">{mesh}</link>')
-    (tmp_path / "arm.urdf").write_text(text)
-    done = init(tmp_path / "arm.urdf", "-o", tmp_path)
-    assert done.exit_code == 0, done.output
-    said = done.stderr
-    assert "the limits of a, -180 .. 180 m, are too far apart for a slide" in said
-    assert "the limits of c, -180 .. 180 rad, are 57 turns" in said
-    assert "no shape of l2 (arm.stl is not there)" in said
-
-
 def test_ends_of_ones_own(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(embedded_text("kr270.urdf"))
     done = init(tmp_path / "arm.urdf", "-o", tmp_path, "--tip", "link_3")

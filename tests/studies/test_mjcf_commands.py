@@ -10,13 +10,12 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 import calib
 from calib.arm.se3 import fit_rigid, rotate, so3_exp
 from calib.arrays import Array
 from calib.files.cell_out import extended_cell
-from studies.cli import main
+from tests.studies.command_line import run
 
 SIGMA = 1e-5  # m
 NOMINAL = """<mujoco model="arm">
@@ -109,10 +108,6 @@ def table(q: Array, points: Array) -> str:
         for j, point in enumerate(seen):
             lines.append(f"p{i},m{j + 1},{','.join(repr(float(v)) for v in (*row, *point))}")
     return "\n".join([*lines, ""])
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def rms(error: Array) -> float:

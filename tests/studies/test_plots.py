@@ -6,9 +6,6 @@ import csv
 import io
 import math
 import re
-import subprocess
-import sys
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,11 +22,11 @@ from studies.document.svg import inline_svg
 from studies.plan.pictures import look_alikes
 from studies.plan.record import PlanRecord
 from studies.plots import Picture, files
-from studies.plots.accuracy import against_number, length_unit
+from studies.plots.accuracy import against_number
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
 from studies.plots.errors import histogram
-from studies.plots.information import by_pose, derivative
+from studies.plots.information import derivative
 from studies.plots.residuals import by_pose_and_axis
 from studies.plots.style import (
     APPROACHES,
@@ -51,15 +48,6 @@ STD = {"pose plain": np.array([2.0, np.nan, 0.004]), "points": np.array([1.0, 3.
 @cache
 def _deviations() -> Picture:
     return by_approach(NAMES, UNITS, STD)
-
-
-@cache
-def _many() -> Picture:
-    names = [
-        f"geometry:A{k}.{axis}" for k in range(1, 8) for axis in ("x", "y", "z", "rx", "ry", "rz")
-    ]
-    units = ["um" if name[-2] == "." else "urad" for name in names]
-    return by_approach(names, units, {"points": np.geomspace(0.1, 9.0, 42)})
 
 
 @cache
@@ -88,18 +76,6 @@ def _accuracy() -> Picture:
 
 
 @cache
-def _markers() -> Picture:
-    rms = {"Table II": np.array([2e-3, 1e-3]), "own": np.array([1e-3, 8e-4])}
-    return against_number([3, 4], rms, "markers")
-
-
-@cache
-def _information() -> Picture:
-    shares = [{"geometry": 1.0, "compliance": 0.5}, {"geometry": 2.0, "compliance": 0.5}]
-    return by_pose(["p1", "p2"], shares)
-
-
-@cache
 def _derivative() -> Picture:
     level = np.radians([-90.0, 0.0])
     angle, score = np.tile(level, 50), np.linspace(0.0, 1.0, 100)
@@ -116,20 +92,6 @@ def _residuals() -> Picture:
     return by_pose_and_axis(["p1", "p2", "p3", "p4"], residuals, seen, ["m1", "m2"], 1e-5, outliers)
 
 
-ALL: list[Callable[[], Picture]] = [
-    _deviations,
-    _many,
-    _ratios,
-    _ellipses,
-    _correlation,
-    _accuracy,
-    _markers,
-    _information,
-    _derivative,
-    _residuals,
-]
-
-
 def table(picture: Picture) -> list[dict[str, str]]:
     """The CSV as it is written, by column."""
     text = files(picture, Path())[Path(f"{picture.name}.csv")]
@@ -140,32 +102,6 @@ def table(picture: Picture) -> list[dict[str, str]]:
 def column(picture: Picture, name: str) -> list[Any]:
     """One column of the table before it is written."""
     return [row[picture.header.index(name)] for row in picture.rows]
-
-
-@pytest.mark.parametrize("make", ALL)
-def test_every_picture_is_complete(make: Callable[[], Picture]) -> None:
-    picture = make()
-    made = files(picture, Path("out"))
-    assert [path.name for path in made] == [
-        f"{picture.name}.{end}" for end in ("svg", "png", "csv")
-    ]
-    assert str(made[Path("out") / f"{picture.name}.png"])[2:].startswith("\\x89PNG")
-    assert all(len(row) == len(picture.header) for row in picture.rows)
-    svg = svg_text(picture)
-    assert f"<dc:title>{picture.title}</dc:title>" in svg
-    assert picture.caption.endswith(".")
-    assert "<dc:date>" not in svg
-    assert "nan" not in svg.lower().replace("dominant", "")
-
-
-@pytest.mark.parametrize("make", ALL)
-def test_text_is_large_enough_and_axes_are_labelled(make: Callable[[], Picture]) -> None:
-    picture = make()
-    svg = svg_text(picture)
-    sizes = [float(s) for s in re.findall(r"font-size: ([\d.]+)px", svg)]
-    assert min(sizes) >= 9.0
-    labels = [axes.get_xlabel() + axes.get_ylabel() for axes in picture.figure.axes]
-    assert any(re.search(r"\[.+\]", label) for label in labels)
 
 
 def test_equal_data_give_equal_bytes() -> None:
@@ -195,12 +131,6 @@ def test_user_settings_do_not_reach_the_figures() -> None:
     )  # matplotlib's own default, not ours left over
 
 
-def test_matplotlib_is_loaded_only_to_draw() -> None:
-    modules = ", ".join(f"studies.plots.{name}" for name in ("deviations", "ellipses", "residuals"))
-    code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_deviations_are_the_data() -> None:
     picture = _deviations()
     assert column(picture, "#2 points") == list(STD["points"])
@@ -212,12 +142,6 @@ def test_deviations_are_the_data() -> None:
     assert [axes.get_xlabel() for axes in panels] == [
         f"standard deviation [{u}]" for u in ("um", UNITS[2])
     ]
-
-
-def test_many_parameters_keep_their_rows() -> None:
-    labels = [t.get_text() for axes in _many().figure.axes for t in axes.get_yticklabels()]
-    assert len(labels) == 42
-    assert len(set(labels)) == 42
 
 
 def test_band_of_chance_is_that_of_samples(rng: np.random.Generator) -> None:
@@ -246,18 +170,6 @@ def test_correlation_is_that_of_the_covariance() -> None:
     assert np.isnan(correlations(np.diag([1.0, 0.0]))[1, 1])
     image = picture.figure.axes[0].images[0]
     assert image.get_clim() == (-1.0, 1.0)
-
-
-def test_accuracy_is_in_readable_units() -> None:
-    assert column(_accuracy(), "#2 points [um]") == [None, pytest.approx(20.0), pytest.approx(10.0)]
-    assert column(_markers(), "Table II [mm]") == pytest.approx([2.0, 1.0])
-    assert length_unit({"none": np.array([np.nan])}) == (1e6, "um")
-
-
-def test_information_adds_up() -> None:
-    picture = _information()
-    assert column(picture, "geometry [parameters]") == [1.0, 2.0]
-    assert sum(column(picture, "share of all [%]")) == pytest.approx(100.0)
 
 
 def test_derivative_states_bound_and_efficiency() -> None:

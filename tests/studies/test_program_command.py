@@ -17,11 +17,11 @@ from calib.arm.robot import Source
 from calib.errors import InputError
 from calib.poses import poses_at
 from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
 from studies.programs.krl import axis_names, identifier
 from studies.programs.languages import LANGUAGES, Stop, plan_stops
 from studies.programs.stops import plain_text
 from tests.helpers import cell_of, random_robot
+from tests.studies.command_line import paper_cell
 
 
 def run(*arguments: object) -> Result:
@@ -30,8 +30,7 @@ def run(*arguments: object) -> Result:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for name in INPUTS:
-        (tmp_path / name).write_text(embedded_text(name))
+    paper_cell(tmp_path)
     return tmp_path
 
 
@@ -223,18 +222,3 @@ def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
     many = replace(cell, robot=chain)
     with pytest.raises(InputError, match="let the MJCF's names end so"):
         axis_names(many)
-
-
-def test_faults_are_one_line_and_write_nothing(folder: Path) -> None:
-    rows = (folder / "plan.csv").read_text()
-    (folder / "far.csv").write_text(rows.replace("79.20,", "500.0,", 1))
-    for plan, out, message in (
-        ("plan.csv", "p.txt", "ends in .txt; let it end in .src or .script or .mod or .ls"),
-        ("far.csv", "p.src", "pose p01: joint A1 at 500.000 deg is beyond its limits"),
-        ("plan.csv", "none/p.src", "cannot be written"),
-    ):
-        done = run(folder / "cell.toml", folder / plan, "-o", folder / out)
-        assert done.exit_code == 2, done.output
-        assert message in done.stderr
-        assert done.stderr.count("\n") == 1
-        assert not (folder / out).exists()

@@ -10,13 +10,11 @@ from typing import Any
 import jsonschema
 import pytest
 from click.testing import CliRunner
-from pydantic import ValidationError
 
 from calib.errors import InputError
 from studies.cli import main
 from studies.document import pictures_of
 from studies.document.terminal import terminal
-from studies.identify.errors import OfInstrument
 from studies.kinds import KINDS, record_type, tell
 from studies.record import Record
 from studies.results import json_schema, read
@@ -165,17 +163,3 @@ def _places(fields: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[str |
         yield (*at, key)
         if isinstance(fields[key], dict | list):
             yield from _places(fields[key], (*at, key))
-
-
-def test_figures_stand_flat_and_together_and_are_read_again() -> None:
-    entry = OfInstrument(instrument="t1", unit="mm", nominal=2.0, fitted=0.5)
-    written = entry.model_dump(mode="json")
-    together = written.pop("rms")
-    assert together == written
-    assert OfInstrument.model_validate_json(entry.model_dump_json()) == entry
-
-
-@pytest.mark.parametrize("raw", ["[]", "3", '"t1"'])
-def test_what_is_no_entry_is_refused(raw: str) -> None:
-    with pytest.raises(ValidationError):
-        OfInstrument.model_validate_json(raw)

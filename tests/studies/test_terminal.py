@@ -128,10 +128,10 @@ IDENTIFY = ("identify", "cell.toml", "measurements.csv")
 
 
 def test_a_reader_that_goes_away(good: Path) -> None:
-    """As ``posecal identify .. | head -1``."""
+    """As ``posecal explain .. | head -1``."""
     reading, writing = os.pipe()
     os.close(reading)
-    process = command(good, *IDENTIFY, stdout=writing)
+    process = command(good, "explain", "cell", stdout=writing)
     os.close(writing)
     assert process.communicate()[1] == ""
     assert process.returncode != 0

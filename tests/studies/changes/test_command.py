@@ -10,36 +10,23 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 import calib
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
 from studies.results import json_schema
+from tests.studies.command_line import paper_cell, run
 
 SLIP = 3e-4
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """May and June of one robot, of which the belt of A3 slipped in between, and of July nothing."""
     path = tmp_path_factory.mktemp("months")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
-    lines = (path / "cell.toml").read_text().splitlines()
-    effects = 'effects = ["base", "tool", "geometry"]'
-    (path / "cell.toml").write_text(
-        "\n".join(effects if line.startswith("effects = ") else line for line in lines)
-    )
-    cell = calib.load_cell(path / "cell.toml")
+    cell = calib.load_cell(paper_cell(path, "base", "tool", "geometry"))
     low, high = cell.robot.sample_limits().T
     for seed, month in enumerate(("may", "june", "july")):
         rng = np.random.default_rng(seed)
@@ -101,15 +88,6 @@ def test_a_robot_that_stayed_still_holds(folder: Path) -> None:
     assert tight["verdict"] == "cannot_be_said"
     free, _ = changes(folder, "may.json", "july.json")
     assert free["verdict"] is None
-
-
-def test_the_page_tells_of_it(folder: Path, tmp_path: Path) -> None:
-    changes(folder, "may.json", "june.json")
-    done = run("report", folder / "out.json", "-o", tmp_path / "page.html")
-    assert done.exit_code == 0, done.output
-    page = (tmp_path / "page.html").read_text()
-    assert "What may be behind it" in page
-    assert "changed_parameters" in page or "standard deviations" in page
 
 
 def refused(*arguments: object) -> str:

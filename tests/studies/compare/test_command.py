@@ -9,27 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
-from tests.bad_inputs.run import posecal
-
-ELASTIC = 'effects = ["stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"]'
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import paper_cell, run
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The paper's cell with its elastostatic model, and two plans."""
     path = tmp_path_factory.mktemp("cell")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
-    cell = path / "cell.toml"
-    cell.write_text(re.sub(r"^effects = .*$", ELASTIC, cell.read_text(), flags=re.M))
+    paper_cell(path, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
     rows = (path / "plan.csv").read_text().splitlines()
     (path / "shorter.csv").write_text("\n".join([rows[0], *rows[1::2], ""]))
     return path
@@ -157,20 +146,6 @@ def test_nothing_simulated(folder: Path) -> None:
 
 
 @pytest.mark.long
-def test_same_seed_same_result(folder: Path) -> None:
-    def once(*more: object) -> dict[str, Any]:
-        done = run(
-            "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 20, "--json", "-",
-            *more,
-        )  # fmt: skip
-        assert done.exit_code == 0, done.output
-        return json.loads(done.stdout)
-
-    assert once() == once()
-    assert once("--seed", 1)["agreement"] != once()["agreement"]
-
-
-@pytest.mark.long
 def test_values_of_an_identification(folder: Path, tmp_path: Path) -> None:
     result = tmp_path / "identified.json"
     compliance = {"stiffness_vs_angle": 0.28, "joint_compliance": 1.5}
@@ -187,71 +162,3 @@ def test_values_of_an_identification(folder: Path, tmp_path: Path) -> None:
     faulty = run(*call, "--values", result)
     assert faulty.exit_code == 2
     assert "has no value in urad/(N m)" in faulty.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("cell.toml",), "Missing argument"),
-        (("cell.toml", "none.csv"), "none.csv"),
-        (("none.toml", "plan.csv"), "none.toml"),
-        (("cell.toml", "plan.csv", "--monte-carlo", "-1"), "--monte-carlo"),
-        (("cell.toml", "plan.csv", "--workers", "0"), "--workers"),
-        (("cell.toml", "plan.csv", "--length-mm", "0"), "--length-mm"),
-        (("cell.toml", "plan.csv", "--values", "plan.csv"), "is not a result of posecal identify"),
-        (("cell.toml", "plan.csv", "--values", "none.json"), "cannot be read"),
-        (("cell.toml", "plan.csv", "--json", "plan.csv"), "already an input"),
-        (("cell.toml", "plan.csv", "--json", "no/folder/out.json"), "cannot be written"),
-        (("cell.toml", "plan.csv", "--figures", "plan.csv"), "cannot be made"),
-        (("cell.toml", "plan.csv", "--scheduler", "nonsense"), "--scheduler"),
-        (("cell.toml", "empty.csv"), "empty.csv"),
-        (("cell.toml", "truth.json"), "truth.json"),
-    ],
-)
-def test_faults_end_in_one_line(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], said: str
-) -> None:
-    monkeypatch.chdir(folder)
-    (folder / "empty.csv").write_text("pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n")
-    few = () if "--monte-carlo" in arguments else ("--monte-carlo", "0")
-    heard = posecal("compare", *arguments, *few)
-    assert heard.status == 2, heard
-    lines = heard.err.strip().splitlines()
-    assert len(lines) == 1, heard.err
-    assert said in lines[0]
-
-
-@pytest.mark.long
-def test_a_robot_of_the_users_own(data: Path, tmp_path: Path) -> None:
-    """The whole question on a UR10: a designed plan against one of as many measured poses."""
-    cell = data / "ur10_leica_b" / "cell.toml"
-    best = tmp_path / "best.csv"
-    designed = run(
-        "design", cell, "--poses", 20, "--criterion", "task", "--candidates", 2000, "-o", best
-    )
-    assert designed.exit_code == 0, designed.output
-    with (data / "ur10_leica_b" / "measurements.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    first = {row["pose"]: row for row in reversed(rows)}
-    header = ["pose", *(name for name in rows[0] if name.endswith(("_deg", "_rad")))]
-    own = tmp_path / "own.csv"
-    lines = [[row[name] for name in header] for row in list(first.values())[::-1][:20]]
-    own.write_text("\n".join(",".join(line) for line in [header, *lines]) + "\n")
-    done = run(
-        "compare",
-        cell,
-        best,
-        own,
-        "--monte-carlo",
-        100,
-        "--workers",
-        1,
-        "--json",
-        tmp_path / "o.json",
-    )
-    assert done.exit_code == 0, done.output
-    assert "Best of 2 plans: best.csv, with an expected error of " in done.output
-    found = json.loads((tmp_path / "o.json").read_text())
-    assert found["agreement"]["worst_ratio"] == pytest.approx(1.0, abs=0.35)
-    rms = [entry(plan, "points", "full")["task_rms_mm"] for plan in found["plans"]]
-    assert rms[1] > 1.1 * rms[0]

@@ -21,14 +21,12 @@ from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from studies.compare.agreement import agreement, band
 from studies.compare.compare import compare
-from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, Experiment, experiment_of
+from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
 from studies.compare.judgement import reason
 from studies.compare.montecarlo import refits
-from studies.compare.pictures import pictures
 from studies.compare.prediction import by_markers, by_poses, influence, influence_by_effect, predict
-from studies.compare.record import compare_record
-from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
-from tests.studies.compare.fields import fields_of
+from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
+from tests.studies.compare.fields import fields_of, one_marker
 
 
 def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
@@ -99,18 +97,6 @@ def test_thousand_refits_scatter_as_predicted(
     assert result.p > 1e-3
 
 
-def test_what_is_simulated_is_not_the_nominal_robot(kr270: Cell, table_two: Poses) -> None:
-    experiment = experiment_of(kr270, table_two, seed=3)
-    moved = experiment.model.predict(experiment.truth, experiment.poses) - experiment.model.predict(
-        experiment.nominal, experiment.poses
-    )
-    size = np.linalg.norm(moved, axis=-1)
-    assert 0.5e-3 < np.median(size) < 20e-3
-    again = experiment_of(kr270, table_two, seed=3)
-    np.testing.assert_array_equal(experiment.truth, again.truth)
-    assert (experiment.truth != experiment_of(kr270, table_two, seed=4).truth).any()
-
-
 def test_given_values_are_where_it_is_predicted_and_simulated(
     kr270: Cell, table_two: Poses
 ) -> None:
@@ -120,16 +106,6 @@ def test_given_values_are_where_it_is_predicted_and_simulated(
     assert study.experiment.nominal.max() == 4e-7
     with pytest.raises(CalibError, match="no parameter 'nonsense'"):
         compare(kr270, {"p": table_two}, trials=0, values={"nonsense": 1.0})
-
-
-def one_marker(cell: Cell) -> Cell:
-    return replace(
-        cell,
-        marker_names=("m1",),
-        markers=cell.markers[:1],
-        marker_normals=cell.marker_normals[:1],
-        marker_acceptance=cell.marker_acceptance[:1],
-    )
 
 
 def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
@@ -204,43 +180,15 @@ def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
     assert agreement(errors, np.zeros((2, 2))) is None
 
 
-def test_worst_ratio_is_farthest_in_either_direction() -> None:
-    found = agreement(drawn(COV * np.diag([0.25, 1.0, 1.0]) + np.diag([0, 0, 1e-12]), 4000), COV)
-    assert found is not None
-    assert found.worst_ratio == found.ratio[0] == pytest.approx(0.5, abs=0.03)
-
-
-@pytest.mark.long
-def test_disagreement_is_explained(kr270: Cell, table_two: Poses) -> None:
-    """Poses within a degree and millimetres of noise: the estimate is not linear in it."""
-    cell = replace(
-        with_effects(one_marker(kr270), "base"),
-        instruments=read_by(Noise.isotropic(3e-3)),
-        load=None,
-    )
-    near = poses_at(table_two.q[:1] + 0.01 * np.random.default_rng(0).normal(size=(8, 6)))
-    found = fields_of(compare(cell, {"coarse": near}, trials=200))["agreement"]
-    assert found["chi2_p"] < 0.01
-    assert found["believed"] is False
-    assert "refuted at coarse" in found["says"]
-    assert "not linear in noise of this size" in found["says"]
-    fine = compare(cell_of_fine(kr270), {"fine": table_two}, trials=60)
-    assert fields_of(fine)["agreement"]["says"] == "simulation and prediction agree"
-
-
-def cell_of_fine(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, "base", "tool", "geometry"), load=None)
-
-
 # -- anatomy -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def nine(kr270: Cell, table_two: Poses) -> Experiment:
+def nine(kr270: Cell, table_two: Poses) -> SimulatedExperiment:
     return experiment_of(with_effects(kr270, *[e for e in kr270.effects if ":" in e]), table_two)
 
 
-def test_influence_of_the_poses_sums_to_one(nine: Experiment) -> None:
+def test_influence_of_the_poses_sums_to_one(nine: SimulatedExperiment) -> None:
     prediction = predict(nine, POINTS)
     share = influence(nine, prediction, 15)
     assert share.shape == (15, 9)
@@ -253,7 +201,7 @@ def test_influence_of_the_poses_sums_to_one(nine: Experiment) -> None:
     assert at > 0.5, "the compliance at a level comes from the poses at that level"
 
 
-def test_noise_at_a_pose_counts_as_its_influence_says(nine: Experiment) -> None:
+def test_noise_at_a_pose_counts_as_its_influence_says(nine: SimulatedExperiment) -> None:
     """More noise at one pose raises each variance by that pose's share."""
     share = influence(nine, predict(nine, POINTS), 15)
     rows = calib_rows(nine)
@@ -264,7 +212,7 @@ def test_noise_at_a_pose_counts_as_its_influence_says(nine: Experiment) -> None:
     np.testing.assert_allclose(variance / (gain**2).sum(axis=1), 1.0 + share[3], rtol=1e-8)
 
 
-def calib_rows(experiment: Experiment) -> Array:
+def calib_rows(experiment: SimulatedExperiment) -> Array:
     _, J = experiment.model.jacobian(experiment.nominal, experiment.poses)
     return np.asarray(J.reshape(len(experiment.poses), 9, -1))
 
@@ -289,21 +237,6 @@ def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
 
 
 # -- Monte Carlo -------------------------------------------------------------------------------
-
-
-def test_trials_without_load_or_tool(kr270: Cell) -> None:
-    robot = kr270.robot
-    low, high = robot.sample_limits().T
-    q = np.random.default_rng(0).uniform(low, high, (6, 6))
-    cell = with_effects(replace(kr270, load=None), "joint_offset:A2,A3,A4")
-    experiment = experiment_of(cell, poses_at(q))
-    prediction = predict(experiment, POINTS)
-    done = refits(experiment, [prediction], 120)
-    assert done.trials == done.asked == 120
-    assert done.settled["points"].all()
-    found = agreement(done.of("points"), prediction.covariance)
-    assert found is not None
-    assert found.p > 1e-3
 
 
 # -- what reviews found ------------------------------------------------------------------------
@@ -403,21 +336,6 @@ def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two:
     found = fields_of(worse)["agreement"]
     assert found["believed"] is False
     assert "3 of 40 fits" in found["says"]
-
-
-@pytest.mark.long
-def test_a_way_of_which_no_fit_settled_is_left_out_of_the_figures(
-    kr270: Cell, table_two: Poses
-) -> None:
-    cell = with_effects(kr270, "joint_compliance:A3,A4")
-    result = compare(cell, {"p": table_two}, trials=20)
-    study = result.plans[0]
-    some = tuple(replace(v, agreement=None) if v.way == PLAIN else v for v in study.verdicts)
-    record = compare_record(replace(result, plans=(replace(study, verdicts=some),)), MADE_FROM)
-    made = [draw() for draw in pictures(record)]
-    drawn = next(picture for picture in made if picture.name == "predicted_simulated")
-    assert not any("plain" in column for column in drawn.header)
-    assert any("points" in column for column in drawn.header)
 
 
 @pytest.mark.long

@@ -6,7 +6,6 @@ import json
 import multiprocessing
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -18,16 +17,14 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-import loky
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from calib.errors import InputError
 from studies import engines
 from studies.cli import main
 from studies.compare import command, montecarlo
-from studies.compare.experiment import Experiment, experiment_of
+from studies.compare.experiment import SimulatedExperiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
 from studies.compare.prediction import Prediction, predict
 from studies.demo.embedded import embedded_text
@@ -36,7 +33,7 @@ from tests.helpers import cell_of, random_poses, random_robot
 
 pytestmark = pytest.mark.long
 
-Study = tuple[Experiment, list[Prediction]]
+Study = tuple[SimulatedExperiment, list[Prediction]]
 COUNTS = (1, MOST_TRIALS - 1, MOST_TRIALS, 2 * MOST_TRIALS + 17)
 RUN = [sys.executable, "-c", "from studies.cli import run; run()", "compare"]
 NOWHERE = "tcp://127.0.0.1:1"
@@ -121,10 +118,6 @@ def test_more_trials_begin_with_the_same(study: Study) -> None:
             assert np.abs(off).max() < 1e-6
 
 
-def test_seeds_differ_by_plan(study: Study) -> None:
-    assert not same(refits(*study, 3, seed=(0, 0)), refits(*study, 3, seed=(0, 1)))
-
-
 # -- interruption --------------------------------------------------------------------------------
 
 
@@ -168,29 +161,6 @@ def test_an_interruption_waits_until_no_lock_is_taken(study: Study) -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.parametrize("held_s", [0.0, 0.3], ids=["at once", "held up"])
-def test_blocks_that_run_are_not_waited_for(
-    held_s: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Nor does the thread of the pool fail over blocks that nobody takes: it would log that."""
-    shutdown = loky.ProcessPoolExecutor.shutdown
-
-    def held_up(pool: loky.ProcessPoolExecutor, **options: bool) -> None:
-        time.sleep(held_s)
-        shutdown(pool, **options)
-
-    monkeypatch.setattr(loky.ProcessPoolExecutor, "shutdown", held_up)
-    begun, before = time.monotonic(), children(of_dask=False)
-    with engine(workers=2) as pool:
-        assert pool is not None
-        given = [pool.submit(time.sleep, 60.0) for _ in range(20)]
-        assert wait_until(given[2].running, 10.0), "two at work and one handed on, as ever"
-    assert time.monotonic() - begun < 20.0
-    assert not children(of_dask=False) - before
-    assert all(future.done() for future in given)
-    assert not caplog.records
 
 
 @pytest.fixture
@@ -298,15 +268,6 @@ def test_ctrl_c_ends_the_command_and_its_workers(
         assert sorted(p.name for p in tmp_path.iterdir()) == before
 
 
-@linux
-def test_workers_end_with_a_command_that_is_killed(small: list[str]) -> None:
-    with started(*small, "--monte-carlo", "200000", "--workers", "2") as process:
-        assert wait_until(lambda: len(alive(process.pid)) >= 4, 30.0)
-        time.sleep(1.0)
-        process.kill()
-        assert wait_until(lambda: not alive(process.pid), 10.0)
-
-
 # -- faults --------------------------------------------------------------------------------------
 
 
@@ -333,15 +294,6 @@ def test_nothing_listens(small: list[str]) -> None:
     assert not done.stdout
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert NOWHERE in done.stderr
-
-
-def test_what_listens_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(engines, "_PATIENCE_S", 1)
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(InputError, match="no scheduler answers"), engine(scheduler=address):
-            pass
 
 
 def test_a_cluster_without_workers(small: list[str]) -> None:

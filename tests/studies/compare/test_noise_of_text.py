@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import calib
@@ -17,10 +16,10 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.noise import counted
 from studies.compare.compare import PlanComparison, compare
-from studies.compare.experiment import Experiment, experiment_of
-from studies.compare.stated_noise import rotation, stated_noise
-from studies.demo.embedded import INPUTS, embedded_text
+from studies.compare.experiment import SimulatedExperiment, experiment_of
+from studies.compare.stated_noise import stated_noise
 from tests.helpers import with_effects
+from tests.studies.command_line import paper_cell
 from tests.studies.compare.fields import fields_of
 
 HEAD = """
@@ -70,14 +69,13 @@ anchor_mm = [2000, 1500, 200]
 
 
 def written(folder: Path, instruments: str, robot: str = "") -> Path:
-    for name in INPUTS:
-        (folder / name).write_text(embedded_text(name))
+    paper_cell(folder)
     path = folder / "own.toml"
     path.write_text(HEAD.format(robot=robot) + instruments)
     return path
 
 
-def experiment_at(path: Path, plan: Poses) -> Experiment:
+def experiment_at(path: Path, plan: Poses) -> SimulatedExperiment:
     return experiment_of(calib.load_cell(path), plan, stated=stated_noise(path))
 
 
@@ -101,20 +99,6 @@ def test_a_point_two_metres_away(tmp_path: Path, sigma: str, along: float, acros
     off = stated.of["instrument"].errors(white, exact, start)[:, 0, 0]
     np.testing.assert_allclose(off.std(axis=0), [across, along, across], rtol=0.03)
     assert np.abs(np.corrcoef(off.T) - np.eye(3)).max() < 0.05
-
-
-def test_what_is_not_stated_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "cell.toml"
-    path.write_text("[robot]\nrepeatability_mm = 0.03\n[instrument]\nsigma_mm = 0.01\n")
-    stated = stated_noise(path)
-    assert stated.arm == (pytest.approx(3e-5), 0.0)
-    assert not stated.stands
-
-
-def test_rotation_is_that_of_scipy() -> None:
-    vectors = np.random.default_rng(0).normal(size=(20, 3)) * np.logspace(-9, 0.4, 20)[:, None]
-    expected = Rotation.from_rotvec(vectors).as_matrix()
-    np.testing.assert_allclose(rotation(vectors), expected, atol=1e-14)
 
 
 def test_weights_of_every_instrument_whiten_what_its_text_states(
@@ -166,7 +150,7 @@ def test_the_arm_comes_elsewhere_at_each_visit(tmp_path: Path, table_two: Poses)
     np.testing.assert_allclose(np.corrcoef(turned[:, 0].T), np.eye(3), atol=0.3)
 
 
-def axes_turned(experiment: Experiment, off: Array) -> Array:
+def axes_turned(experiment: SimulatedExperiment, off: Array) -> Array:
     """Small rotation (trials, m, 3) of the body that the second instrument reads, in base axes."""
     exact = experiment.readings()[:, 2]
     x, y = exact[:, 3:6], exact[:, 6:]

@@ -22,12 +22,12 @@ from calib.instruments import points
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
-from studies.demo.embedded import INPUTS, embedded_text
 from tests.bad_inputs.run import Heard, posecal
+from tests.studies.command_line import paper_cell
 
 pytest.importorskip("mujoco")
 
-SMALL = '"base", "joint_compliance:A2,A3,A5"'
+SMALL = ("base", "joint_compliance:A2,A3,A5")
 SOFT = "joint_compliance:A3.compliance"
 Bug = Callable[[pytest.MonkeyPatch], None]
 
@@ -88,18 +88,15 @@ DERIVATIVES = {"derivative x 1.05": (one_column(1.05), "4.76 %"),
                "derivative's sign": (one_column(-1.0), "200 %")}  # fmt: skip
 
 
-def small_cell(folder: Path, robot: str, effects: str) -> Path:
+def small_cell(folder: Path, robot: str, effects: tuple[str, ...]) -> Path:
     """The paper's cell, these effects unknown."""
-    for name in INPUTS:
-        (folder / name).write_text(embedded_text(name))
-    path = folder / "cell.toml"
-    text = re.sub(r"^effects = .*$", f"effects = [{effects}]", path.read_text(), flags=re.M)
-    path.write_text(text.replace("[robot]\n", f"[robot]\n{robot}\n"))
+    path = paper_cell(folder, *effects)
+    path.write_text(path.read_text().replace("[robot]\n", f"[robot]\n{robot}\n"))
     return path
 
 
 def compared(
-    folder: Path, *options: str, robot: str = "", effects: str = SMALL
+    folder: Path, *options: str, robot: str = "", effects: tuple[str, ...] = SMALL
 ) -> tuple[Heard, dict[str, Any]]:
     cell, out = small_cell(folder, robot, effects), folder / "out.json"
     call = ["compare", str(cell), str(folder / "plan.csv"), "--monte-carlo", "20", "--workers", "1"]
@@ -176,7 +173,7 @@ def test_exchanged_markers_end_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, truth: str
 ) -> None:
     changed(Model, "tip_points", first_two_exchanged)(monkeypatch)
-    heard, _ = compared(tmp_path, "--truth", truth, effects=f'{SMALL}, "tool"')
+    heard, _ = compared(tmp_path, "--truth", truth, effects=(*SMALL, "tool"))
     assert heard.status == 2
     assert len(heard.err.strip().splitlines()) == 1
     assert heard.err.startswith("posecal: simulated readings: identify refuses what posecal drew")

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 from calib import Cell, Poses
 from calib.arm.statics import Payload
-from calib.arrays import Array
-from calib.errors import CalibError
 from calib.identification import Identification
-from calib.model import Model
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from studies.cli import main
 from studies.compare import montecarlo
 from studies.compare.agreement import derivatives
 from studies.compare.compare import PlanComparison, compare
@@ -29,9 +22,8 @@ from studies.compare.experiment import POINTS, experiment_of, plausible
 from studies.compare.in_mujoco import points_in_mujoco
 from studies.compare.montecarlo import FromScratch, refits, surprising
 from studies.compare.prediction import predict
-from studies.demo.embedded import INPUTS, embedded_text
 from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
-from tests.studies.compare.fields import fields_of
+from tests.studies.compare.fields import fields_of, one_marker
 
 pytest.importorskip("mujoco")
 
@@ -71,61 +63,8 @@ def plan(arm: Cell) -> Poses:
     return random_poses(np.random.default_rng(4), arm.robot, 12)
 
 
-def one_marker(cell: Cell) -> Cell:
-    return replace(
-        cell,
-        marker_names=("m1",),
-        markers=cell.markers[:1],
-        marker_normals=cell.marker_normals[:1],
-        marker_acceptance=cell.marker_acceptance[:1],
-    )
-
-
 def study(cell: Cell, plan: Poses, truth: Any = "mujoco", trials: int = 60) -> PlanComparison:
     return compare(cell, {"p": plan}, trials=trials, truth=truth, seed=2)
-
-
-def column_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Model._jacobian
-
-    def wrong(self: Model, values: Array, poses: Poses) -> tuple[Array, Array]:
-        points, J = right(self, values, poses)
-        J[..., [p.id == "joint_compliance:j3.compliance" for p in self.parameters]] *= 1.2
-        return points, J
-
-    monkeypatch.setattr(Model, "_jacobian", wrong)
-
-
-def test_the_program_as_it_is_agrees_with_mujoco(arm: Cell, plan: Poses) -> None:
-    result = study(arm, plan)
-    fields = fields_of(result)
-    assert fields["truth"] == "mujoco"
-    assert fields["agreement"]["believed"] is True
-    assert result.p is not None
-    assert result.p > 0.01
-    assert fields["plans"][0]["derivatives"]["worst_relative_error"] < 1e-4
-    done = fields["plans"][0]["approaches"][-1]["from_scratch"]
-    assert done["trials"] == done["same"] == 3
-    assert done["farthest_in_standard_deviations"] < 0.01
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("truth", ["model", "mujoco"])
-def test_a_wrong_derivative_is_no_nonlinearity(
-    arm: Cell, plan: Poses, monkeypatch: pytest.MonkeyPatch, truth: str
-) -> None:
-    column_too_long(monkeypatch)
-    result = study(arm, plan, truth, trials=0)
-    assert result.plans[0].slopes.parameter == "joint_compliance:j3.compliance"
-    assert result.plans[0].slopes.off == pytest.approx(0.2 / 1.2, rel=1e-3)
-    result = study(arm, plan, truth, trials=200)
-    points = result.plans[0].points
-    assert points.reason == "derivative"
-    assert points.agreement is not None
-    assert points.agreement.p < 1e-2
-    found = fields_of(result)["agreement"]
-    assert found["believed"] is False
-    assert "the derivative by joint_compliance:j3.compliance is 16.7 % off" in found["says"]
 
 
 @pytest.mark.long
@@ -148,13 +87,6 @@ def test_nonlinearity_is_still_called_so(kr270: Cell, table_two: Poses) -> None:
     result = compare(cell, {"coarse": near}, trials=200, truth="mujoco")
     assert result.plans[0].points.reason == "noise"
     assert not result.plans[0].slopes.wrong
-
-
-@pytest.mark.parametrize("effect", ["gravity_compensator:A2", "bearing_compliance:A2"])
-def test_what_mujoco_has_not_is_refused(kr270: Cell, table_two: Poses, effect: str) -> None:
-    cell = with_effects(kr270, "joint_compliance:A2", effect)
-    with pytest.raises(CalibError, match=f"{effect} is nothing that MuJoCo's model of an arm has"):
-        compare(cell, {"p": table_two}, trials=0, truth="mujoco")
 
 
 @pytest.mark.long
@@ -195,15 +127,3 @@ def test_a_search_that_is_led_astray_is_said(
     found = fields_of(result)["agreement"]
     assert found["believed"] is False
     assert "elsewhere than fits that start at the true robot" in found["says"]
-
-
-@pytest.mark.long
-def test_the_command(tmp_path: Path) -> None:
-    for name in INPUTS:
-        (tmp_path / name).write_text(embedded_text(name))
-    call = ["compare", str(tmp_path / "cell.toml"), str(tmp_path / "plan.csv"), "--workers", "1"]
-    call += ["--monte-carlo", "2", "--truth", "mujoco", "--json", "-"]
-    done = CliRunner().invoke(main, call)
-    assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout)["truth"] == "mujoco"
-    assert "readings simulated by MuJoCo's arm; " in done.stderr

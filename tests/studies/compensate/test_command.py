@@ -11,17 +11,17 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arm.kinematics import forward
 from calib.compensation.estimate import estimate_of
 from calib.files.estimate import load_estimate
-from studies.cli import main
 from studies.estimate import estimated
 from studies.results import json_schema
 from tests.helpers import measured_cell
+from tests.studies.command_line import run
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
 0.2,-60,70,20,45,10,1
@@ -29,10 +29,6 @@ TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
 0.7,-45,60,-40,60,90,1
 0,-80,90,0,0,0,1
 """
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -170,17 +166,6 @@ def test_a_cell_that_changed_is_said(demo: Path, tmp_path: Path) -> None:
     assert "kr270.urdf changed" not in done.output
 
 
-@pytest.mark.parametrize("inputs", [3, [{"sha256": []}, None]])
-def test_hashes_that_are_none_are_not_those_of_the_cell(
-    demo: Path, tmp_path: Path, inputs: object
-) -> None:
-    result = json.loads((demo / "result.json").read_text())
-    (tmp_path / "result.json").write_text(json.dumps({**result, "inputs": inputs}))
-    done = run("compensate", demo / "cell.toml", tmp_path / "result.json", demo / "targets.csv")
-    assert done.exit_code == 0
-    assert f"warning: {demo / 'cell.toml'} changed since" in done.output
-
-
 def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) -> None:
     compensate(demo, "-o", tmp_path / "c.csv")
     done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
@@ -231,32 +216,3 @@ def test_unusable_result_is_one_line(demo: Path, tmp_path: Path, fault: str) -> 
     assert text in done.output
     assert len(done.output.strip().splitlines()) == 1
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("table", "text"),
-    [
-        (TARGETS.replace("45,10", "450,10"), "A5 at 450.00 deg is outside its limits"),
-        (TARGETS.replace("45,10", "nan,10"), "line 2, column A5_deg"),
-        (TARGETS.replace("A5_deg", "A5"), "column 'A5' has no unit"),
-        (TARGETS.replace(",1\n", ",-1\n"), "column weight"),
-        ("A1_deg\n1\n", "no column for joint A2"),
-        ("A1_deg\n", "has a header and no rows"),
-    ],
-)
-def test_unusable_targets_are_one_line(demo: Path, tmp_path: Path, table: str, text: str) -> None:
-    path = tmp_path / "targets.csv"
-    path.write_text(table)
-    done = run("compensate", demo / "cell.toml", demo / "result.json", path)
-    assert done.exit_code == 2, done.output
-    assert text in done.output
-    assert len(done.output.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize("name", ["cell.toml", "result.json", "targets.csv"])
-def test_no_input_is_written_over(demo: Path, name: str) -> None:
-    before = (demo / name).read_bytes()
-    done = compensate(demo, "-o", demo / name)
-    assert done.exit_code == 2
-    assert "is already an input" in done.output
-    assert (demo / name).read_bytes() == before

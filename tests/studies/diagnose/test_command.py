@@ -6,14 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from studies.cli import main
 from tests.helpers import measured_cell
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import run
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +30,6 @@ def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> No
     ]
     assert f"{better}: the model as it was" in done.output.replace("\n", "")
     assert str(demo.resolve()) not in better.read_text()
-
-
-def test_no_input_is_written_over(demo: Path) -> None:
-    name = "kr270.urdf"
-    before = (demo / name).read_bytes()
-    done = run("diagnose", demo / "cell.toml", demo / "measurements.csv", "--cell-out", demo / name)
-    assert done.exit_code == 2
-    assert len(done.output.strip().splitlines()) == 1
-    assert "is already an input or another output" in done.output
-    assert (demo / name).read_bytes() == before
 
 
 @pytest.fixture(scope="module")

@@ -1,25 +1,32 @@
-"""The figures of a diagnosis hold its numbers."""
+"""The figures of a diagnosis hold its numbers, and its record those of spectra and next poses."""
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
+import json
 
 import numpy as np
 import pytest
 
+import doe
+from calib import Cell
 from calib.diagnosis import Diagnosis
+from doe.ahead.likeness import SURE
 from studies.diagnose.error_curve import error_curve
-from studies.diagnose.make import diagnose_record
-from studies.diagnose.record import CurvePanel, ErrorCurveEntry, Steps
+from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
+from studies.diagnose.record import CurvePanel, ErrorCurveEntry, SpectrumEntry, SpectrumLine, Steps
 from studies.diagnose.shown import shown
+from studies.diagnose.spectra import families, spectra
 from studies.diagnose.waterfall import waterfall
 from studies.document import pictures_of
 from studies.kinds import tell
-from studies.plots.style import Picture, files, svg_text
+from studies.plots.style import Picture
 from studies.record import envelope
 from studies.results import read
 from tests.calib.diagnosis.test_error_curve import HALF, found
+from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
+from tests.calib.identification.test_identify_tunings import arm, session
+from tests.calib.identification.test_identify_tunings import read as instrument_reads
+from tests.doe.ahead.test_next_poses import alike
 
 
 @pytest.fixture(scope="module")
@@ -61,19 +68,6 @@ def test_the_curve_has_a_row_for_each_pose(result: Diagnosis, drawn: dict[str, P
     half = 0.5 * (own[sign > 0].mean() - own[sign < 0].mean())
     assert half == pytest.approx(1e6 * result.causes[0].values[0], rel=1e-6)
     assert "constant part" in picture.caption
-
-
-@pytest.mark.long
-def test_every_picture_is_complete_and_the_same_again(drawn: dict[str, Picture]) -> None:
-    assert len(drawn) == 2
-    for picture in drawn.values():
-        made = files(picture, Path())
-        assert made == files(picture, Path())
-        assert picture.caption.endswith(".")
-        assert "\n" not in "".join(picture.header)
-        svg = svg_text(picture)
-        assert min(float(s) for s in re.findall(r"font-size: ([\d.]+)px", svg)) >= 9.0
-        assert all(len(row) == len(picture.header) for row in picture.rows)
 
 
 def test_what_makes_it_worse_is_marked() -> None:
@@ -124,3 +118,119 @@ def test_panels_for_each_direction() -> None:
     assert [axes.get_ylabel() for axes in visible] == [panel.label for panel in panels]
     keys = [text.get_text() for text in picture.figure.legends[0].get_texts()]
     assert {"base_drift:base", "base_drift:base, at each pose", "95 % band"} <= set(keys)
+
+
+def panel(joint: str, *cycles: float, repeats: float | None = None) -> SpectrumEntry:
+    grid = np.arange(0.25, 450.0, 0.3)
+    fall = np.random.default_rng(0).chisquare(2, grid.size)
+    lines = []
+    for height, c in zip((150.0, 80.0, 40.0), cycles, strict=False):
+        fall[np.argmin(np.abs(grid - c))] = height
+        lines.append(
+            SpectrumLine(
+                cycles=c,
+                std=0.1,
+                amplitude_urad=50.0,
+                amplitude_std_urad=5.0,
+                fall=height,
+                ratios=(c / 2.0, c),
+                aliases=() if repeats is None else (8.0, 28.0),
+            )
+        )
+    return SpectrumEntry(
+        joint=joint,
+        cycles_1_turn=tuple(grid.tolist()),
+        fall=tuple(fall.tolist()),
+        false_alarm=27.0,
+        width_1_turn=1.2,
+        repeats_1_turn=repeats,
+        lines=tuple(lines),
+    )
+
+
+def test_joints_of_one_gear_are_one_family() -> None:
+    panels = [panel("A1", 240.0), panel("A2", 240.9, 33.0), panel("A3", 200.4), panel("A4", 100.0)]
+    assert families(panels) == [{(0, 0), (1, 0)}, {(2, 0), (3, 0)}]
+    apart = [panel("A1", 240.0), panel("A2", 242.0), panel("A3", 90.0, 45.0)]
+    assert families(apart) == []  # two widths apart; and a joint by itself is no pair
+    chained = [panel("A1", 50.0), panel("A2", 100.2), panel("A3", 200.1)]
+    assert families(chained) == [{(0, 0), (1, 0), (2, 0)}]
+
+
+@pytest.mark.long
+def test_lines_are_named_and_of_a_family_alike() -> None:
+    panels = [
+        panel("A1", 240.0),
+        panel("A2", 241.0, 30.0),
+        panel("A3"),
+        panel("A4", 100.0, repeats=36.0),
+    ]
+    picture = spectra(panels)
+    axes = picture.figure.axes
+    assert [a.get_title("left") for a in axes] == ["A1", "A2", "A3", "A4"]
+    assert [t.get_text() for t in axes[0].texts] == ["240.0: ratio 120.0 or 240.0"]
+    assert [t.get_text() for t in axes[3].texts] == ["100.0, or 2 others"]
+    assert axes[3].get_title("right") == "steps of 10 deg: repeats every 36 cycles"
+    stems = [[line.get_color() for line in a.lines if line.get_linewidth() == 1.6] for a in axes]
+    assert stems[0] == stems[1][:1]
+    assert stems[1][1] == stems[3][0] != stems[0][0]
+    assert stems[2] == []
+    words = [t.get_text() for t in picture.figure.legends[0].get_texts()]
+    assert words == [
+        "chance passes it in 1 figure of 100",
+        "lines that A1, A2 share",
+        "line of one joint",
+    ]
+    assert [row[:2] for row in picture.rows] == [
+        ("A1", 240.0), ("A2", 241.0), ("A2", 30.0), ("A3", None), ("A4", 100.0)
+    ]  # fmt: skip
+    assert picture.rows[-1][-1] == "8.0, 28.0"
+    assert picture.caption.count(".") == 1
+    assert picture.caption.endswith(".")
+
+
+def test_words_do_not_meet() -> None:
+    picture = spectra([panel("A1", 200.0, 210.0, 220.0)])
+    (axes,) = picture.figure.axes
+    picture.figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert len(boxes) >= 2
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    inside = axes.get_window_extent()
+    assert all(inside.x0 <= box.x0 and box.x1 <= inside.x1 for box in boxes)
+
+
+def test_entries_keep_every_peak_and_say_aliases() -> None:
+    cell, rng = arm(), np.random.default_rng(9)
+    poses = on_grid(session(cell, rng, 90), 1)
+    data = instrument_reads(cell, poses, rng, with_ripple(poses, 1, 100.0, 6e-5))
+    found = list(spectra_at(cell, data, [("j2", 100.0)]).values())
+    for spectrum in found:
+        entry = spectrum_entry(spectrum)
+        assert len(entry.model_dump_json()) < 200_000 / 6
+        assert max(entry.fall) == pytest.approx(spectrum.fall.max(), abs=0.01)
+        assert (np.diff(entry.cycles_1_turn) > 0.0).all()
+    (cycles,) = (c for c, _ in found[1].named)
+    assert aliases_of("j1", cycles, found) == ()
+    np.testing.assert_allclose(np.sort(aliases_of("j2", cycles, found)), mirrored(cycles), atol=0.1)
+
+
+__all__ = ["alike"]  # a fixture
+
+
+def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None:
+    cell, found = alike
+    result = doe.next_poses(cell, found, count=5)
+    record = diagnose_record(found, (), result, None, None, envelope("cell", []))
+    fields = json.loads(record.dumps(), parse_constant=pytest.fail)
+    pair = [c.key for c, _ in found.causes[0].named.members]
+    assert len(fields["next_poses"]) == 5
+    for pose, q in zip(fields["next_poses"], result.poses.q, strict=True):
+        np.testing.assert_allclose(
+            [pose["joints_deg"][joint] for joint in cell.robot.joints], np.degrees(q), atol=1e-5
+        )
+    assert any(pose["splits"] == [pair] for pose in fields["next_poses"])
+    (predicted,) = fields["next_poses_predicted"]
+    assert predicted["rivals"] == pair
+    assert predicted["probability_now"] < SURE <= predicted["probability_after"]
+    assert predicted["inseparable"] is False

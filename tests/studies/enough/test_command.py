@@ -8,31 +8,18 @@ from typing import Any
 
 import jsonschema
 import pytest
-from click.testing import CliRunner, Result
 
 import calib
 from calib.files.write_tables import measurements_csv
-from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
 from studies.results import json_schema
 from tests.doe.ahead.day import MODEL, of_poses, whole_day
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import paper_cell, run
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("half")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
-    effects = f"effects = {json.dumps(MODEL)}"
-    lines = (path / "cell.toml").read_text().splitlines()
-    (path / "cell.toml").write_text(
-        "\n".join(effects if line.startswith("effects = ") else line for line in lines)
-    )
-    cell = calib.load_cell(path / "cell.toml")
+    cell = calib.load_cell(paper_cell(path, *MODEL))
     plan = calib.load_plan(cell, path / "plan.csv")
     data = of_poses(whole_day(cell, plan), [2, 5, 8, 11, 14, 1], 15)
     (path / "half.csv").write_text(measurements_csv(cell, data))
@@ -75,12 +62,3 @@ def test_without_a_plan(folder: Path) -> None:
     assert fields["order"] == []
     assert "planned poses" not in said
     assert f"RMS now, from {fields['now']['readings']} readings." in said
-
-
-def test_faults_are_one_line(folder: Path) -> None:
-    failed = run("enough", folder / "cell.toml", folder / "half.csv", "--plan", folder / "no.csv")
-    assert failed.exit_code == 2
-    assert len(failed.stderr.strip().splitlines()) == 1
-    over = run("enough", folder / "cell.toml", folder / "half.csv", "--json", folder / "half.csv")
-    assert over.exit_code == 2
-    assert "already an input" in over.stderr

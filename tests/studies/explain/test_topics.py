@@ -119,12 +119,6 @@ def test_every_kind_of_instrument_that_a_cell_may_have_is_told() -> None:
     assert kinds >= set(KINDS)
 
 
-def test_a_topic_that_is_not_there_names_the_closest() -> None:
-    done = CliRunner().invoke(main, ["explain", "baklash"])
-    assert done.exit_code == 2
-    assert done.output == "posecal: explain: no topic 'baklash'; did you mean backlash?\n"
-
-
 TEXT = """# What
 
 First **words**

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,11 +11,11 @@ from typing import Any
 
 import jsonschema
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from studies.cli import main
 from studies.fleet import command, tables
 from studies.results import json_schema
+from tests.studies.command_line import run
 from tests.studies.fleet.robots import SIGMA, put, table
 
 ROBOTS = 8
@@ -32,10 +27,6 @@ OFFSETS[FAR] = (9e-3, -5e-4)
 def written(folder: Path) -> dict[str, int]:
     found = folder.glob("*/*.json")
     return {path.relative_to(folder).as_posix(): path.stat().st_mtime_ns for path in found}
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def fleet(folder: Path, *more: object) -> tuple[dict[str, Any], Result]:
@@ -117,13 +108,6 @@ def test_who_is_off_and_what_rises(done: tuple[dict[str, Any], str]) -> None:
     assert max(map(len, said.splitlines())) <= 120
 
 
-def test_results_are_those_of_identify(made: Path, done: object, tmp_path: Path) -> None:
-    place, out = made / "r1", tmp_path / "alone.json"
-    asked = ("identify", place / "cell.toml", place / "measurements.csv", "--holdout", "0.3")
-    assert run(*asked, "--json", out).exit_code == 0
-    assert out.read_bytes() == (place / "measurements.identify.json").read_bytes()
-
-
 def anew(folder: Path, *options: object) -> set[str]:
     """The results that another run writes."""
     before = written(folder)
@@ -159,18 +143,6 @@ def test_other_options_or_another_version_start_anew(
     assert len(anew(few, "--seed", 1)) == 2
 
 
-@pytest.mark.long
-def test_no_digit_depends_on_the_workers(few: Path) -> None:
-    made = []
-    for workers in (1, 2):
-        for name in written(few):
-            (few / name).unlink()
-        fleet(few, "--holdout", 0.3, "--workers", workers)
-        made.append({name: (few / name).read_bytes() for name in [*written(few), "fleet.json"]})
-    assert len(made[0]) == 3
-    assert made[0] == made[1]
-
-
 def test_it_goes_on_after_an_interruption(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in written(few):
         (few / name).unlink()
@@ -201,14 +173,6 @@ def test_a_result_by_other_options_is_not_taken(few: Path) -> None:
     asked = ("identify", place / "cell.toml", place / "measurements.csv", "--holdout", "0.3")
     assert run(*asked, "--method", "two-step", "--json", out).exit_code == 0
     assert anew(few, "--holdout", "0.3") == {"r0/measurements.identify.json"}
-
-
-def test_the_summary_takes_no_place_of_a_table(few: Path) -> None:
-    table_before = (few / "r0" / "measurements.csv").read_bytes()
-    done = run("fleet", few, "--json", few / "r0" / "measurements.csv")
-    assert done.exit_code == 2
-    assert "is already an input" in done.stderr
-    assert (few / "r0" / "measurements.csv").read_bytes() == table_before
 
 
 def test_a_fault_of_our_own_ends_no_run(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,28 +248,3 @@ def test_on_a_cluster(few: Path) -> None:
     ) as cluster:
         fleet(few, "--seed", 3, "--scheduler", cluster.scheduler_address)
     assert {name: (few / name).read_bytes() for name in written(few)} == seeded != here
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
-def test_ctrl_c_leaves_what_is_done(copy: Path) -> None:
-    for name in written(copy):
-        (copy / name).unlink()
-    words = ["fleet", ".", "--only", "identify", "--workers", "2"]
-    with subprocess.Popen(
-        [sys.executable, "-c", "from studies.cli import run; run()", *words],
-        cwd=copy, env={**os.environ, "PYTHONPATH": os.pathsep.join([os.getcwd(), *sys.path])},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    ) as process:  # fmt: skip
-        end = time.monotonic() + 60.0
-        while not written(copy) and time.monotonic() < end:
-            time.sleep(0.02)
-        os.killpg(process.pid, signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=60.0)
-    assert process.returncode == 130, stderr
-    assert not stdout
-    assert stderr.startswith("posecal: interrupted; ")
-    assert stderr.count("\n") == 1
-    assert not list(copy.rglob(".posecal-*"))
-    for name in written(copy):
-        assert json.loads((copy / name).read_text())["command"] == "identify"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-import calib
-import doe
 from studies.results import json_schema
+from tests.studies.command_line import run
 from tests.studies.fleet.robots import put, table
-from tests.studies.fleet.test_command import run
 
 MEAN, SPREAD = (1.5e-3, -8e-4), 5e-5  # rad
 ROBOTS = 8
@@ -98,15 +95,6 @@ def test_a_robot_that_is_not_of_the_type_keeps_its_own_value(
     assert not own["joint_offset:j3.offset"]["released"]
     assert moved["value"] == pytest.approx((MEAN[0] + 4e-3) * 1e6, abs=60.0)
     assert "this robot is not as the 8 of arm are" in said
-
-
-def test_enough_counts_the_type(plant: tuple[Path, dict[str, Any], str]) -> None:
-    folder, _, _ = plant
-    cell = calib.load_cell(after(folder, "three", MEAN, 3))
-    data = calib.load_measurements(cell, cell.path.with_name("measurements.csv"))
-    beside, alone = (doe.enough(own, data).steps[0] for own in (cell, replace(cell, prior=None)))
-    assert beside.task_rms < alone.task_rms
-    assert (beside.std[-2:] < 0.99 * alone.std[-2:]).all()
 
 
 def test_robots_that_lean_on_a_type_teach_it_nothing(

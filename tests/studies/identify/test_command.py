@@ -10,16 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 import calib
 from studies.cli import main
-from studies.cli import run as entry_point
 from tests.helpers import measured_cell
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import run
 
 
 @pytest.fixture(scope="module")
@@ -106,38 +102,6 @@ def test_holdout_by_fraction_and_by_file(demo: Path, tmp_path: Path) -> None:
     assert len(both["inputs"]) == 4
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["cell.toml", "nothing.csv"], "nothing.csv: cannot be read"),
-        (["cell.toml", "measurements.csv", "--holdout", "1.5"], "--holdout: 1.5 is not between"),
-        (["cell.toml", "measurements.csv", "--holdout", "x.csv"], "x.csv: cannot be read"),
-        (["plan.csv", "measurements.csv"], "plan.csv: is not valid TOML"),
-        (["cell.toml", "plan.csv"], "plan.csv: line 1: column 'marker' is missing"),
-    ],
-)
-def test_faults_end_with_one_line_and_status_two(
-    demo: Path, arguments: list[str], message: str
-) -> None:
-    named = [str(demo / a) if a.endswith((".toml", ".csv")) else a for a in arguments]
-    done = run("identify", *named)
-    assert done.exit_code == 2
-    assert done.stderr.startswith("posecal: ")
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert "Traceback" not in done.output
-
-
-def test_effects_are_blamed_on_the_cell(demo: Path, tmp_path: Path) -> None:
-    for name in ("kr270.urdf", "cell.toml"):
-        (tmp_path / name).write_text((demo / name).read_text())
-    cell = tmp_path / "cell.toml"
-    cell.write_text(cell.read_text().replace("joint_compliance:A3", "thermal_expansion:A4"))
-    done = run("identify", cell, demo / "measurements.csv")
-    assert done.exit_code == 2
-    assert f"{cell}: model.effects: thermal_expansion:A4 cannot act" in done.stderr
-
-
 def test_nothing_is_half_written(demo: Path, tmp_path: Path) -> None:
     """One output cannot be written: the other stays as it was, and no temporary file is left."""
     old = tmp_path / "result.json"
@@ -163,42 +127,6 @@ def test_corrected_urdf_is_the_nominal_model_of_the_next_run(demo: Path, tmp_pat
     left = [p for p in again["parameters"] if p["effect"] == "geometry"]
     assert max(abs(p["value"]) / p["std"] for p in left) < 0.05
     assert urdf.read_text().count('link name="marker_m1"') == 1
-
-
-def test_outputs_never_replace_inputs(demo: Path, tmp_path: Path) -> None:
-    cell, table = demo / "cell.toml", demo / "measurements.csv"
-    before = table.read_text()
-    for options in (
-        ["--json", table],
-        ["--urdf", demo / "kr270.urdf"],
-        ["--json", tmp_path / "x", "--urdf", tmp_path / "x"],
-    ):
-        done = run("identify", cell, table, *options)
-        assert done.exit_code == 2
-        assert "is already an input or another output" in done.stderr
-    assert table.read_text() == before
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["identify"],
-        ["identify", "a", "b", "--approach", "x"],
-        ["nothing"],
-        ["demo", "--seed", "-1"],
-    ],
-)
-def test_wrong_calls_end_with_one_line(
-    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.argv", ["posecal", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        entry_point()
-    assert caught.value.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "--help" in error
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
+from tests.studies.command_line import paper_cell
 
 RATES = np.array([40.0, -60.0, 20.0, 20.0, 0.0, -30.0])  # um/h and urad/h
 
@@ -27,17 +27,12 @@ RATES = np.array([40.0, -60.0, 20.0, 20.0, 0.0, -30.0])  # um/h and urad/h
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The paper's plan with its first pose again at the start, in the middle and at the end."""
     path = tmp_path_factory.mktemp("day")
-    for name in INPUTS:
-        (path / name).write_text(embedded_text(name))
+    paper_cell(path, "base", "tool", "joint_compliance:A2,A3,A4,A5,A6")
     header, *rows = (path / "plan.csv").read_text().splitlines()
     again = [rows[0].replace("p01", f"ref{k}", 1) for k in (1, 2, 3, 4)]
     assert all(row.startswith("ref") for row in again)
     plan = [again[0], *rows[1:6], again[1], *rows[6:11], again[2], *rows[11:], again[3]]
     (path / "plan.csv").write_text("\n".join([header, *plan]) + "\n")
-    text = (path / "cell.toml").read_text()
-    effects = 'effects = ["base", "tool", "joint_compliance:A2,A3,A4,A5,A6"]'
-    lines = [effects if line.startswith("effects = ") else line for line in text.splitlines()]
-    (path / "cell.toml").write_text("\n".join(lines))
     return path
 
 

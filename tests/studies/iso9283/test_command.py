@@ -8,21 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from calib.arrays import Array
-from studies.cli import main
 from tests.calib.uncertainty import common_days as days
+from tests.studies.command_line import run
 
 CYCLES, POSES = 30, 4
 AGAIN = 4e-5  # rad, of each joint, from approach to approach
 NOMINAL = np.concatenate([days.TRUE[:15], np.zeros(5)])  # of that arm, as it should be
 SILENT = {name: np.zeros(count) for name, count in days.COMPONENTS.items()}
 PULL = np.array([0.0, 0.0, -300.0])
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def points(q: Array, joints: Array, **given: Array) -> Array:
@@ -191,13 +186,3 @@ def test_static_compliance_measured_and_predicted(folder: Path) -> None:
             if (other["how"], other["pose"], other["direction"]) == place
         ]
         assert expected["mm_per_N"]["value"] == pytest.approx(true, rel=0.1)
-
-
-def test_faults_are_one_line(folder: Path) -> None:
-    call = ("iso9283", folder / "cell.toml", folder / "cycles.csv", folder / "result.json")
-    done = run(*call, "--marker", "m9")
-    assert done.exit_code == 2
-    assert "no marker 'm9' is read here; there are m1, m2, m3" in done.output
-    done = run(*call[:-1], folder / "cycles.csv")
-    assert done.exit_code == 2
-    assert "is no result of posecal" in done.output

@@ -12,8 +12,8 @@ import pytest
 
 from calib.arrays import Array
 from studies.results import json_schema
+from tests.studies.command_line import run
 from tests.studies.fleet.robots import MARKERS, SIGMA, points, put, table
-from tests.studies.fleet.test_command import run
 
 OFFSETS = (1e-3, -5e-4)
 

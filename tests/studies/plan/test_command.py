@@ -67,21 +67,6 @@ def test_measurements_are_read_without_their_points(data: Path) -> None:
     assert "another instrument" in " ".join(done.output.split())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ((DEMO / "plan.csv", "--cell-out", "x.toml"), "--cell-out: does not go with --plan-only"),
-        ((DEMO / "plan.csv", "--holdout", "0.3"), "--holdout: does not go with --plan-only"),
-        (("none.csv",), "none.csv: cannot be read"),
-    ],
-)
-def test_faults_end_in_one_line(arguments: tuple[object, ...], said: str) -> None:
-    done = run(DEMO / "cell.toml", *arguments, "--plan-only")
-    assert done.exit_code == 2
-    assert len(done.output.strip().splitlines()) == 1
-    assert said in done.output
-
-
 @pytest.mark.long
 def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) -> None:
     """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""

@@ -11,16 +11,13 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.arrays import Array
 from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
-from studies.report.arm_drawing import drawing
 from studies.report.arm_instruments import InstrumentPlaces, fixtures, within
-from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
-from studies.report.surroundings import SceneObject, hull_runs
+from studies.report.surroundings import SceneObject
 from tests.calib.instruments.test_camera_in_mujoco import (
     ARM,
     GRID,
@@ -139,11 +136,6 @@ def test_what_is_touched(touched: Cell, table_two: Poses) -> None:
     np.testing.assert_allclose(drawn["tracker"].dots[0, 0], [100, 400, -3000], atol=HALF)
 
 
-def test_of_what_nobody_says_where_it_is_nothing_is_drawn(touched: Cell, table_two: Poses) -> None:
-    found = scene(touched, table_two)
-    assert [own.name for own in found.fixtures] == ["wire"]
-
-
 def test_a_wire_goes_where_it_is_read(touched: Cell, table_two: Poses) -> None:
     seen = np.zeros((15, 5), dtype=bool)
     seen[2, 0] = True
@@ -190,32 +182,3 @@ def test_a_body_is_its_three_axes(kr270: Cell, table_two: Poses) -> None:
         np.testing.assert_allclose(line[:, 0], (R @ corners[0] + p) * 1e3, atol=HALF)
         along = (line[:, 1] - line[:, 0]) / np.linalg.norm(line[:, 1] - line[:, 0], axis=1)[:, None]
         np.testing.assert_allclose(along, R @ axis, atol=0.02)
-
-
-def cube() -> Array:
-    return np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-
-
-@pytest.mark.parametrize(
-    ("points", "runs", "corners"),
-    [
-        (np.array([[x, y, 0.5 * x] for x in range(4) for y in range(3)], dtype=float), 1, 4),
-        (cube(), 12, 8),
-        (np.array([[t, 2.0 * t, 0.0] for t in (0.0, 2.0, 1.0)]), 1, 3),
-        (np.zeros((1, 3)), 1, 1),
-    ],
-    ids=["plane", "solid", "line", "point"],
-)
-def test_outlines_of_boards(points: Array, runs: int, corners: int) -> None:
-    found = hull_runs(points)
-    assert len(found) == runs
-    assert len({k for run in found for k in run}) == corners
-
-
-def test_the_drawing_holds_them(tmp_path: Path) -> None:
-    cell, _ = cameras_of(tmp_path)
-    svg = str(drawing(picture(scene(cell, poses_at(Q))), "k"))
-    for css, count in (("arm-camera", 2 + 2), ("arm-board", 2 + 2 * len(GRID))):
-        assert svg.count(f'class="{css}"') == count
-    for name in ("wall", "eye", "grip", "bench"):
-        assert f">{name}</text>" in svg

@@ -6,14 +6,13 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
 
-from calib import CalibError, Cell, Measurements, Poses
+from calib import Cell, Measurements, Poses
 from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import displacement, rotate, so3_exp
 from calib.arrays import Array
@@ -29,7 +28,7 @@ from studies.report.arm_view import figure_html
 from studies.report.page import asset
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by
-from tests.studies.report.cells import HOSTILE, hostile, shaped
+from tests.studies.report.cells import shaped
 
 HALF = 0.51  # mm: half of what is rounded to
 LINKS = [*(f"link_{k}" for k in range(1, 7)), "tool0"]
@@ -152,12 +151,6 @@ def test_a_marker_without_a_reading(kr270: Cell, table_two: Poses) -> None:
     np.testing.assert_array_equal(found.marker_points[3, 1], nominal.marker_points[3, 1])
 
 
-def test_readings_in_the_base_frame_stay(kr270: Cell, table_two: Poses) -> None:
-    data, _, _ = simulated(kr270, table_two, 0)
-    found = scene(replace(kr270, effects=("joint_offset",)), data)
-    np.testing.assert_allclose(found.marker_points, data.points * 1e3, atol=HALF)
-
-
 def test_what_stands_around(drawn: ArmScene) -> None:
     box, ball, wall = drawn.around.obstacles  # the floor is not drawn twice
     corners = np.unique(np.concatenate(box.lines, axis=1)[0], axis=0)
@@ -207,12 +200,6 @@ def test_structure_of_the_drawing(drawn: ArmScene) -> None:
     assert len(texts & {"obstacle 1 (box)", "obstacle 2 (sphere)", "obstacle 4 (halfspace)"}) == 3
 
 
-def test_a_hidden_marker_is_hollow_and_crossed(drawn: ArmScene) -> None:
-    svg = parsed(replace(drawn, hidden={(0, 1): "behind A2"}))
-    assert len(of_class(svg, "arm-blocked")) == 1
-    assert [e.tag for e in of_class(svg, "arm-hidden")] == ["circle", "path"]
-
-
 def numbers(element: ElementTree.Element) -> list[tuple[float, float]]:
     pairs = re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", element.get("d", ""))
     return [(float(x), float(y)) for x, y in pairs]
@@ -260,17 +247,6 @@ def segments(shown: ArmPicture, css: str) -> list[tuple[Array, Array]]:
     """Both ends (m, 3) mm of the lines of a class, over all poses."""
     lines = [part for part in shown.parts if isinstance(part, Stroke) and part.css == css]
     return [(shown.points[:, a], shown.points[:, b]) for line in lines for a, b in line.at]
-
-
-def test_both_frames(kr270: Cell, table_two: Poses) -> None:
-    origins, axes = bodies(table_two.q)
-    shown = picture(scene(kr270, table_two))
-    for k, (start, end) in enumerate(segments(shown, "arm-tip-axis")):
-        np.testing.assert_allclose(start, origins[:, -1] * 1e3, atol=HALF)
-        np.testing.assert_allclose(end - start, 175.0 * axes[:, :, k], atol=HALF)
-    for (start, end), axis in zip(segments(shown, "arm-base-axis"), np.eye(3), strict=True):
-        assert not start.any()
-        np.testing.assert_array_equal(end[0], 500.0 * axis)
 
 
 def test_shadow_and_ruler_lie_on_the_floor(drawn: ArmScene) -> None:
@@ -325,32 +301,6 @@ def elements(html: str) -> Elements:
     return found
 
 
-def test_hostile_names_are_only_text(kr270: Cell, table_two: Poses) -> None:
-    poses = replace(table_two, names=tuple(f"{n}{HOSTILE}" for n in table_two.names))
-    html = str(figure_html(scene(hostile(kr270), poses)))
-    plain = str(figure_html(scene(replace(kr270, design=Planned()), table_two)))
-    found, expected = elements(html), elements(plain)
-    assert [tag for tag, _ in found.tags] == [tag for tag, _ in expected.tags]
-    assert [sorted(a) for _, a in found.tags] == [sorted(a) for _, a in expected.tags]
-    (data,) = found.scripts
-    assert not set("<>&") & set(data)
-    read: dict[str, Any] = json.loads(data)
-    assert read["poses"] == list(poses.names)
-    names = [part["words"] for part in read["parts"] if part["css"] == "arm-name"]
-    assert names == [f"m{j}{HOSTILE}" for j in (1, 2, 3)]
-
-
-def test_seven_hundred_poses_stay_small(kr270: Cell) -> None:
-    html = str(figure_html(scene(shaped(kr270), sobol_poses(kr270, 700, 0))))
-    assert len(html.encode()) < 250_000
-
-
-def test_one_pose_that_does_not_move(kr270: Cell) -> None:
-    svg = parsed(scene(kr270, poses_at(np.zeros((1, 6)), ["only"])))
-    assert svg[0].text == "kr270 milling cell: the arm at 1 pose"
-    assert of_class(svg, "arm-tips")[0].get("d", "").count("M") == 1
-
-
 def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:
     """One pose, the second link folded onto the first: the chain goes there and back."""
     robot = kr270.robot
@@ -362,10 +312,3 @@ def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:
     found = scene(cell, poses_at(np.array([[0.0, np.pi, 0.0, 0.0, 0.0, 0.0]])))
     at = found.chain[0].tolist()
     assert at == [[0, 0, 0], [1000, 0, 0], [0, 0, 0]]
-
-
-def test_refusals(kr270: Cell, table_two: Poses) -> None:
-    with pytest.raises(CalibError, match="no pose to draw"):
-        scene(kr270, table_two.take([]))
-    with pytest.raises(CalibError, match="no joint 'A9'"):
-        scene(kr270, table_two, level_joint="A9")

@@ -31,10 +31,3 @@ def test_equal_ratios_are_equal_steps_and_the_noise_is_a_line() -> None:
     assert re.findall(r'<i style="left: ([\d.]+)%', drawn.html) == [f"{noise:.2f}"] * 4
     assert re.findall(r">([\d.e+-]+)</span>", drawn.html) == ["0.1", "1"]
     assert re.findall(r'number">([\d.]+)', drawn.html) == ["4.00", "0.400", "0.0400", "0.0200"]
-
-
-@pytest.mark.parametrize("values", [[0.0], [0.0, 1.0], [3.0], [1234.0, 1e-9]])
-def test_every_value_has_a_bar(values: list[float]) -> None:
-    found = widths(bars([Bar("one", value, "good") for value in values], "c"))
-    assert len(found) == len(values)
-    assert all(0.4 <= width <= 100.0 for width in found)

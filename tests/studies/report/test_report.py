@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,19 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
-from studies.cli import main
 from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
 from studies.report.evidence import load_evidence
 from studies.results import read_as
-
-RESULTS = ("identify", "diagnose", "design", "foresight", "compare")
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+from tests.studies.command_line import run
 
 
 class Outline(HTMLParser):
@@ -82,10 +74,6 @@ def test_it_needs_nothing_from_outside(html: str, outline: Outline) -> None:
     assert not re.findall(r"@import|fetch\(|XMLHttpRequest|WebSocket|sendBeacon|import\(", html)
     assert "default-src 'none'" in html
     assert outline.handlers == []
-
-
-def test_names_of_elements_are_unique(outline: Outline) -> None:
-    assert len(outline.ids) == len(set(outline.ids))
 
 
 def test_figures_are_described_and_have_their_numbers(html: str, outline: Outline) -> None:
@@ -149,12 +137,6 @@ def moved(demo_folder: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_inputs_are_found_beside_the_result(moved: Path) -> None:
-    done = run("report", moved / "identify.json", "-o", moved / "page.html")
-    assert done.exit_code == 0, done.output
-    assert {"arm", "cell"} <= set(Outline((moved / "page.html").read_text()).sections)
-
-
 def test_changed_inputs_are_left_out_and_named(moved: Path) -> None:
     table = moved / "measurements.csv"
     table.write_text(table.read_text() + "\n")
@@ -173,33 +155,6 @@ def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     fields = json.loads(path.read_text())
     change(fields)
     path.write_text(json.dumps(fields))
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("{", "is no result of posecal"),
-        ("[]", "is no result of posecal"),
-        ('{"command": "identify"}', "is no result of posecal"),
-        ('{"command": "identify", "inputs": [], "schema": 2}', "schema: is not 1"),
-        ('{"command": "rm -rf", "inputs": [], "schema": 1}', "is no kind of result"),
-        ('{"command": "identify", "inputs": [], "schema": 1}', "is missing"),
-        ("[" * 100_000, "is no result of posecal"),
-    ],
-)
-def test_what_is_no_result(tmp_path: Path, content: str, message: str) -> None:
-    (tmp_path / "x.json").write_text(content)
-    done = run("report", tmp_path / "x.json", "-o", tmp_path / "page.html")
-    assert done.exit_code == 2
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not (tmp_path / "page.html").exists()
-
-
-def test_a_result_is_never_written_over(demo_folder: Path) -> None:
-    done = run("report", demo_folder / "compare.json", "-o", demo_folder / "compare.json")
-    assert done.exit_code == 2
-    assert "is already an input" in done.stderr
 
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>'\"&"
@@ -224,12 +179,6 @@ def test_names_cannot_do_harm(moved: Path) -> None:
     assert "img" not in clean.tags
     assert "alert(1)</script>" not in text
     assert clean.tags["script"] == Outline((moved / "report.html").read_text()).tags["script"]
-
-
-def test_figures_within_the_page_are_well_formed(html: str) -> None:
-    for svg in re.findall(r"<svg[^>]*class=\"plot\".*?</svg>", html, flags=re.S):
-        ET.fromstring(svg)
-        assert "metadata" not in svg
 
 
 def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
@@ -299,10 +248,3 @@ def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
     summary = text[text.index('<section id="summary"') : text.index('<section id="arm"')]
     assert "Do not use this model." in summary
     assert "box good" not in summary
-
-
-def test_a_fault_names_its_place(moved: Path) -> None:
-    _with(moved / "identify.json", lambda fields: fields.pop("pair_distances_mm"))
-    done = run("report", moved / "identify.json", "-o", moved / "page.html")
-    assert done.exit_code == 2
-    assert "identify.json: pair_distances_mm: is missing" in done.stderr

@@ -13,7 +13,6 @@ import pytest
 from markupsafe import Markup
 
 from calib import Cell, Poses
-from calib.cell.targets import sobol_poses
 from calib.poses import poses_at
 from studies.report.arm_scene import ArmScene, scene
 from studies.report.arm_view import figure_html
@@ -184,16 +183,6 @@ def tip(page: Any) -> list[float]:
     return [float(v) for v in re.findall(r"-?[\d.]+", d)[:2]]
 
 
-def test_zoom_holds_the_tip(open_page: Open, plain: ArmScene) -> None:
-    page = open_page(page_of(plain))
-    before, floor = tip(page), page.locator(".arm-floor").get_attribute("d")
-    for _ in range(3):
-        page.get_by_role("button", name="Zoom in").click()
-    np.testing.assert_allclose(tip(page), before, atol=0.11)
-    spread = [np.ptp(split(d)[1]) for d in (floor, page.locator(".arm-floor").get_attribute("d"))]
-    assert spread[1] / spread[0] == pytest.approx(1.25**3, rel=0.3)
-
-
 def test_views(open_page: Open, plain: ArmScene) -> None:
     page = open_page(page_of(plain))
     for name, shown in (("Top", "XY"), ("Front", "YZ"), ("Side", "XZ")):
@@ -341,20 +330,3 @@ def test_sorting_of_signs_words_and_gaps(open_page: Open) -> None:
     page.get_by_role("button").click()
     down = ["p10", "p9", "10.5 mm", "2", "\N{MINUS SIGN}3", "\N{EN DASH}", ""]
     assert page.locator("td").all_text_contents() == down
-
-
-TIMED = """() => { const frame = window.requestAnimationFrame.bind(window); window.cost = [];
-  window.requestAnimationFrame = (f) => frame((t) => {
-    const from = performance.now(); f(t); window.cost.push(performance.now() - from); }); }"""
-
-
-def test_seven_hundred_poses_turn_smoothly(open_page: Open, kr270: Cell) -> None:
-    page = open_page(page_of(scene(shaped(kr270), sobol_poses(kr270, 700, 0))))
-    page.evaluate(TIMED)
-    page.locator(".arm-stage").focus()
-    for _ in range(15):
-        page.keyboard.press("ArrowLeft")
-        settled(page)
-    drawing = [cost for cost in page.evaluate("() => window.cost") if cost > 0.3]
-    assert len(drawing) >= 10
-    assert np.median(drawing) < 40.0, "ms of script a frame; 5 where nothing else runs"

@@ -37,6 +37,7 @@ def test_each_other_gets_its_line(mistake) -> None:  # type: ignore[no-untyped-d
     test_each_gets_its_line(mistake)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("index", range(6))
 def test_healthy_days_are_called_nothing(index: int) -> None:
     assert drawn(index, seed=1)[1] == []

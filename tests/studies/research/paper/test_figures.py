@@ -14,7 +14,6 @@ from calib import Cell, Poses
 from calib.arm.kinematics import forward
 from studies.plots import Picture
 from studies.plots.style import svg_text
-from studies.plots.view import Viewpoint
 from studies.research.paper import figures
 from studies.research.paper.arm import LENGTHS_M, arm_of_equation_21
 
@@ -63,12 +62,6 @@ def test_tool_has_the_markers_of_table_three(name: str) -> None:
         assert numbers(drawn()[name], marker) == pytest.approx(printed)
 
 
-def test_figure_4_has_axes_in_mm() -> None:
-    _, side, front = drawn()["figure_4"].figure.axes
-    assert (side.get_xlabel(), side.get_ylabel()) == ("x [mm]", "z [mm]")
-    assert (front.get_xlabel(), front.get_ylabel()) == ("y [mm]", "z [mm]")
-
-
 def test_pose_of_approach_1_is_that_of_its_markers() -> None:
     """Any triangle gives back the end of link 3 and its orientation."""
     markers = np.random.default_rng(1).uniform(-0.1, 0.1, (3, 3))
@@ -94,13 +87,6 @@ def test_setup_stands_at_table_two(kr270: Cell, table_two: Poses) -> None:
     assert "p10" in other.caption
 
 
-def test_view_is_orthographic() -> None:
-    view = Viewpoint(-35.0, 20.0)
-    np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
-    assert view.order(view.axes[2]) > view.order(np.zeros(3))
-    np.testing.assert_allclose(Viewpoint(0.0, 0.0).flat(np.array([5.0, 1.0, 2.0])), [1.0, 2.0])
-
-
 def test_command_writes_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = list(drawn().values())
     monkeypatch.setattr(figures, "pictures", lambda: made)
@@ -109,7 +95,3 @@ def test_command_writes_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert result.exit_code == 0, result.output
     expected = {f"figure_{k}.{end}" for k in (1, 2, 3, 4) for end in ("svg", "png", "csv")}
     assert {path.name for path in folder.iterdir()} == expected
-
-
-def test_equal_data_give_equal_bytes(kr270: Cell) -> None:
-    assert svg_text(figures.figure_1(kr270)) == svg_text(drawn()["figure_1"])

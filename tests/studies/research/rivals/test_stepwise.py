@@ -13,9 +13,8 @@ from click.testing import CliRunner
 pytest.importorskip("mujoco")
 
 import calib
-from calib.effects import EFFECTS
 from studies.research.rivals.__main__ import main
-from studies.research.rivals.stepwise import Screen, absent, linearised, select, stepwise
+from studies.research.rivals.stepwise import Screen, select, stepwise
 from studies.research.withheld.draw import Case, draw_case
 from studies.research.withheld.keys import write_case
 
@@ -109,23 +108,6 @@ def test_great_cause_is_named_and_measured(known: tuple[Case, Path]) -> None:
         gap = found["gap"]
         assert gap["heldout_after_mm"] < 0.9 * gap["heldout_before_mm"]
         assert found["located"][0]["where"] == cause.where
-
-
-@pytest.mark.long
-def test_suspects_are_those_the_model_lacks(known: tuple[Case, Path]) -> None:
-    _, folder = known
-    cell, data, _ = loaded(folder)
-    fit = calib.identify(cell, data)
-    suspects = absent(cell, fit, data)
-    names = {(e.kind, e.where) for e in suspects}
-    assert not names & {(e.kind, e.where) for e in fit.model.effects}
-    assert {kind for kind, _ in names} >= {"backlash", "base_drift", "thermal_expansion", "payload"}
-    assert {kind for kind, _ in names} <= set(EFFECTS)
-    assert ("joint_offset" in {k for k, _ in names}) == ("geometry" not in cell.effects)
-    screen = linearised(cell, fit, data, suspects)
-    assert sum(map(len, screen.columns)) == len(screen.g)
-    kept = int(data.seen[~fit.fit.outlier].sum())
-    assert screen.n == 3 * kept
 
 
 @pytest.mark.long

@@ -87,14 +87,6 @@ def test_right() -> None:
     assert j.over_floor == pytest.approx(1.05)
 
 
-def test_interval_counts_in_its_unit() -> None:
-    assert judge(key("single", BACKLASH), answer("explained", named(-43.0, 1.0))).intervals == (
-        False,
-    )
-    moved = answer("explained", named(-0.041, 0.001, "mm"))
-    assert judge(key("single", BACKLASH), moved).intervals == (True,)
-
-
 def test_ambiguous() -> None:
     members = [effect("base_drift", "base"), effect("tracker_drift", "instrument")]
     drift = effect("base_drift", "base", probability=0.5) | {"class": members}

@@ -30,7 +30,6 @@ from studies.research.withheld.seal import (
     BrokenSeal,
     commit_answers,
     opened,
-    programs,
     read_json,
     run,
     write_json,
@@ -73,26 +72,6 @@ def once(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answered(once: Path, tmp_path: Path) -> Path:
     """A copy of them to spoil."""
     return Path(shutil.copytree(once, tmp_path / "copy"))
-
-
-@pytest.mark.long
-def test_same_seed_same_cases(folder: Path, tmp_path: Path) -> None:
-    make(tmp_path / "again", COUNT, 11)
-    for path in sorted((folder / "cases").rglob("*.*")):
-        again = tmp_path / "again" / path.relative_to(folder)
-        assert path.read_bytes() == again.read_bytes(), path.name
-    for path in sorted((folder / "keys").glob("case_*.json")):
-        one, two = read_json(path), read_json(tmp_path / "again" / "keys" / path.name)
-        assert one.pop("salt") != two.pop("salt")
-        assert one == two
-    make(tmp_path / "other", 2, 12)
-    other = tmp_path / "other" / "cases" / "case_0000" / "measurements.csv"
-    assert other.read_bytes() != (folder / "cases" / "case_0000" / "measurements.csv").read_bytes()
-
-
-def test_folder_is_not_overwritten(folder: Path) -> None:
-    with pytest.raises(FileExistsError):
-        make(folder, 1, 1)
 
 
 def test_files_are_read_by_the_program(folder: Path) -> None:
@@ -167,16 +146,6 @@ def test_families_and_places() -> None:
     for arm in ARMS:
         scene = scene_of(arm)
         assert set(places(scene).get("joint_compliance", [])).isdisjoint(scene.modelled)
-
-
-def test_answers_are_committed_and_scored(answered: Path) -> None:
-    result = score(answered)
-    assert result["cases"] == COUNT
-    assert result["failed"] == 1
-    assert result["answers"][1]["verdict"] == "none"
-    nulls = next(row for row in result["rates"] if row["family"] == "null")
-    key = read_json(answered / "keys" / "case_0001.json")
-    assert nulls["hits"] == (key["family"] == "null")  # no answer is no proof of no gap
 
 
 def perfect(key: dict[str, Any]) -> dict[str, Any]:
@@ -255,26 +224,6 @@ def test_programs_side_by_side(answered: Path) -> None:
         opened(answered)
 
 
-def test_rivals_answer_in_folders_of_their_own(answered: Path, tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(PROGRAM)
-    before = (answered / "answers" / "diagnosis.json").read_bytes()
-    command = f"{sys.executable} {program} {{cell}} {{data}} {{heldout}} {{answer}}"
-    run(answered, program="other", command=command)
-    assert (answered / "answers" / "diagnosis.json").read_bytes() == before
-    assert programs(answered) == ["diagnosis", "other"]
-    found = score(answered)
-    assert found["rivals"]["other"]["rates"] == found["rates"]
-
-
-@pytest.mark.long
-def test_stepwise_rival_through_the_command(tmp_path: Path) -> None:
-    make(tmp_path / "one", 1, 5)
-    runs = run(tmp_path / "one", program="bic")
-    assert runs["case_0000"]["status"] == "answered"
-    assert score(tmp_path / "one")["heldout_over_floor"]["n"] <= 1
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -310,13 +259,6 @@ def test_tampering_is_seen(answered: Path, name: str) -> None:
     path = answered / name
     path.write_text(path.read_text().replace("0", "1", 1))
     with pytest.raises(BrokenSeal, match=path.name):
-        opened(answered)
-
-
-def test_late_answer_is_refused(answered: Path) -> None:
-    path = answered / "answers" / "diagnosis" / "case_0001.json"
-    path.write_text(json.dumps({"verdict": "no_gap"}))
-    with pytest.raises(BrokenSeal, match="case_0001"):
         opened(answered)
 
 

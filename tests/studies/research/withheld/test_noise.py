@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,9 @@ import pytest
 pytest.importorskip("mujoco")
 
 import calib
-from studies.research.withheld.draw import _conditions, draw_case, draw_scene
+from studies.research.withheld.draw import draw_case
 from studies.research.withheld.keys import key_of, write_case
-from studies.research.withheld.robots import HEAVY
-from studies.research.withheld.scene import MIDDLE, Noise, growing
-from studies.research.withheld.visible import Projector, at_rest
+from studies.research.withheld.scene import MIDDLE, Noise
 from tests.studies.research.withheld.scenes import PLAIN
 
 LAW = Noise(along=5e-6, across=4e-6, across_per_m=3e-6)
@@ -51,26 +48,6 @@ def test_floor_is_the_root_of_the_traces() -> None:
     )
 
 
-def test_noncentrality_weighs_by_the_true_covariance() -> None:
-    """A shift of one coordinate of one point, without a model to take it up: d' cov^-1 d."""
-    scene = draw_scene(np.random.default_rng(0), HEAVY, replace(PLAIN, range_noise="said"))
-    still = at_rest(scene, scene.mechanism(), ())
-    seen = np.ones(still.readings.shape[:2], dtype=bool)
-    projector = Projector(scene, still, seen)
-    projector._Q = projector._Q[:, :0]
-    moved = np.zeros_like(still.readings)
-    moved[7, 1] = d = np.array([1e-5, 2e-5, -3e-5])
-    expected = d @ np.linalg.solve(covariance(scene.noise, still.readings[7, 1]), d)
-    assert np.sum(projector.left(moved) ** 2) == pytest.approx(expected)
-
-
-def test_one_case_in_seven_has_it() -> None:
-    rng = np.random.default_rng(0)
-    drawn = Counter(_conditions(rng).range_noise for _ in range(4000))
-    assert drawn["said"] + drawn["unsaid"] == pytest.approx(0.15 * 4000, rel=0.15)
-    assert drawn["said"] == pytest.approx(drawn["unsaid"], rel=0.2)
-
-
 @pytest.mark.parametrize("word", ["said", "unsaid"])
 def test_cell_says_it_or_not(word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the program under test whitens by: the true law where it is said, else one sigma."""
@@ -92,10 +69,3 @@ def test_cell_says_it_or_not(word: str, tmp_path: Path, monkeypatch: pytest.Monk
     found = calib.identify(cell, data)
     if word == "said":
         assert found.noise.lack_of_fit_p > 0.01
-
-
-def test_typical_size_stays() -> None:
-    rng = np.random.default_rng(0)
-    sizes = [growing(rng, 15e-6).sigma / 15e-6 for _ in range(200)]
-    assert 0.5 < min(sizes) < np.median(sizes) < max(sizes) < 1.5
-    assert np.median(sizes) == pytest.approx(1.0, abs=0.1)

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from scipy.stats import chi2
 
 from calib.arrays import Array
 
 pytest.importorskip("mujoco")
 
-from studies.research.withheld.__main__ import main
-from studies.research.withheld.draw import Case, draw_case, with_scatter
-from studies.research.withheld.keys import cell_text, key_of, write_case
-from studies.research.withheld.robots import ARMS, RAIL
+from studies.research.withheld.draw import Case, draw_case
+from studies.research.withheld.keys import key_of, write_case
+from studies.research.withheld.robots import RAIL
 from studies.research.withheld.scene import RATIO, Scatter, Scene
-from studies.research.withheld.seal import read_json
-from studies.research.withheld.visible import Projector, at_rest, modelled_columns
-from tests.studies.research.withheld.scenes import PLAIN, scene_of
+from studies.research.withheld.visible import at_rest
+from tests.studies.research.withheld.scenes import PLAIN
 
 # Of the files before arms scattered: sha256 over cell, table of the hold-out, table and URDF.
 UNTOUCHED = {
@@ -69,17 +63,6 @@ def by_differences(scene: Scene, scatter: Scatter) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def covariance(case: Case, rows: np.ndarray) -> Array:
-    """Of chosen readings (N, M), written out: noise of each point, what readings of one stay share."""
-    scene = case.scene
-    assert scene.scatter is not None
-    A = by_differences(scene, scene.scatter)[rows].reshape(-1, scene.arm.dof + 6)
-    stay = np.repeat(np.nonzero(rows)[0] // 2, 3)  # free and loaded follow each other
-    return np.asarray(
-        (A @ A.T) * (stay[:, None] == stay) + scene.noise.sigma**2 * np.eye(len(stay))
-    )
-
-
 @pytest.mark.parametrize(("index", "family"), UNTOUCHED)
 def test_without_the_option_cases_stay(index: int, family: str, tmp_path: Path) -> None:
     """To the last digit: seeds of published figures must give the same files."""
@@ -91,35 +74,6 @@ def test_without_the_option_cases_stay(index: int, family: str, tmp_path: Path) 
     key = key_of(case, "case", index, "salt")
     assert "arm_noise" not in key
     assert "arm_noise" not in key["conditions"]
-
-
-@pytest.mark.long
-def test_readings_err_by_their_covariance(case: Case) -> None:
-    """Chi-square of all that was read, and the same with the arm taken for exact, far off."""
-    r = (case.noisy - case.clean)[case.seen].ravel()
-    total = float(r @ np.linalg.solve(covariance(case, case.seen), r))
-    assert 0.001 < chi2.sf(total, len(r)) < 0.999
-    assert chi2.sf(float(r @ r) / case.scene.noise.sigma**2, len(r)) < 1e-12
-
-
-@pytest.mark.long
-def test_noncentrality_under_the_true_covariance(case: Case) -> None:
-    """The projector against dense generalised least squares."""
-    scene, still = case.scene, case.state
-    rows = case.seen & ~scene.session.held[:, None]
-    S = covariance(case, rows)
-    J = np.swapaxes(modelled_columns(scene, still), -1, -2) @ scene.R.T
-    J = np.swapaxes(J[rows], -1, -2).reshape(len(S), -1)
-    d = np.random.default_rng(0).normal(size=still.readings.shape) * 1e-5
-    own = d[rows].ravel()
-    white = np.linalg.inv(np.linalg.cholesky(S))
-    WJ, Wd = white @ (J / np.linalg.norm(J, axis=0)), white @ own
-    U, s, _ = np.linalg.svd(WJ, full_matrices=False)
-    left = Wd - U[:, s > 1e-9 * s[0]] @ (U[:, s > 1e-9 * s[0]].T @ Wd)
-    found = Projector(scene, still, rows).left(d)
-    assert found @ found == pytest.approx(left @ left, rel=1e-4)
-    exact = Projector(replace(scene, scatter=None), still, rows).left(d)
-    assert exact @ exact > 1.1 * (found @ found)
 
 
 @pytest.mark.long
@@ -149,42 +103,3 @@ def test_size_at_the_markers_and_what_the_cell_says(case: Case) -> None:
          small[..., 1, 0] - small[..., 0, 1]], axis=-1,
     ) / 2.0  # fmt: skip
     assert turn == pytest.approx(np.sqrt(np.mean(vectors**2)), rel=0.04)
-
-
-@pytest.mark.long
-def test_drawn_evenly_and_said_in_half() -> None:
-    scenes = [scene_of(arm) for arm in ARMS]
-    still = [at_rest(scene, scene.mechanism(), ()) for scene in scenes]
-    rng, drawn, ratios = np.random.default_rng(1), Counter[str](), []
-    for _ in range(200):
-        k = int(rng.integers(len(scenes)))
-        scene = with_scatter(rng, scenes[k], still[k])
-        assert scene.scatter is not None
-        drawn["joints"] += bool(scene.scatter.joints.any())
-        drawn["said"] += scene.repeatability is not None
-        squares = np.mean(scene.scatter.squares(scene.arm, still[k]))
-        ratios.append(np.sqrt(squares / 3.0) / scene.noise.sigma)
-        said = tomllib.loads(cell_text("case", scene))["robot"].get("repeatability_mm")
-        assert (said is not None) == (scene.repeatability is not None)
-        if scene.repeatability is not None:
-            assert said == pytest.approx(scene.repeatability[0] * 1e3, rel=1e-3)
-    assert 75 < drawn["joints"] < 125
-    assert 75 < drawn["said"] < 125
-    assert RATIO[0] <= min(ratios) < 1.1
-    assert 2.7 < max(ratios) <= RATIO[1] * (1 + 1e-9)
-    assert np.median(ratios) == pytest.approx(np.sqrt(3.0), rel=0.12)
-
-
-@pytest.mark.long
-def test_command_and_floor(tmp_path: Path) -> None:
-    """What a perfect model leaves of held-out readings is the floor of the key."""
-    options = ["make", "8", "--seed", "2", str(tmp_path / "cases"), "--arm-noise"]
-    assert CliRunner().invoke(main, options).exit_code == 0
-    keys = [read_json(path) for path in sorted((tmp_path / "cases" / "keys").glob("case_*.json"))]
-    ratios = [key["heldout_noise_rms_mm"] / key["floor_mm"] for key in keys]
-    np.testing.assert_allclose(np.mean(ratios), 1.0, atol=0.1)
-    for key in keys:
-        assert key["floor_mm"] > np.sqrt(3.0) * key["sigma_mm"]
-        assert key["conditions"]["arm_noise"] in ("said", "unsaid")
-        cell = (tmp_path / "cases" / "cases" / key["case"] / "cell.toml").read_text()
-        assert ("repeatability_urad" in cell) == (key["conditions"]["arm_noise"] == "said")

@@ -11,10 +11,7 @@ pytest.importorskip("mujoco")
 
 import calib
 from studies.research.withheld.figures import READERS
-from studies.research.withheld.instruments import SHARES, Fault, draw_sensed, key_of, write_case
-from studies.research.withheld.make import families, make
-from studies.research.withheld.score import score_of
-from studies.research.withheld.seal import Answered, read_json
+from studies.research.withheld.instruments import Fault, draw_sensed, key_of, write_case
 
 # It takes seconds to put a ball into sockets.
 SOCKET = pytest.param("socket", marks=pytest.mark.long)
@@ -57,31 +54,3 @@ def test_faults_are_what_the_answers_call_them(kind: str, tmp_path: Path) -> Non
         p = found.model.parameters[at]
         assert p.unit == truth["unit"]
         assert abs(found.values[at] / p.scale - truth["value"]) < 4.0 * found.std[at] / p.scale
-
-
-@pytest.mark.long
-def test_cases_are_made_and_scored(tmp_path: Path) -> None:
-    make(tmp_path / "sealed", 3, 2, population="instruments")
-    keys = {p.stem: read_json(p) for p in sorted((tmp_path / "sealed" / "keys").glob("case_*"))}
-    drawn = families(np.random.default_rng([2, 3]), 3, SHARES)
-    assert [key["family"] for key in keys.values()] == drawn
-    answers = {
-        name: {
-            "verdict": "explained" if key["effects"] else "no_gap",
-            "effects": [
-                {"effect": e["effect"], "where": e["where"], "probability": 0.95}
-                for e in key["effects"]
-            ],
-            "located": [{"where": e["where"], "depends_on": "none"} for e in key["effects"]],
-            "gap": {"heldout_before_mm": 1.0, "heldout_after_mm": key["floor_mm"]},
-        }
-        for name, key in keys.items()
-    }
-    found = score_of(keys, Answered(answers, {name: {"seconds": 1.0} for name in answers}))
-    rates = {(rate["family"], rate["figure"]): rate for rate in found["rates"]}
-    for rate in rates.values():
-        wanted = 0.0 if rate["figure"] in ("false alarms", "confidently misnamed") else 1.0
-        assert rate["rate"] in (None, wanted)
-    assert sum(rate["n"] for (_, figure), rate in rates.items() if figure == "located") == sum(
-        bool(key["effects"]) for key in keys.values()
-    )

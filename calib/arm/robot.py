@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -112,9 +113,7 @@ class Robot:
 
         Raises InputError.
         """
-        from calib.files.proposal import propose
-
-        return propose(Path(path), base=base, tip=tip).robot
+        return _proposed(Path(path), base=base, tip=tip)
 
     from_mjcf = from_urdf
 
@@ -124,9 +123,7 @@ class Robot:
 
         Raises InputError.
         """
-        from calib.files.proposal import propose
-
-        return propose(Path(path), convention).robot
+        return _proposed(Path(path), convention)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.base} to {self.tip}: {', '.join(self.joints)})"
@@ -206,3 +203,9 @@ class Robot:
         unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
         low, high = self.sample_limits().T
         return self.tied(low + unit * (high - low))
+
+
+def _proposed(*given: Any, **named: Any) -> Robot:
+    """The robot of a file. Readers stand above the arm, so that one is found by its name."""
+    robot: Robot = import_module("calib.files.proposal").propose(*given, **named).robot
+    return robot

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from calib import Cell, Poses
-from studies.compare.experiment import POINTS, Experiment, experiment_of
+from studies.compare.experiment import POINTS, SimulatedExperiment, experiment_of
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
 from studies.demo.embedded import simulated
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.long
 TRIALS = 1000
 
 
-def demonstration(cell: Cell, plan: Poses) -> Experiment:
+def demonstration(cell: Cell, plan: Poses) -> SimulatedExperiment:
     """The demonstration's truth, a base far off included; fits start a tenth away from it."""
     _, _, truth = simulated(cell, plan, 0)
     return replace(experiment_of(cell, plan), truth=truth, nominal=0.9 * truth)

@@ -50,7 +50,6 @@ def _beside_figaroh(found: Comparison, python: str, matrices: Array, poses: int 
     blocks, task = blocks_of(matrices), _task(matrices, poses)
     rules = any_of(len(matrices), poses)
     own = _own_rows(blocks, rules, task)
-    best = own[0]
     found.rows += own
     # Detmax may repeat a candidate, so posecal is shown with repeats as well.
     free = any_of(len(matrices), poses, repeats=True)
@@ -60,17 +59,11 @@ def _beside_figaroh(found: Comparison, python: str, matrices: Array, poses: int 
     for run in answer.get("runs", []):
         plan = np.array(run["plan"])
         value = _value(blocks, plan)
-        found.rows.append(
-            {
-                "task": task,
-                "program": f"figaroh {answer['version']}",
-                "way": f"{run['way']}, {len(np.unique(plan))} distinct",
-                "seconds": run["seconds"],
-                "det(M)^(1/p)": value,
-                "time [x posecal]": run["seconds"] / best["seconds"],
-                "value [x posecal]": value / best["det(M)^(1/p)"],
-            }
+        way, program = (
+            f"{run['way']}, {len(np.unique(plan))} distinct",
+            f"figaroh {answer['version']}",
         )
+        found.rows.append(_row(task, way, run["seconds"], value, own[0], program))
 
 
 def _beside_pydex(found: Comparison, python: str, matrices: Array) -> None:
@@ -78,24 +71,17 @@ def _beside_pydex(found: Comparison, python: str, matrices: Array) -> None:
     blocks, rules = blocks_of(matrices), any_of(n, 1, repeats=True)
     task = f"D weights, p {p}, {n} candidates"
     relaxed, seconds = timed(lambda: relax(Determinant(np.eye(p)), blocks, rules))
-    found.rows.append(_row(task, "relax", seconds, relaxed.value) | {"proved within": relaxed.gap})
+    first = _row(task, "relax", seconds, relaxed.value) | {"proved within": relaxed.gap}
+    found.rows.append(first)
     answer = _peer(found, python, "pydex", matrices, 1)
     for run in answer.get("runs", []):
         weights = np.array(run["weights"])
         M = blocks.total(np.arange(n), weights / weights.sum())
         value = float(Determinant(np.eye(p)).value(M))
-        found.rows.append(
-            {
-                "task": task,
-                "program": f"pydex {answer['version']}",
-                "way": f"cvxpy, {run['way']}",
-                "seconds": run["seconds"],
-                "det(M)^(1/p)": value,
-                "time [x posecal]": run["seconds"] / seconds,
-                "value [x posecal]": value / relaxed.value,
-                "proved within": float(blocks.scores(np.asarray(np.linalg.inv(M))).max()) / p - 1.0,
-            }
-        )
+        gap = float(blocks.scores(np.asarray(np.linalg.inv(M))).max()) / p - 1.0
+        way, program = f"cvxpy, {run['way']}", f"pydex {answer['version']}"
+        row = _row(task, way, run["seconds"], value, first, program)
+        found.rows.append(row | {"proved within": gap})
 
 
 def _matrices(case: str, count: int) -> Array:
@@ -126,23 +112,29 @@ def _own_rows(blocks: Blocks, rules: Allowed, task: str) -> list[Row]:
     rows: list[Row] = []
     for way, work in zip(OWN, (searched, once, greedily), strict=True):
         (value, gap), seconds = timed(work)
-        row = _row(task, way, seconds, value)
-        if rows:
-            row["time [x posecal]"] = seconds / rows[0]["seconds"]
-            row["value [x posecal]"] = value / rows[0]["det(M)^(1/p)"]
+        row = _row(task, way, seconds, value, rows[0] if rows else None)
         rows.append(row | {"proved within": None if np.isnan(gap) else gap})
     return rows
 
 
-def _row(task: str, way: str, seconds: float, value: float) -> Row:
+def _row(
+    task: str,
+    way: str,
+    seconds: float,
+    value: float,
+    to: Row | None = None,
+    program: str = "posecal",
+) -> Row:
+    """Figures of a run, and as multiples of another's."""
+    own = {"seconds": seconds, "det(M)^(1/p)": value}
+    to = to or own
     return {
         "task": task,
-        "program": "posecal",
+        "program": program,
         "way": way,
-        "seconds": seconds,
-        "det(M)^(1/p)": value,
-        "time [x posecal]": 1.0,
-        "value [x posecal]": 1.0,
+        **own,
+        "time [x posecal]": seconds / to["seconds"],
+        "value [x posecal]": value / to["det(M)^(1/p)"],
     }
 
 

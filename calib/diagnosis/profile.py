@@ -1,10 +1,11 @@
-"""The profile likelihood of a suspect where the arm scatters: variances found anew with it.
+"""What a suspect is worth where the arm scatters: variances found anew with it and without it.
 
 Variances that were estimated while an effect is missing take the effect for noise, and its score at
 those variances is too small. So the leading suspects are judged by the ratio of likelihoods, each
 with its own variances: ``max L(levels, suspect) / max L(levels)``, of the same readings, once all
-that is modelled is projected out of them (:mod:`calib.scatter.restricted`). Where nothing scatters
-both are the score.
+that is modelled is projected out of them (:mod:`calib.scatter.restricted`). To second order that takes
+no search and is never too much (:mod:`calib.scatter.nearby`): where it decides, it is enough. Where
+nothing scatters both are the score.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from calib.diagnosis.prior import held_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import FitView
-from calib.scatter.restricted import Turned, beside_known, maximised
+from calib.scatter.nearby import NearbyLikelihood
+from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
@@ -37,18 +39,39 @@ class LikelihoodProblem:
     problem : Turned, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
     at : dict, key of a candidate -> ndarray of int, its columns in the problem
+    nearby : NearbyLikelihood, the same at the levels of the fit
     search : what finds the levels without any suspect
     """
 
     problem: Turned
     rows: int
     at: dict[str, IntArray]
+    nearby: NearbyLikelihood
     search: Callable[[], VarianceEstimate]
 
     @cached_property
     def levels(self) -> VarianceEstimate:
         """Levels of noise without any of the suspects."""
         return self.search()
+
+    def approximate_score(self, suspect: Candidate) -> Score:
+        """What a suspect would explain, variances found anew to second order."""
+        if suspect.spread is None:
+            return self.approximate_together([suspect])
+        own = self.at[suspect.key]
+        half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
+        amplitude = _amplitude(*self.nearby.beside(own), half)
+        gain = self.nearby.gain(own, _inverse(half) / amplitude)
+        price = _freedom(np.diag(gain.triangle), half, amplitude)
+        return _of_curve(gain.fall + gain.promised - price, price)
+
+    def approximate_together(self, causes: Sequence[Candidate]) -> Score:
+        """The same of causes by name beside each other."""
+        own, limits = self._columns_of(causes)
+        gain = self.nearby.gain(own, np.diag(1.0 / limits))
+        told = np.diag(gain.triangle) * limits
+        fall = max(gain.fall + gain.promised, 0.0)
+        return self._priced(fall, told).counted(prod(c.choices for c in causes))
 
     def score(self, suspect: Candidate) -> Score:
         """What a suspect would explain, variances found anew."""
@@ -59,59 +82,87 @@ class LikelihoodProblem:
 
     def score_together(self, causes: Sequence[Candidate]) -> Score:
         """What causes by name would explain beside each other, variances found anew."""
-        from scipy.special import chdtrc
-
-        own = np.concatenate([self.at[c.key] for c in causes])
-        limits = np.concatenate([c.limits for c in causes])
+        own, limits = self._columns_of(causes)
         problem = self._with(own, np.diag(1.0 / limits))
         _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
         told = found.diagonal[problem.known : -1] * limits
         fall = max(self.levels.value - found.value, 0.0)
+        return self._priced(fall, told).counted(prod(c.choices for c in causes))
+
+    def _columns_of(self, causes: Sequence[Candidate]) -> tuple[IntArray, Array]:
+        """Columns (k,) of some causes by name, and the limits (k,) of their parameters."""
+        own = np.concatenate([self.at[c.key] for c in causes])
+        return own, np.concatenate([c.limits for c in causes])
+
+    def _priced(self, fall: float, told: Array) -> Score:
+        """Score of a named cause.
+
+        told : ndarray, shape (k,), what the readings and the prior say of each parameter, in its limit
+        """
+        from scipy.special import chdtrc
+
         k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
-        price = k * float(np.log(max(self.rows, 1)))
-        own_score = Score(fall, fall, price, float(chdtrc(k, fall)))
-        return own_score.counted(prod(c.choices for c in causes))
+        return Score(fall, fall, k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
-        half = np.asarray(np.linalg.cholesky(spread + jitter))
-        inverse = np.asarray(np.linalg.inv(half), dtype=np.float64)
+        half = _half(spread)
+        inverse = _inverse(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
-            amplitude = _amplitude(beside_known(self._with(own), theta), half)
+            there = NearbyLikelihood(self.problem, theta, self.levels.free)
+            amplitude = _amplitude(*there.beside(own), half)
             problem = self._with(own, inverse / amplitude)
             theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
-            # -2 log marginal likelihood, and what the freedom of the coefficients costs.
-            told = found.diagonal[problem.known : -1]
-            price = 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
-            best = min(best, (found.value + price, price))
+            best = min(best, _marginal(problem, found, half, amplitude))
         value, price = best
-        evidence = self.levels.value - value
-        if evidence <= 0.0:
-            return NOTHING
-        return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
+        return _of_curve(self.levels.value - value, price)
 
-    def _with(self, own: IntArray, prior: Array | None = None) -> Turned:
+    def _with(self, own: IntArray, prior: Array) -> Turned:
         """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
         known = self.problem.known
         chosen = np.concatenate([np.arange(known), own, [self.problem.outside.shape[1] - 1]])
         held = self.problem.held[:, chosen]
-        if prior is not None:
-            held = np.concatenate([held, np.pad(prior, ((0, 0), (known, 1)))])
-        return self.problem.with_columns(chosen, known, held)
+        rows = np.zeros((len(prior), len(chosen)))
+        rows[:, known:-1] = prior
+        return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
 
 
-def _amplitude(products: Array, half: Array) -> float:
-    """That of a curve which the readings prefer, in plausible sizes.
+def _half(spread: Array) -> Array:
+    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
+    return np.asarray(np.linalg.cholesky(spread + jitter))
 
-    products : ndarray, shape (k + 1, k + 1), of its columns and the readings beside all else
-    """
-    d, vectors = np.linalg.eigh(half.T @ products[:-1, :-1] @ half)
+
+def _inverse(half: Array) -> Array:
+    return np.asarray(np.linalg.inv(half), dtype=np.float64)
+
+
+def _of_curve(evidence: float, price: float) -> Score:
+    if evidence <= 0.0:
+        return NOTHING
+    return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
+
+
+def _amplitude(S: Array, z: Array, half: Array) -> float:
+    """That of a curve which the readings prefer, in plausible sizes; their products (k, k) and (k,)."""
+    d, vectors = np.linalg.eigh(half.T @ S @ half)
     d = np.maximum(d, 0.0)
-    squares = (vectors.T @ (half.T @ products[:-1, -1])) ** 2
+    squares = (vectors.T @ (half.T @ z)) ** 2
     t = _AMPLITUDES[:, None] ** 2
     evidence = (squares * t / (1.0 + t * d) - np.log1p(t * d)).sum(axis=1)
     return float(_AMPLITUDES[int(np.argmax(evidence))])
+
+
+def _marginal(
+    problem: Turned, found: Likelihood, half: Array, amplitude: float
+) -> tuple[float, float]:
+    """-2 log marginal likelihood with a curve's coefficients, and what their freedom costs."""
+    price = _freedom(found.diagonal[problem.known : -1], half, amplitude)
+    return found.value + price, price
+
+
+def _freedom(told: Array, half: Array, amplitude: float) -> float:
+    """What the freedom of a curve's coefficients costs; told : diagonal of their triangle."""
+    return 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
 
 
 def likelihood_problem(
@@ -134,6 +185,7 @@ def likelihood_problem(
     of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
     problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
     levels = fit.levels
+    free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
 
     def search() -> VarianceEstimate:
         if not without and levels is not None:
@@ -145,4 +197,4 @@ def likelihood_problem(
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     rows = int(np.count_nonzero(fit.J.any(axis=-1))) - problem.beyond_rigid
-    return LikelihoodProblem(problem, rows, at, search)
+    return LikelihoodProblem(problem, rows, at, NearbyLikelihood(problem, theta, free), search)

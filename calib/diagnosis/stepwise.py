@@ -186,17 +186,11 @@ def _pair(state: Round) -> list[Candidate]:
     if not pairs:
         return []
     here = likelihood_problem(state.stage, state.view, eligible)
-    pairs.sort(key=lambda pair: -_together(state.view, pair).fall)
+    pairs.sort(key=lambda pair: -here.approximate_together(pair).fall)
     scores = {pair: here.score_together(pair) for pair in pairs[:_PAIRS]}
     best = max(scores, key=lambda pair: scores[pair].gain)
     paid = replace(state, asked=state.asked * (state.asked - 1) // 2).pays(scores[best])
     return list(best) if paid else []
-
-
-def _together(view: FitView, causes: Sequence[Candidate]) -> Score:
-    """Score of causes beside each other, at the variances of the fit."""
-    columns = np.concatenate([view.where[c.key] for c in causes])
-    return score(view.beside, columns, limits=np.concatenate([c.limits for c in causes]))
 
 
 def _entering(
@@ -271,7 +265,10 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
 def _anew(
     state: Round, scores: dict[str, Score], eligible: Sequence[Candidate]
 ) -> dict[str, Score]:
-    """Scores of those that lead, each with variances found anew; of the others none."""
+    """Scores of those that lead, each with variances found anew; of the others none.
+
+    Where to second order, which is never too much, none pays, they are searched for.
+    """
     view = state.view
     alone = linear_scores(view.by_instrument.beside, view, eligible)
     leading = [
@@ -282,7 +279,10 @@ def _anew(
     ]
     leading = list(dict.fromkeys(leading))
     here = likelihood_problem(state.stage, view, leading)
-    return {c.key: NOTHING for c in eligible} | {c.key: here.score(c) for c in leading}
+    found = {c.key: NOTHING for c in eligible} | {c.key: here.approximate_score(c) for c in leading}
+    if not any(state.pays(found[c.key], c) for c in leading):
+        found |= {c.key: here.score(c) for c in leading}
+    return found
 
 
 def _defence(state: Round, member: Candidate, linear: Score) -> Score:
@@ -293,7 +293,8 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
     here = likelihood_problem(state.stage, state.view, [member], apart(member, state.active))
-    return here.score(member)
+    approximate = here.approximate_score(member)
+    return approximate if state.stays(approximate) else here.score(member)
 
 
 def linear_scores(beside: Field, view: FitView, suspects: Sequence[Candidate]) -> dict[str, Score]:

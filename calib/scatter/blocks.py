@@ -91,6 +91,18 @@ class Half:
         """Independent rows of rows (B, A, d, p)."""
         return self.together(self.L @ rows)
 
+    def pulls(self, block: Block, left: Array, count: int) -> Array:
+        """``x^T V^-1 V_j V^-1 x`` by every variance j of so many, (v,), x by its independent rows.
+
+        left : ndarray, shape (B, A, d, 1)
+        """
+        found, back = np.zeros(count), _t(self.L) @ self.together(left)
+        found[0] = float((back**2).sum())
+        shared = _t(_long(block.shared)) @ _long(back)
+        np.add.at(found, block.own_of, _squares((_t(block.own) @ back)[..., 0], 1))
+        np.add.at(found, block.shared_of, _squares(shared[..., 0], 1))
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class Levers:

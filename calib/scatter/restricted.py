@@ -163,6 +163,18 @@ class Independent:
             R = triangle(np.concatenate(rows))
         return np.asarray(R)
 
+    def pulls(self, combined: Array) -> Array:
+        """``y^T P V_j P y`` by every variance j of some residuals, shape (v,).
+
+        combined : ndarray, shape (f,), by which columns and readings make the residuals
+        """
+        alone = self.problem.outside @ combined
+        found = np.zeros(len(self.theta))
+        found[0] = float(alone @ alone) / float(self.theta[0]) ** 2
+        for block, half, rows in zip(self.problem.blocks, self.halves, self.rows, strict=True):
+            found += half.pulls(block, rows @ combined[:, None], len(found))
+        return found
+
 
 def independent(problem: Turned, theta: Array) -> Independent:
     """The rows of a problem made independent at variances theta (v,)."""
@@ -173,18 +185,6 @@ def independent(problem: Turned, theta: Array) -> Independent:
         flat = stacked(own)
         products = products + flat.T @ flat
     return Independent(problem, theta, halves, rows, np.asarray(products))
-
-
-def beside_known(problem: Turned, theta: Array) -> Array:
-    """Products of the other columns and the readings with the known columns projected out.
-
-    theta : ndarray, shape (v,); shape of the result (f - p, f - p)
-    """
-    from scipy.linalg import solve_triangular
-
-    p, rows = problem.known, independent(problem, theta)
-    B = solve_triangular(rows.triangle_of(p), rows.products[:p, p:], trans="T")
-    return np.asarray(rows.products[p:, p:] - B.T @ B)
 
 
 def likelihood(problem: Turned, theta: Array) -> Likelihood:

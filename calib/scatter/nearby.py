@@ -1,0 +1,112 @@
+"""What further columns would do to the restricted likelihood, to second order in the variances.
+
+Columns of a suspect lower ``y^T P y`` by ``fall`` at the variances as they are; they leave less to
+scatter, and with variances found anew the likelihood gains once more. One step of Fisher's scoring
+promises how much: its information does not follow from the readings and is the same for all suspects,
+its gradient takes one residual of each. For n coordinates of one variance that falls by a share x the
+sum is ``n (x + x^2 / 2)`` where the exact gain is ``-n log(1 - x)``: never too much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.scatter.restricted import Independent, Likelihood, Turned, independent, likelihood, step
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """What a suspect brings: ``fall`` at the variances as they are, ``promised`` by finding them anew.
+
+    triangle : ndarray, shape (k, k), of its columns beside what is known, its prior's rows included
+    """
+
+    fall: float
+    promised: float
+    triangle: Array
+
+
+@dataclass(frozen=True, eq=False)
+class NearbyLikelihood:
+    """The restricted likelihood of known columns and suspects, near some variances.
+
+    problem : Turned; theta : ndarray, shape (v,); free : ndarray of int, those that may move
+    """
+
+    problem: Turned
+    theta: Array
+    free: IntArray
+
+    @cached_property
+    def _rows(self) -> Independent:
+        return independent(self.problem, self.theta)
+
+    @cached_property
+    def _bare(self) -> Likelihood:
+        """With the known columns alone."""
+        known = self.problem.known
+        chosen = np.append(np.arange(known), self.problem.outside.shape[1] - 1)
+        return likelihood(self.problem.with_columns(chosen, known), self.theta)
+
+    @cached_property
+    def _products(self) -> tuple[Array, Array]:
+        """Of suspects and readings beside the known columns, and the known ones' share in each.
+
+        Shapes (f - p, f - p) and (p, f - p).
+        """
+        from scipy.linalg import solve_triangular
+
+        p, G = self.problem.known, self._rows.products
+        R = self._rows.triangle_of(p)
+        B = solve_triangular(R, G[:p, p:], trans="T")
+        return G[p:, p:] - B.T @ B, np.asarray(solve_triangular(R, B))
+
+    def beside(self, own: IntArray) -> tuple[Array, Array]:
+        """Products (k, k) of columns ``own`` beside the known ones, and (k,) with the readings."""
+        S, at = self._products[0], own - self.problem.known
+        return S[np.ix_(at, at)], S[at, -1]
+
+    def gain(self, own: IntArray, prior: Array) -> Gain:
+        """Of a suspect with columns ``own`` (k,) and rows (h, k) of unit variance beside them."""
+        S, right = self.beside(own)
+        A = S + prior.T @ prior
+        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        unit = np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(own)))
+        L = unit * scale[:, None]
+        z = np.linalg.solve(L, right)
+        changed = self._pulls(own, np.linalg.solve(L.T, z)) - self._bare_pulls
+        return Gain(float(z @ z), self._promised(changed) - self._unmoved, L.T)
+
+    def _pulls(self, own: IntArray, values: Array) -> Array:
+        """``y^T P V_j P y`` by every variance, shape (v,), with columns ``own`` at values (k,)."""
+        p, share = self.problem.known, self._products[1]
+        combined = np.zeros(self.problem.outside.shape[1])
+        combined[own] = -values
+        combined[:p] = share[:, own - p] @ values - share[:, -1]
+        combined[-1] = 1.0
+        return self._rows.pulls(combined)
+
+    @cached_property
+    def _bare_pulls(self) -> Array:
+        """The same without any suspect."""
+        return self._pulls(np.zeros(0, dtype=int), np.zeros(0))
+
+    @cached_property
+    def _unmoved(self) -> float:
+        """What finding them anew promises without any suspect."""
+        return self._promised(np.zeros(len(self.theta)))
+
+    def _promised(self, changed: Array) -> float:
+        """Fall by finding the variances anew.
+
+        changed : ndarray, shape (v,), by how much ``y^T P V_j P y`` is changed
+        """
+        if not len(self.free):
+            return 0.0
+        found = self._bare
+        there = Likelihood(found.value, found.gradient - changed, found.information, found.diagonal)
+        return step(there, self.theta, self.free)[1]

@@ -12,19 +12,8 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.document import (
-    FOUR,
-    HUNDREDTH,
-    Column,
-    Document,
-    P,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    listed,
-    plural,
-)
+from studies import document as doc
+from studies.document import listed, plural
 from studies.record import Count, Entry, Envelope, NotNegative, Number, Positive, Record
 
 if TYPE_CHECKING:
@@ -125,51 +114,51 @@ def _type(own: Learnt) -> TypePrior:
     )
 
 
-def told(record: PriorRecord) -> Document:
+def told(record: PriorRecord) -> doc.Document:
     """The document of a prior."""
-    parts: list[Part] = []
+    parts: list[doc.Part] = []
     for own in record.types:
         parts += [
-            Table(_COMMON, own.parameters, f"Parameters of {own.type}", most=_MOST),
-            Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST),
+            doc.Table(_COMMON, own.parameters, f"Parameters of {own.type}", most=_MOST),
+            doc.Table(_ASIDE, own.aside, f"Not of the type {own.type}", most=_MOST),
         ]
-    section = Section("prior", "What the types know", tuple(parts))
-    return Document(tuple(_headline(record)), (section,))
+    section = doc.Section("prior", "What the types know", tuple(parts))
+    return doc.Document(tuple(_headline(record)), (section,))
 
 
-def _headline(record: PriorRecord) -> Iterator[Sentence]:
+def _headline(record: PriorRecord) -> Iterator[doc.Sentence]:
     for own in record.types:
         share = float(np.median([p.shrunk for p in own.parameters]))
-        yield Sentence(
+        yield doc.Sentence(
             f"{plural(own.robots, 'robot')} of {own.type}: {plural(len(own.parameters), 'parameter')} "
             f"of one robot more are known to {share:.2g} of their plausible sizes in the median."
         )
         if own.robots < _FEW:
-            yield Sentence(f"{own.robots} are few: plausible sizes still count beside them.")
+            yield doc.Sentence(f"{own.robots} are few: plausible sizes still count beside them.")
         if own.aside:
             names = listed([one.robot for one in own.aside], 5)
-            yield Sentence(f"Not of the type, so they did not count: {names}.", "warn")
+            yield doc.Sentence(f"Not of the type, so they did not count: {names}.", "warn")
         if own.unlike:
-            yield Sentence(
+            yield doc.Sentence(
                 f"With other parameters in their models: {listed(own.unlike, 5)}.", "warn"
             )
         if own.leaning:
-            yield Sentence(
+            yield doc.Sentence(
                 f"Identified beside a type, so they tell nothing new of it: {listed(own.leaning, 5)}; "
                 "take [model.prior] out of their cells and run the fleet again.",
                 "warn",
             )
 
 
-_COMMON: tuple[Column[ParameterOfPrior], ...] = (
-    Column("parameter", attrgetter("id")),
-    Column("mean", attrgetter("mean"), FOUR),
-    Column("between robots", attrgetter("spread"), FOUR),
-    Column("one robot more", attrgetter("std"), FOUR),
-    Column("unit", attrgetter("unit")),
-    Column("of the plausible size", attrgetter("shrunk"), HUNDREDTH),
+_COMMON: tuple[doc.Column[ParameterOfPrior], ...] = (
+    doc.Column("parameter", attrgetter("id")),
+    doc.Column("mean", attrgetter("mean"), doc.FOUR),
+    doc.Column("between robots", attrgetter("spread"), doc.FOUR),
+    doc.Column("one robot more", attrgetter("std"), doc.FOUR),
+    doc.Column("unit", attrgetter("unit")),
+    doc.Column("of the plausible size", attrgetter("shrunk"), doc.HUNDREDTH),
 )
-_ASIDE: tuple[Column[RobotAside], ...] = (
-    Column("robot not of the type", attrgetter("robot")),
-    Column("p", attrgetter("p"), P),
+_ASIDE: tuple[doc.Column[RobotAside], ...] = (
+    doc.Column("robot not of the type", attrgetter("robot")),
+    doc.Column("p", attrgetter("p"), doc.P),
 )

@@ -7,23 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.plots import style
 from studies.plots.errors import before_and_after
-from studies.plots.style import (
-    BLUE,
-    FAINT,
-    INK,
-    PANEL,
-    SOFT,
-    VERMILLION,
-    Cell,
-    Look,
-    Picture,
-    brief,
-    legend_below,
-    sheet,
-    styled,
-    tidy,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,26 +16,26 @@ if TYPE_CHECKING:
     from studies.changes.record import ChangesRecord
 
 _NARROWEST = 3.0  # standard deviations to either side
-_MOVED = Look("the robot itself moved", BLUE, "o", "", "", "●")
-_TOLERANCE = Look("tolerance", INK, "", "-.", "", "")
+_MOVED = style.Look("the robot itself moved", style.BLUE, "o", "", "", "●")
+_TOLERANCE = style.Look("tolerance", style.INK, "", "-.", "", "")
 _LINEAR = 5.0  # standard deviations; beyond, the scale is logarithmic
 
 
-@styled
-def changed_parameters(record: ChangesRecord) -> Picture:
+@style.styled
+def changed_parameters(record: ChangesRecord) -> style.Picture:
     """Each difference in its standard deviations, those that surely moved apart."""
     known = [p for p in record.parameters if p.std]
     ratio = np.array([p.change / p.std for p in known if p.std])
     at, moved = np.arange(len(known)), np.array([p.moved for p in known], dtype=bool)
-    figure = sheet(PANEL, max(2.4, 1.2 + 0.19 * len(known)))
+    figure = style.sheet(style.PANEL, max(2.4, 1.2 + 0.19 * len(known)))
     panel = figure.subplots()
-    tidy(panel, "x")
-    band = panel.axvspan(-2.0, 2.0, color=FAINT, linewidth=0, zorder=0)
+    style.tidy(panel, "x")
+    band = panel.axvspan(-2.0, 2.0, color=style.FAINT, linewidth=0, zorder=0)
     band.set_label("two standard deviations")
-    panel.axvline(0.0, color=SOFT, linewidth=0.8)
+    panel.axvline(0.0, color=style.SOFT, linewidth=0.8)
     handles: list[Any] = []
     for chosen, color, mark, label in (
-        (~moved, BLUE, "o", "not moved for sure"), (moved, VERMILLION, "^", "moved")
+        (~moved, style.BLUE, "o", "not moved for sure"), (moved, style.VERMILLION, "^", "moved")
     ):  # fmt: skip
         if chosen.any():
             handles += panel.plot(ratio[chosen], at[chosen], color=color, marker=mark, linestyle="",
@@ -60,22 +45,22 @@ def changed_parameters(record: ChangesRecord) -> Picture:
     reach = max(1.15 * float(np.abs(ratio).max(initial=0.0)), _NARROWEST)
     panel.set_xlim(-reach, reach)
     _plain_ticks(panel)
-    panel.set_yticks(at, brief([p.id for p in known]), fontsize=9)
+    panel.set_yticks(at, style.brief([p.id for p in known]), fontsize=9)
     panel.set(xlabel="after - before [standard deviations]", ylim=(len(known) - 0.4, -0.6))
-    legend_below(figure, handles)
+    style.legend_below(figure, handles)
     caption = (
         "By how much each parameter differs between the two results, in standard deviations of the "
         "difference; the band is two of them, the scale logarithmic beyond five. Parameters are "
         "correlated: what moved is told by all of them together."
     )
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
         (p.id, p.change, p.std, p.unit, p.family_p, "moved" if p.moved else "") for p in known
     )
     header = ("parameter", "after - before", "standard deviation", "unit", "p over all", "")
     title = (
         f"{int(moved.sum()) or 'No'} of {len(known)} parameters moved for sure: after minus before"
     )
-    return Picture("changed_parameters", title, caption, figure, header, rows)
+    return style.Picture("changed_parameters", title, caption, figure, header, rows)
 
 
 def _plain_ticks(panel: Axes) -> None:
@@ -101,10 +86,10 @@ def _far_ticks(panel: Axes, low: float, high: float) -> None:
     panel.set_xticks([tick for tick in ticks if low <= tick <= high])
 
 
-def errors_at_targets(record: ChangesRecord) -> Picture:
+def errors_at_targets(record: ChangesRecord) -> style.Picture:
     """The error at each target with the earlier values, and what the robot itself moved by."""
     targets = sorted(record.at_targets, key=lambda target: -target.kept_mm.value)
-    off = Look(f"off today with {record.before}", VERMILLION, "^", "", "", "▲")
+    off = style.Look(f"off today with {record.before}", style.VERMILLION, "^", "", "", "▲")
     series = [(off, [t.kept_mm for t in targets]), (_MOVED, [t.change_mm for t in targets])]
     figure = before_and_after(
         [target.pose for target in targets],
@@ -117,13 +102,13 @@ def errors_at_targets(record: ChangesRecord) -> Picture:
         "By how much each target is missed on the later day with the earlier calibration, and how far "
         "the robot itself moved there between the days, with 95 % intervals."
     )
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
         (t.pose, t.kept_mm.value, t.kept_mm.low, t.kept_mm.high, t.change_mm.value,
          t.change_mm.low, t.change_mm.high)
         for t in targets
     )  # fmt: skip
     header = ("target", "kept [mm]", "from [mm]", "to [mm]", "moved [mm]", "from [mm]", "to [mm]")
-    return Picture(
+    return style.Picture(
         "changes_at_targets",
         f"Error at each target today, with {record.before} and by the robot itself",
         caption,

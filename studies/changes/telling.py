@@ -5,31 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from studies import document as doc
 from studies.causes import CauseEntry, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
 from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Size, Test
-from studies.document import (
-    MM,
-    PROBABILITY,
-    SHARE,
-    STD,
-    TEXT,
-    TO_STD,
-    Column,
-    Detail,
-    Document,
-    Figure,
-    Mood,
-    P,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    labelled,
-    listed,
-    mm,
-    plural,
-)
+from studies.document import labelled, listed, mm, plural
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
@@ -44,33 +24,33 @@ _WORDS = {
     "transmission_harmonic": "the gear of {} is worn, or was exchanged",
     "joint_compliance": "the stiffness of {} changed",
 }
-_VERDICTS: dict[str, tuple[str, Mood]] = {
+_VERDICTS: dict[str, tuple[str, doc.Mood]] = {
     "holds": ("still holds", "good"),
     "does_not": ("does not hold", "warn"),
     "cannot_be_said": ("may or may not hold", "warn"),
 }
 
 
-def told(record: ChangesRecord) -> Document:
+def told(record: ChangesRecord) -> doc.Document:
     """The answer, the parameters, the causes and the targets."""
-    return Document(
+    return doc.Document(
         tuple(_headline(record)),
         (
-            Section("changes", "What moved", tuple(_moved(record))),
-            Section("changes-cause", "What may be behind it", tuple(_causes(record))),
-            Section("changes-targets", "What it does at the targets", tuple(_targets(record))),
+            doc.Section("changes", "What moved", tuple(_moved(record))),
+            doc.Section("changes-cause", "What may be behind it", tuple(_causes(record))),
+            doc.Section("changes-targets", "What it does at the targets", tuple(_targets(record))),
         ),
     )
 
 
-def _headline(record: ChangesRecord) -> Iterator[Sentence]:
+def _headline(record: ChangesRecord) -> Iterator[doc.Sentence]:
     change, chance = record.change_rms_mm, _chance(record.test)
     between = f"{record.before} and {record.after}"
     if record.status == "unchanged":
-        yield Sentence(f"Nothing moved between {between} ({chance}).", "good")
-        yield Sentence(_hidden(record))
+        yield doc.Sentence(f"Nothing moved between {between} ({chance}).", "good")
+        yield doc.Sentence(_hidden(record))
     else:
-        yield Sentence(
+        yield doc.Sentence(
             f"Something moved between {between} ({chance}): {_shown(change)} RMS.",
             "warn",
         )
@@ -88,22 +68,22 @@ def _hidden(record: ChangesRecord) -> str:
 
 def _chance(test: Test) -> str:
     """How likely so large a difference is by chance."""
-    return f"p = {P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
+    return f"p = {doc.P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
 
 
 def _shown(error: Error) -> str:
-    return f"{MM(error.value)} mm ({MM(error.low)} to {MM(error.high)})"
+    return f"{doc.MM(error.value)} mm ({doc.MM(error.low)} to {doc.MM(error.high)})"
 
 
-def _cause(record: ChangesRecord) -> Sentence:
+def _cause(record: ChangesRecord) -> doc.Sentence:
     if record.cause == "unclear":
         first = next(iter(sorted(record.causes, key=lambda cause: -cause.share)), None)
-        most = f"; {first.key} explains most of it, {SHARE(first.share)}" if first else ""
-        return Sentence(f"No single cause explains it{most}.", "warn")
+        most = f"; {first.key} explains most of it, {doc.SHARE(first.share)}" if first else ""
+        return doc.Sentence(f"No single cause explains it{most}.", "warn")
     first = record.causes[0]
-    said = f"{words(first)} ({first.key}, probability {PROBABILITY(first.probability)})"
+    said = f"{words(first)} ({first.key}, probability {doc.PROBABILITY(first.probability)})"
     lead = "Most likely" if record.cause == "named" else "Several causes fit. The most likely"
-    return Sentence(f"{lead}: {said}.", "note")
+    return doc.Sentence(f"{lead}: {said}.", "note")
 
 
 def words(cause: CauseEntry) -> str:
@@ -115,56 +95,56 @@ def words(cause: CauseEntry) -> str:
     return _WORDS.get(cause.effect, f"{cause.effect} of {{}} changed").format(cause.where)
 
 
-def _tolerance(record: ChangesRecord) -> Sentence:
+def _tolerance(record: ChangesRecord) -> doc.Sentence:
     worst = f"worst target {_shown(record.kept_worst_mm)}"
     if record.verdict is None:
-        return Sentence(f"Error today with {record.before}: {worst}.")
+        return doc.Sentence(f"Error today with {record.before}: {worst}.")
     verdict, mood = _VERDICTS[record.verdict]
     said = f"{record.before} {verdict} within {record.tolerance_mm:g} mm: {worst}."
-    return Sentence(said, mood)
+    return doc.Sentence(said, mood)
 
 
 # -- what moved --------------------------------------------------------------------------------
 
 
-_PARAMETERS: tuple[Column[ChangedParameter], ...] = (
-    Column("parameter", lambda p: p.id, TEXT),
-    Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, TO_STD),
-    Column("standard\ndeviation", lambda p: p.std, STD),
-    Column("unit", lambda p: p.unit, TEXT),
-    Column("p, of all\ntogether", lambda p: p.family_p, P),
-    Column("moved", lambda p: "yes" if p.moved else "", TEXT),
+_PARAMETERS: tuple[doc.Column[ChangedParameter], ...] = (
+    doc.Column("parameter", lambda p: p.id, doc.TEXT),
+    doc.Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, doc.TO_STD),
+    doc.Column("standard\ndeviation", lambda p: p.std, doc.STD),
+    doc.Column("unit", lambda p: p.unit, doc.TEXT),
+    doc.Column("p, of all\ntogether", lambda p: p.family_p, doc.P),
+    doc.Column("moved", lambda p: "yes" if p.moved else "", doc.TEXT),
 )
 
 
-def _moved(record: ChangesRecord) -> Iterator[Part]:
+def _moved(record: ChangesRecord) -> Iterator[doc.Part]:
     rows = sorted(record.parameters, key=lambda p: 2.0 if p.family_p is None else p.family_p)
     yield from _compared(record)
-    yield Table(_PARAMETERS, rows, "Parameters, after minus before", most=_MOST)
-    yield Figure(lambda: changed_parameters(record))
+    yield doc.Table(_PARAMETERS, rows, "Parameters, after minus before", most=_MOST)
+    yield doc.Figure(lambda: changed_parameters(record))
 
 
-def _compared(record: ChangesRecord) -> Iterator[Sentence]:
+def _compared(record: ChangesRecord) -> Iterator[doc.Sentence]:
     """What was tested, what of it surely moved, and what takes no part and why."""
     tested = plural(record.test.rows, "combination")
-    yield Sentence(f"{tested} of the parameters, together", label="compared")
+    yield doc.Sentence(f"{tested} of the parameters, together", label="compared")
     moved = [p.id for p in record.parameters if p.moved]
     if moved:
-        yield Sentence(listed(moved), label="moved")
+        yield doc.Sentence(listed(moved), label="moved")
     elsewhere = [name.partition(":")[2] for name in record.apart if name.startswith("base:")]
     markers = [name.rpartition(":")[2] for name in record.apart if name.startswith("tool:")]
     compared = {p.effect for p in record.parameters}
     if elsewhere or "base" not in compared:
-        yield Sentence(
+        yield doc.Sentence(
             "the instrument stood elsewhere: that looks like a knock of the robot's base",
             label="not compared",
         )
     if markers or "tool" not in compared:
         what = listed(markers) if markers else "markers"
-        yield Sentence(f"{what}: other names or places, so another tool, or mounted again",
+        yield doc.Sentence(f"{what}: other names or places, so another tool, or mounted again",
                        label="" if elsewhere else "not compared")  # fmt: skip
     if record.left.grown:
-        yield Sentence(
+        yield doc.Sentence(
             f"the fit of {record.after} leaves {mm(record.left.after_mm)} RMS, that of {record.before} "
             f"{mm(record.left.before_mm)}. If instrument and poses are alike, the model lacks "
             "something new. Run `posecal diagnose`",
@@ -172,17 +152,17 @@ def _compared(record: ChangesRecord) -> Iterator[Sentence]:
             "model",
         )
     elif record.left.excess_mm:
-        yield Sentence(
+        yield doc.Sentence(
             f"both fits leave {mm(record.left.excess_mm)} beyond the instrument's noise: the "
             "arm's repeatability, or errors of both days. Neither is a change",
             label="model",
         )
     open_ = [p.id for p in record.parameters if p.std is None]
     if open_:
-        yield Sentence(f"not determined on both days: {listed(open_)}", label="open")
+        yield doc.Sentence(f"not determined on both days: {listed(open_)}", label="open")
     for alone in record.alone:
-        mood: Mood = "warn" if alone.sigmas > _LARGE else ""
-        yield Sentence(
+        mood: doc.Mood = "warn" if alone.sigmas > _LARGE else ""
+        yield doc.Sentence(
             f"{alone.id} is in one result only ({alone.sigmas:.1f} standard deviations from zero). "
             "Identify both days with the same [model]",
             mood,
@@ -192,12 +172,12 @@ def _compared(record: ChangesRecord) -> Iterator[Sentence]:
 # -- causes ------------------------------------------------------------------------------------
 
 
-_CAUSES: tuple[Column[Explained], ...] = (
-    Column("cause", lambda row: row.key, TEXT),
-    Column("probability", lambda row: row.probability, PROBABILITY),
-    Column("share of the\ndifference", lambda row: row.share, SHARE),
-    Column("p of\nthe rest", lambda row: row.p_left, P),
-    Column("what happened", words, TEXT, detail=True),
+_CAUSES: tuple[doc.Column[Explained], ...] = (
+    doc.Column("cause", lambda row: row.key, doc.TEXT),
+    doc.Column("probability", lambda row: row.probability, doc.PROBABILITY),
+    doc.Column("share of the\ndifference", lambda row: row.share, doc.SHARE),
+    doc.Column("p of\nthe rest", lambda row: row.p_left, doc.P),
+    doc.Column("what happened", words, doc.TEXT, detail=True),
 )
 
 
@@ -213,31 +193,31 @@ def _sized(size: Size) -> tuple[float, float] | None:
     return None if size.value is None or size.std is None else (size.value, size.std)
 
 
-_SIZES: tuple[Column[_Sized], ...] = (
-    Column("likeliest", lambda row: row.cause.key, TEXT),
-    Column("size", lambda row: row.size.name, TEXT),
-    Column("value", lambda row: _sized(row.size), TO_STD),
-    Column("standard\ndeviation", lambda row: row.size.std, STD),
-    Column("unit", lambda row: row.size.unit, TEXT),
+_SIZES: tuple[doc.Column[_Sized], ...] = (
+    doc.Column("likeliest", lambda row: row.cause.key, doc.TEXT),
+    doc.Column("size", lambda row: row.size.name, doc.TEXT),
+    doc.Column("value", lambda row: _sized(row.size), doc.TO_STD),
+    doc.Column("standard\ndeviation", lambda row: row.size.std, doc.STD),
+    doc.Column("unit", lambda row: row.size.unit, doc.TEXT),
 )
 
 
-def _causes(record: ChangesRecord) -> Iterator[Part]:
+def _causes(record: ChangesRecord) -> Iterator[doc.Part]:
     if record.causes:
         caption = (
             "Each alone, by its marginal likelihood; what leaves more than noise explains nothing"
         )
-        yield Table(_CAUSES, record.causes, "Causes", caption, most=4)
+        yield doc.Table(_CAUSES, record.causes, "Causes", caption, most=4)
     if record.cause in ("named", "ambiguous"):
         first = record.causes[0]
-        yield Table(_SIZES, [_Sized(first, size) for size in first.sizes], "Its size")
+        yield doc.Table(_SIZES, [_Sized(first, size) for size in first.sizes], "Its size")
         likely = [cause for cause in record.causes[1:] if cause.likely]
         yield from labelled("also", [f"{words(cause)} ({cause.key})" for cause in likely])
         same = [f"{words(cause)} ({cause.key})" for cause in record.same_as]
         yield from labelled("looks the same", same)
     if record.hidden:
         said = f"{gathered(record.hidden)}: of plausible size, these would not show here"
-        yield Detail((Sentence(said, label="hidden"),))
+        yield doc.Detail((doc.Sentence(said, label="hidden"),))
 
 
 # -- targets -----------------------------------------------------------------------------------
@@ -251,18 +231,18 @@ class _TargetsRow:
     value: float | None = None
 
 
-_TARGETS: tuple[Column[_TargetsRow], ...] = (
-    Column("error at the targets", lambda row: row.label),
-    Column("RMS", lambda row: row.rms.value if row.rms else row.value, MM, "mm"),
-    Column("from", lambda row: row.rms and row.rms.low, MM, "mm"),
-    Column("to", lambda row: row.rms and row.rms.high, MM, "mm"),
-    Column("worst", lambda row: row.worst and row.worst.value, MM, "mm"),
-    Column("from", lambda row: row.worst and row.worst.low, MM, "mm"),
-    Column("to", lambda row: row.worst and row.worst.high, MM, "mm"),
+_TARGETS: tuple[doc.Column[_TargetsRow], ...] = (
+    doc.Column("error at the targets", lambda row: row.label),
+    doc.Column("RMS", lambda row: row.rms.value if row.rms else row.value, doc.MM, "mm"),
+    doc.Column("from", lambda row: row.rms and row.rms.low, doc.MM, "mm"),
+    doc.Column("to", lambda row: row.rms and row.rms.high, doc.MM, "mm"),
+    doc.Column("worst", lambda row: row.worst and row.worst.value, doc.MM, "mm"),
+    doc.Column("from", lambda row: row.worst and row.worst.low, doc.MM, "mm"),
+    doc.Column("to", lambda row: row.worst and row.worst.high, doc.MM, "mm"),
 )
 
 
-def _targets(record: ChangesRecord) -> Iterator[Part]:
+def _targets(record: ChangesRecord) -> Iterator[doc.Part]:
     rows = [
         _TargetsRow("change of the robot", record.change_rms_mm, record.change_worst_mm),
         _TargetsRow(f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
@@ -272,5 +252,5 @@ def _targets(record: ChangesRecord) -> Iterator[Part]:
         f"With 95 % intervals, at {record.targets}. {mm(record.rest_mm)} of the error does not "
         f"come from the parameters. The worst target is {record.worst_at}"
     )
-    yield Table(_TARGETS, rows, "Errors at the targets", caption)
-    yield Figure(lambda: errors_at_targets(record), highlight=False)
+    yield doc.Table(_TARGETS, rows, "Errors at the targets", caption)
+    yield doc.Figure(lambda: errors_at_targets(record), highlight=False)

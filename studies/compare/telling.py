@@ -5,29 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from studies import document as doc
 from studies.compare.pictures import pictures
 from studies.compare.record import Approach, CompareRecord, Plan, ReadBy
-from studies.document import (
-    COUNT,
-    HUNDREDTH,
-    MM,
-    STD,
-    TEXT,
-    WHOLE,
-    Column,
-    Detail,
-    Document,
-    Figure,
-    Mood,
-    P,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    listed,
-    mm,
-    plural,
-)
+from studies.document import listed, mm, plural
 from studies.plots.style import APPROACHES
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
@@ -43,35 +24,37 @@ _TITLES = {
 }
 
 
-def told(record: CompareRecord) -> Document:
+def told(record: CompareRecord) -> doc.Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
-    headline = (_best(record), Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
-    sections = [Section("approaches", "Both methods side by side", tuple(_parts(record)))]
+    headline = (_best(record), doc.Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
+    sections = [doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))]
     if record.read_by:
         parts = tuple(_instruments(record))
-        sections.insert(0, Section("instruments", "Instruments side by side", parts))
-    return Document(headline, tuple(sections))
+        sections.insert(0, doc.Section("instruments", "Instruments side by side", parts))
+    return doc.Document(headline, tuple(sections))
 
 
 def _first_up(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _mood(record: CompareRecord) -> Mood:
+def _mood(record: CompareRecord) -> doc.Mood:
     believed = record.agreement.believed
     return "" if believed is None else "good" if believed else "warn"
 
 
-def _best(record: CompareRecord) -> Sentence:
+def _best(record: CompareRecord) -> doc.Sentence:
     """The plan that leaves the smallest error."""
     p = plural(len(record.plans[0].ids), "parameter")
     known = _known(record)
     if not known:
-        return Sentence(f"No plan determines all {p}.", "warn")
+        return doc.Sentence(f"No plan determines all {p}.", "warn")
     best = min(known, key=lambda name: known[name])
     if len(record.plans) == 1:
-        return Sentence(f"{best}: expected error {mm(known[best])} RMS from marker points (#2).")
-    return Sentence(
+        return doc.Sentence(
+            f"{best}: expected error {mm(known[best])} RMS from marker points (#2)."
+        )
+    return doc.Sentence(
         f"Best of {plural(len(record.plans), 'plan')}: {best}, with an expected error of "
         f"{mm(known[best])} RMS from marker points (#2)."
     )
@@ -83,12 +66,12 @@ def _known(record: CompareRecord) -> dict[str, float]:
     return {name: value for name, value in rms.items() if value is not None}
 
 
-def _parts(record: CompareRecord) -> Iterator[Part]:
+def _parts(record: CompareRecord) -> Iterator[doc.Part]:
     yield from _others(record)
     yield from _gain(record)
     yield from _belief(record)
     yield from _lost(record)
-    yield Table(
+    yield doc.Table(
         _ACCURACY,
         [_ApproachRow(plan, own) for plan in record.plans for own in plan.approaches],
         "Error expected at the targets",
@@ -99,34 +82,34 @@ def _parts(record: CompareRecord) -> Iterator[Part]:
         yield from _by_approach(record.plans[0], record.trials > 1)
     else:
         yield from _by_plan(record)
-    drawn = [Figure(draw, highlight=False) for draw in pictures(record)]
+    drawn = [doc.Figure(draw, highlight=False) for draw in pictures(record)]
     yield from drawn[:_OPEN]
-    yield Detail(tuple(drawn[_OPEN:]), "Further figures")
-    yield from (Sentence(note, "note", "note") for note in record.notes)
+    yield doc.Detail(tuple(drawn[_OPEN:]), "Further figures")
+    yield from (doc.Sentence(note, "note", "note") for note in record.notes)
 
 
-_READ_BY: tuple[Column[ReadBy], ...] = (
-    Column("plan", lambda row: row.plan),
-    Column("cell", lambda row: row.cell),
-    Column("instruments", lambda row: ", ".join(row.instruments)),
-    Column("task RMS", lambda row: row.task_rms_mm, MM, "mm"),
-    Column("at worst", lambda row: row.task_worst_mm, MM, "mm"),
-    Column("arm alone", lambda row: row.arm_rms_mm, MM, "mm"),
-    Column("poses to\nmatch", lambda row: row.poses_to_match, WHOLE),
+_READ_BY: tuple[doc.Column[ReadBy], ...] = (
+    doc.Column("plan", lambda row: row.plan),
+    doc.Column("cell", lambda row: row.cell),
+    doc.Column("instruments", lambda row: ", ".join(row.instruments)),
+    doc.Column("task RMS", lambda row: row.task_rms_mm, doc.MM, "mm"),
+    doc.Column("at worst", lambda row: row.task_worst_mm, doc.MM, "mm"),
+    doc.Column("arm alone", lambda row: row.arm_rms_mm, doc.MM, "mm"),
+    doc.Column("poses to\nmatch", lambda row: row.poses_to_match, doc.WHOLE),
 )
 
 
-def _instruments(record: CompareRecord) -> Iterator[Part]:
+def _instruments(record: CompareRecord) -> Iterator[doc.Part]:
     """What each cell's instruments leave at the same poses."""
     for own in record.read_by:
         if own.arm_rms_mm and own.task_rms_mm and own.task_rms_mm < _ARM_RULES * own.arm_rms_mm:
-            yield Sentence(
+            yield doc.Sentence(
                 f"{', '.join(own.instruments)} at {own.plan}: {mm(own.arm_rms_mm)} of "
                 f"{mm(own.task_rms_mm)} come from the arm's repeatability. A better instrument "
                 "gains little",
                 "note",
             )
-    yield Table(
+    yield doc.Table(
         _READ_BY,
         record.read_by,
         "Error expected at the targets, by instrument",
@@ -136,23 +119,23 @@ def _instruments(record: CompareRecord) -> Iterator[Part]:
     )
 
 
-def _others(record: CompareRecord) -> Iterator[Sentence]:
+def _others(record: CompareRecord) -> Iterator[doc.Sentence]:
     """What the other plans need to draw level."""
     known = _known(record)
     least = min(known.values(), default=0.0)
     for name, value in known.items():
         if value > _SAME * least:
             times = (value / least) ** 2
-            yield Sentence(
+            yield doc.Sentence(
                 f"{name} has to be measured {times:.2f} times to match it",
                 label="plans",
             )
 
 
-def _gain(record: CompareRecord) -> Iterator[Sentence]:
+def _gain(record: CompareRecord) -> Iterator[doc.Sentence]:
     """What approach #1 loses, plain and by its full covariance."""
     if all(plan.of("pose full") is None for plan in record.plans):
-        yield Sentence(
+        yield doc.Sentence(
             "full pose (#1) needs three markers that are not in line; marker points (#2) do not",
             label="method",
         )
@@ -160,13 +143,13 @@ def _gain(record: CompareRecord) -> Iterator[Sentence]:
     factors = [f.factor for plan in record.plans for f in plan.improvement if f.factor is not None]
     if not factors:
         return
-    yield Sentence(
+    yield doc.Sentence(
         f"full pose (#1), plainly weighted, is {min(factors):.2f} to {max(factors):.3g} times less "
         "certain than marker points (#2)",
         label="method",
     )
     worst = max(map(_loss, record.plans))
-    yield Sentence(
+    yield doc.Sentence(
         "weighted by its full covariance, #1 equals #2"
         if worst < _SAME
         else f"weighted by its full covariance, #1 is up to {worst:.2f} times less certain: it has to "
@@ -185,31 +168,31 @@ def _loss(plan: Plan) -> float:
     return max([1.0, *(a / b for a, b in pairs if a is not None and b)])
 
 
-def _belief(record: CompareRecord) -> Iterator[Sentence]:
+def _belief(record: CompareRecord) -> Iterator[doc.Sentence]:
     from studies.compare.agreement import BELIEVED
 
     found = record.agreement
     if not record.trials:
         return
-    yield Sentence(f"{plural(record.trials, 'simulated experiment')} a plan", label="simulated")
+    yield doc.Sentence(f"{plural(record.trials, 'simulated experiment')} a plan", label="simulated")
     low, high = found.worst_ratio_band99
     if found.chi2_p is not None and found.worst_ratio is not None and low and high:
-        yield Sentence(
+        yield doc.Sentence(
             f"standard deviations, simulated over predicted: {found.worst_ratio:.2f} farthest from one "
-            f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {P(found.chi2_p)}, refuted "
-            f"below {BELIEVED}"
+            f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {doc.P(found.chi2_p)}, "
+            f"refuted below {BELIEVED}"
         )
     drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
-    yield Sentence(f"readings simulated by {drawn}; {_from_scratch(record)}")
+    yield doc.Sentence(f"readings simulated by {drawn}; {_from_scratch(record)}")
     if record.truth_note:
-        yield Sentence(
+        yield doc.Sentence(
             f"{record.truth_note}, so faults of the program in kinematics or torques do not show",
             "note",
         )
     for plan in record.plans:
         for own in plan.approaches:
             if own.not_converged:
-                yield Sentence(
+                yield doc.Sentence(
                     f"{own.not_converged} of {plan.trials} fits of {_label(own)} at {plan.plan} "
                     "did not converge and are left out"
                 )
@@ -228,11 +211,11 @@ def _from_scratch(record: CompareRecord) -> str:
     )
 
 
-def _lost(record: CompareRecord) -> Iterator[Sentence]:
+def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
     """What an interruption, hidden markers and undetermined parameters take away."""
     for plan in record.plans:
         if plan.trials < record.trials_asked:
-            yield Sentence(
+            yield doc.Sentence(
                 f"{plan.plan}: {plan.trials} of {record.trials_asked} experiments simulated",
                 "warn",
                 "stopped",
@@ -241,10 +224,10 @@ def _lost(record: CompareRecord) -> Iterator[Sentence]:
             less = plan.readings_without_pose
             few = f"; too few markers for #1 in {plural(less, 'reading')}" if less else ""
             hidden = plural(plan.hidden_markers, "point")
-            yield Sentence(f"{hidden} of {plan.plan} out of sight{few}", label="hidden")
+            yield doc.Sentence(f"{hidden} of {plan.plan} out of sight{few}", label="hidden")
         names = [p.id for p in plan.points.parameters if p.std is None]
         if names:
-            yield Sentence(
+            yield doc.Sentence(
                 f"{plan.plan} does not determine {listed(names, _MOST_NAMES)}. The other figures take "
                 "these as nominal",
                 "warn",
@@ -270,14 +253,14 @@ def _label(own: Approach) -> str:
     return APPROACHES[own.key].label + length
 
 
-_ACCURACY: tuple[Column[_ApproachRow], ...] = (
-    Column("plan", lambda row: row.plan.plan if row.first else ""),
-    Column("poses", lambda row: row.plan.poses if row.first else 0, COUNT),
-    Column("method", lambda row: _label(row.own)),
-    Column("error\nRMS", lambda row: row.own.task_rms_mm, MM, "mm"),
-    Column("at worst", lambda row: row.own.task_worst_mm, MM, "mm"),
-    Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, MM, "mm"),
-    Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, P),
+_ACCURACY: tuple[doc.Column[_ApproachRow], ...] = (
+    doc.Column("plan", lambda row: row.plan.plan if row.first else ""),
+    doc.Column("poses", lambda row: row.plan.poses if row.first else 0, doc.COUNT),
+    doc.Column("method", lambda row: _label(row.own)),
+    doc.Column("error\nRMS", lambda row: row.own.task_rms_mm, doc.MM, "mm"),
+    doc.Column("at worst", lambda row: row.own.task_worst_mm, doc.MM, "mm"),
+    doc.Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, doc.MM, "mm"),
+    doc.Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, doc.P),
 )
 
 
@@ -289,7 +272,7 @@ class _Parameter:
     first: bool
 
 
-def _by_approach(plan: Plan, simulated: bool) -> Iterator[Part]:
+def _by_approach(plan: Plan, simulated: bool) -> Iterator[doc.Part]:
     """Standard deviations under every approach, and what plain #1 loses."""
     columns = [
         _std(_TITLES[own.key], own)
@@ -298,15 +281,17 @@ def _by_approach(plan: Plan, simulated: bool) -> Iterator[Part]:
     ]
     if simulated:
         points = plan.points.parameters
-        columns.append(Column("#2\nsim.", lambda row: points[row.number].monte_carlo_std, STD))
+        columns.append(
+            doc.Column("#2\nsim.", lambda row: points[row.number].monte_carlo_std, doc.STD)
+        )
     if plan.improvement:
         factors = [f.factor for f in plan.improvement]
-        columns.append(Column("plain\nover #2", lambda row: factors[row.number], HUNDREDTH))
+        columns.append(doc.Column("plain\nover #2", lambda row: factors[row.number], doc.HUNDREDTH))
     loses = ", and what plain #1 loses" if plan.improvement else ""
     yield from _tables(plan, columns, f"Standard deviations{loses}")
 
 
-def _by_plan(record: CompareRecord) -> Iterator[Part]:
+def _by_plan(record: CompareRecord) -> Iterator[doc.Part]:
     """Standard deviations of approach #2 at each plan, where all have the same parameters."""
     first = record.plans[0]
     shared = [plan for plan in record.plans if plan.ids == first.ids]
@@ -314,29 +299,31 @@ def _by_plan(record: CompareRecord) -> Iterator[Part]:
     yield from _tables(first, columns, "Standard deviations from marker points (#2) at each plan")
     for plan in record.plans:
         if plan not in shared:
-            yield Sentence(f"{plan.plan} has other parameters (JSON)", "note")
+            yield doc.Sentence(f"{plan.plan} has other parameters (JSON)", "note")
 
 
-def _std(title: str, own: Approach) -> Column[_Parameter]:
-    return Column(title, lambda row: own.parameters[row.number].std, STD)
+def _std(title: str, own: Approach) -> doc.Column[_Parameter]:
+    return doc.Column(title, lambda row: own.parameters[row.number].std, doc.STD)
 
 
-def _tables(plan: Plan, columns: list[Column[_Parameter]], name: str) -> Iterator[Part]:
+def _tables(plan: Plan, columns: list[doc.Column[_Parameter]], name: str) -> Iterator[doc.Part]:
     """By parameter; those of base and tool on the page alone where there are many."""
     points = plan.points.parameters
-    titles: tuple[Column[_Parameter], ...] = (
-        Column("effect", lambda row: points[row.number].effect if row.first else "", TEXT),
-        Column("where", lambda row: points[row.number].where, TEXT),
-        Column("parameter", lambda row: points[row.number].name.replace("compliance@", "@"), TEXT),
-        Column("unit", lambda row: points[row.number].unit, TEXT),
+    titles: tuple[doc.Column[_Parameter], ...] = (
+        doc.Column("effect", lambda row: points[row.number].effect if row.first else "", doc.TEXT),
+        doc.Column("where", lambda row: points[row.number].where, doc.TEXT),
+        doc.Column(
+            "parameter", lambda row: points[row.number].name.replace("compliance@", "@"), doc.TEXT
+        ),
+        doc.Column("unit", lambda row: points[row.number].unit, doc.TEXT),
     )
     many = len(points) > _MOST_PARAMETERS
     placing = [i for i, p in enumerate(points) if many and p.effect in ("base", "tool")]
     robot = [i for i in range(len(points)) if i not in placing]
-    yield Table((*titles, *columns), _numbered(plan, robot), name)
+    yield doc.Table((*titles, *columns), _numbered(plan, robot), name)
     if placing:
-        table = Table((*titles, *columns), _numbered(plan, placing))
-        yield Detail((table,), f"{name}, base and tool")
+        table = doc.Table((*titles, *columns), _numbered(plan, placing))
+        yield doc.Detail((table,), f"{name}, base and tool")
 
 
 def _numbered(plan: Plan, chosen: list[int]) -> list[_Parameter]:

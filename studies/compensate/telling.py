@@ -8,22 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studies import document as doc
 from studies.compensate.record import CompensateRecord, Target
-from studies.document import (
-    MM,
-    MRAD,
-    TEXT,
-    Column,
-    Detail,
-    Document,
-    Figure,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    mm,
-    plural,
-)
+from studies.document import mm, plural
 from studies.joints import joint_columns
 from studies.noise import counts, lacks, moves_on, undecided
 from studies.plots.errors import before_and_after
@@ -39,46 +26,48 @@ _SCATTERS = {
 }
 
 
-def told(record: CompensateRecord) -> Document:
+def told(record: CompensateRecord) -> doc.Document:
     """The error before and after, and the commands that it takes."""
-    section = Section("compensation", "Corrected commands", tuple(_parts(record)))
-    return Document((_headline(record), *_missing(record)), (section,))
+    section = doc.Section("compensation", "Corrected commands", tuple(_parts(record)))
+    return doc.Document((_headline(record), *_missing(record)), (section,))
 
 
-def _headline(record: CompensateRecord) -> Sentence:
+def _headline(record: CompensateRecord) -> doc.Sentence:
     rms = record.rms_mm
-    return Sentence(
+    return doc.Sentence(
         f"Expected error at {plural(len(record.targets), 'target')}: {mm(rms.before)} RMS before, "
         f"{mm(rms.expected)} after correction.",
         "good" if rms.expected < rms.before else "warn",
     )
 
 
-def _missing(record: CompensateRecord) -> Iterator[Sentence]:
+def _missing(record: CompensateRecord) -> Iterator[doc.Sentence]:
     """What is expected holds as long as nothing else is missing, and where the day has not ended."""
     rms = record.rms_mm
     errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained, rms.trend)
     if counts(rms.unexplained, errs):
-        yield Sentence(f"More poses will not help: {lacks(rms.unexplained)}.", "warn")
+        yield doc.Sentence(f"More poses will not help: {lacks(rms.unexplained)}.", "warn")
     elif record.scatter_of == "undecided" and counts(rms.scatter, errs):
-        yield Sentence(f"Of it, {undecided(rms.scatter)}.", "note")
+        yield doc.Sentence(f"Of it, {undecided(rms.scatter)}.", "note")
     if rms.trend:
         said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)
-        yield Sentence(f"{said}.", "warn")
+        yield doc.Sentence(f"{said}.", "warn")
 
 
-def _parts(record: CompensateRecord) -> Iterator[Part]:
-    place = Column[_ErrorRow](f"error of the {_PLACES[record.errors_at]}", lambda row: row.label)
-    yield Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
-    yield Figure(lambda: errors_by_target(record), highlight=False)
+def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
+    place = doc.Column[_ErrorRow](
+        f"error of the {_PLACES[record.errors_at]}", lambda row: row.label
+    )
+    yield doc.Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
+    yield doc.Figure(lambda: errors_by_target(record), highlight=False)
     yield from _limited(record)
-    commands: tuple[Column[Target], ...] = (
+    commands: tuple[doc.Column[Target], ...] = (
         _POSE,
         *joint_columns(record.targets),
         _BEFORE,
         _EXPECTED,
     )
-    yield Detail((Table(commands, record.targets, "Corrected commands"),))
+    yield doc.Detail((doc.Table(commands, record.targets, "Corrected commands"),))
 
 
 @dataclass(frozen=True)
@@ -91,10 +80,10 @@ class _ErrorRow:
     largest: float | None = None
 
 
-_ERRORS: tuple[Column[_ErrorRow], ...] = (
-    Column("RMS", lambda row: row.rms, MM, "mm"),
-    Column("p95", lambda row: row.p95, MM, "mm"),
-    Column("max", lambda row: row.largest, MM, "mm"),
+_ERRORS: tuple[doc.Column[_ErrorRow], ...] = (
+    doc.Column("RMS", lambda row: row.rms, doc.MM, "mm"),
+    doc.Column("p95", lambda row: row.p95, doc.MM, "mm"),
+    doc.Column("max", lambda row: row.largest, doc.MM, "mm"),
 )
 
 
@@ -133,24 +122,24 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     return Picture("errors_by_target", title, caption, figure, header, rows)
 
 
-_POSE: Column[Target] = Column("target", lambda row: row.pose)
-_BEFORE: Column[Target] = Column("before", lambda row: row.before_mm, MM, "mm")
-_EXPECTED: Column[Target] = Column("expected", lambda row: row.expected_mm, MM, "mm")
-_LIMITED: tuple[Column[Target], ...] = (
+_POSE: doc.Column[Target] = doc.Column("target", lambda row: row.pose)
+_BEFORE: doc.Column[Target] = doc.Column("before", lambda row: row.before_mm, doc.MM, "mm")
+_EXPECTED: doc.Column[Target] = doc.Column("expected", lambda row: row.expected_mm, doc.MM, "mm")
+_LIMITED: tuple[doc.Column[Target], ...] = (
     _POSE,
-    Column("left", lambda row: row.left_mm, MM, "mm"),
-    Column("turned", lambda row: row.turn_left_mrad, MRAD, "mrad"),
-    Column("because", lambda row: row.limited_by, TEXT),
+    doc.Column("left", lambda row: row.left_mm, doc.MM, "mm"),
+    doc.Column("turned", lambda row: row.turn_left_mrad, doc.MRAD, "mrad"),
+    doc.Column("because", lambda row: row.limited_by, doc.TEXT),
 )
 
 
-def _limited(record: CompensateRecord) -> Iterator[Part]:
+def _limited(record: CompensateRecord) -> Iterator[doc.Part]:
     """Targets that no command reaches, those that are missed most first."""
     limited = [target for target in record.targets if target.limited_by]
     if not limited:
         return
     why = ", ".join(f"{reason} ({count})" for reason, count in record.limited.items())
     said = f"{len(limited)} of {len(record.targets)} targets are only partly corrected: {why}."
-    yield Sentence(said, "warn")
+    yield doc.Sentence(said, "warn")
     limited.sort(key=lambda target: -target.left_mm)
-    yield Table(_LIMITED, limited, "Targets that are only partly corrected", most=_MOST)
+    yield doc.Table(_LIMITED, limited, "Targets that are only partly corrected", most=_MOST)

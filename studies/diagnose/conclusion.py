@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+from studies import document as doc
 from studies.diagnose.record import DiagnoseRecord, FoundCause
-from studies.document import LINE, MM, PROBABILITY, SHARE, Sentence, fitting, mm, plural
+from studies.document import fitting, mm, plural
 
 _SAYS = {
     "stated": "the cell states {}",
@@ -28,15 +29,15 @@ _SURE = {"established": "confirmed", "likely": "probable"}
 _SINGLY = 3  # causes that a sentence names one by one
 
 
-def headline(record: DiagnoseRecord) -> Iterator[Sentence]:
+def headline(record: DiagnoseRecord) -> Iterator[doc.Sentence]:
     """The verdict; the error before and after; what remains, and what to do."""
     rose = bool(record.gap.heldout_rose)
     good = record.verdict in ("no_gap", "explained") and not (record.noise.loud or rose)
-    yield Sentence(verdict_sentence(record), "good" if good else "warn")
-    yield Sentence(_fell(record))
+    yield doc.Sentence(verdict_sentence(record), "good" if good else "warn")
+    yield doc.Sentence(_fell(record))
     said = _remains(record)
     if said:
-        yield Sentence(said)
+        yield doc.Sentence(said)
 
 
 def verdict_sentence(record: DiagnoseRecord) -> str:
@@ -46,7 +47,7 @@ def verdict_sentence(record: DiagnoseRecord) -> str:
 
 
 def _verdict_alone(record: DiagnoseRecord) -> str:
-    room = LINE - len(f"{record.cell}: ")
+    room = doc.LINE - len(f"{record.cell}: ")
     match record.verdict:
         case "no_gap":
             return _no_gap(record)
@@ -142,10 +143,12 @@ def _fell(record: DiagnoseRecord) -> str:
     """The error before and after, at poses held out where there are any."""
     before, after, unit, heldout = record.error
     where = "held-out poses" if heldout else "fitted poses"
-    noise = f"the instrument alone leaves {MM(record.gap.floor_mm)} {unit}"
+    noise = f"the instrument alone leaves {doc.MM(record.gap.floor_mm)} {unit}"
     if not record.effects:
-        return f"Error at {where}: {MM(before)} {unit}; {noise}."
-    return f"Error at {where}: {MM(before)} {unit} before, {MM(after)} {unit} after; {noise}."
+        return f"Error at {where}: {doc.MM(before)} {unit}; {noise}."
+    return (
+        f"Error at {where}: {doc.MM(before)} {unit} before, {doc.MM(after)} {unit} after; {noise}."
+    )
 
 
 def _remains(record: DiagnoseRecord) -> str:
@@ -189,7 +192,7 @@ def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
     how = several if effect.one_of else _SURE.get(effect.standing or "", "found")
-    probability, share = PROBABILITY(effect.probability), SHARE(effect.share_of_gap)
+    probability, share = doc.PROBABILITY(effect.probability), doc.SHARE(effect.share_of_gap)
     return f"{how} (probability {probability}), {share} of the unmodelled error"
 
 

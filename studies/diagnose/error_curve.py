@@ -9,19 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from studies.diagnose.record import CurvePanel, ErrorCurveEntry, Row
-from studies.plots.style import (
-    BLUE,
-    PANEL,
-    SOFT,
-    VERMILLION,
-    Cell,
-    Picture,
-    aside,
-    legend_below,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,8 +18,8 @@ _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _TWO_SIDED = 1.959964  # 95 % of a normal distribution
 
 
-@styled
-def error_curve(curve: ErrorCurveEntry) -> Picture:
+@style.styled
+def error_curve(curve: ErrorCurveEntry) -> style.Picture:
     """A panel for each direction, one above the other or in two columns."""
     from matplotlib.ticker import MaxNLocator
 
@@ -43,12 +31,14 @@ def error_curve(curve: ErrorCurveEntry) -> Picture:
     )
     columns = 1 if len(panels) < 3 else 2
     rows = -(-len(panels) // columns)
-    figure = sheet(PANEL if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows)
+    figure = style.sheet(
+        style.PANEL if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows
+    )
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     handles: dict[str, Any] = {}
     for panel, shown in zip(axes, panels, strict=False):
-        tidy(panel)
-        panel.axhline(0.0, color=SOFT, linewidth=0.8, zorder=1)
+        style.tidy(panel)
+        panel.axhline(0.0, color=style.SOFT, linewidth=0.8, zorder=1)
         drawn = _fitted(panel, shown, grid, variable, levels)
         if shown.effect is not None:
             drawn.append(_named(panel, shown, grid, variable, curve))
@@ -63,13 +53,13 @@ def error_curve(curve: ErrorCurveEntry) -> Picture:
         axes[0].set_xticks(grid, [f"{x:g}".replace("-", "\N{MINUS SIGN}") for x in grid])
     elif columns > 1:
         axes[0].xaxis.set_major_locator(MaxNLocator(6))
-    legend_below(figure, list(handles.values()))
+    style.legend_below(figure, list(handles.values()))
     header = ["pose", curve.variable_label]
     for shown in panels:
         own = [] if shown.effect is None else [curve.effect]
         of = ("curve", "standard deviation", "this pose alone", *own)
         header += [f"{shown.label}, {part}".replace("\n", " ") for part in of]
-    return Picture(
+    return style.Picture(
         curve.name, curve.title, curve.caption, figure, tuple(header), tuple(_rows(curve))
     )
 
@@ -84,7 +74,7 @@ def _fitted(
 ) -> list[Any]:
     """What each pose says, and the curve through it with its band; entries of the legend."""
     value, half = _array(shown.value), _TWO_SIDED * _array(shown.std)
-    at = aside(variable, 0.22 * float(np.diff(grid).min())) if levels else variable
+    at = style.aside(variable, 0.22 * float(np.diff(grid).min())) if levels else variable
     points, = panel.plot(
         at, _array(shown.single), color="0.6", marker="o", linestyle="", markersize=2.8,
         markeredgewidth=0.0, label="each pose by itself", zorder=2,
@@ -92,16 +82,16 @@ def _fitted(
     )  # fmt: skip
     if levels:
         bars = panel.errorbar(
-            grid, value, half, color=BLUE, marker="s", markersize=7.0, linestyle="",
+            grid, value, half, color=style.BLUE, marker="s", markersize=7.0, linestyle="",
             elinewidth=2.0, capsize=7.0, capthick=2.0, label="fitted freely, 95 % interval", zorder=3,
         )  # fmt: skip
         return [points, bars]
     band = panel.fill_between(
-        grid, value - half, value + half, color=BLUE, alpha=0.22, linewidth=0.0,
+        grid, value - half, value + half, color=style.BLUE, alpha=0.22, linewidth=0.0,
         label="95 % band", zorder=2.5,
     )  # fmt: skip
     curve, = panel.plot(
-        grid, value, color=BLUE, linewidth=2.0, label="fitted freely", zorder=3
+        grid, value, color=style.BLUE, linewidth=2.0, label="fitted freely", zorder=3
     )  # fmt: skip
     return [points, curve, band]
 
@@ -111,7 +101,7 @@ def _named(
 ) -> Any:
     """The effect: a line where it is a function of the variable, else a cross for each pose."""
     values, effect = _array(shown.effect or ()), curve.effect
-    look: Any = {"color": VERMILLION, "zorder": 4}
+    look: Any = {"color": style.VERMILLION, "zorder": 4}
     if curve.levels:
         at = np.argmin(np.abs(variable[:, None] - grid), axis=1)
         means = np.bincount(at, values, len(grid)) / np.maximum(np.bincount(at, None, len(grid)), 1)
@@ -146,8 +136,8 @@ def _limits(shown: CurvePanel) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _rows(curve: ErrorCurveEntry) -> Iterator[tuple[Cell, ...]]:
-    parts: list[Sequence[Cell]] = [curve.pose_names, curve.variable]
+def _rows(curve: ErrorCurveEntry) -> Iterator[tuple[style.Cell, ...]]:
+    parts: list[Sequence[style.Cell]] = [curve.pose_names, curve.variable]
     for shown in curve.panels:
         parts += [shown.at_poses, shown.std_at_poses, shown.single]
         parts += [] if shown.effect is None else [shown.effect]

@@ -10,20 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies.diagnose.record import SpectrumEntry, SpectrumLine
-from studies.plots.style import (
-    INK,
-    PANEL,
-    SERIES,
-    SOFT,
-    Cell,
-    Look,
-    Picture,
-    elided,
-    legend_below,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,18 +22,18 @@ _CLEAR = 1.5  # times the false alarm from which on words clear its line
 _ASIDE = 7.0  # a label from its line, cycles a turn
 _MOST_TICKS = 5
 _LOWEST = 1.0  # standard deviations
-_ALONE, _SHARED = replace(SERIES[0], color=INK), SERIES[1:]
+_ALONE, _SHARED = replace(style.SERIES[0], color=style.INK), style.SERIES[1:]
 _OCTAVE = 2.0  # a gear errs once and twice a turn of its fast side
 
 
-@styled
-def spectra(panels: Sequence[SpectrumEntry]) -> Picture:
+@style.styled
+def spectra(panels: Sequence[SpectrumEntry]) -> style.Picture:
     """A row for each joint, all on one scale; lines that may be of one type of gear look alike."""
     shared = families(panels)
     looks = {
         line: look for family, look in zip(shared, cycle(_SHARED), strict=False) for line in family
     }
-    figure = sheet(PANEL, 1.3 + 1.0 * len(panels))
+    figure = style.sheet(style.PANEL, 1.3 + 1.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw(axis, panel, [looks.get((i, k), _ALONE) for k in range(len(panel.lines))])
@@ -58,7 +45,7 @@ def spectra(panels: Sequence[SpectrumEntry]) -> Picture:
     axes[0].yaxis.set_major_formatter("{x:g}")
     axes[-1].set_xlabel("cycles in a turn of the joint [1/turn]")
     figure.supylabel("ripple [standard deviations of the noise]", fontsize=10)
-    legend_below(figure, _key(panels, shared))
+    style.legend_below(figure, _key(panels, shared))
     caption = (
         "By how many standard deviations of the noise a ripple of so many cycles a turn stands out at "
         "each joint, beside all else found; chance passes the dashed line in one such figure of a "
@@ -71,7 +58,7 @@ def spectra(panels: Sequence[SpectrumEntry]) -> Picture:
     lines = sum(len(panel.lines) for panel in panels)
     found = f"{lines} found" if lines else "none found"
     title = f"Errors that repeat within a turn of each joint: {found}"
-    return Picture("spectra", title, caption, figure, header, tuple(_rows(panels)))
+    return style.Picture("spectra", title, caption, figure, header, tuple(_rows(panels)))
 
 
 def families(panels: Sequence[SpectrumEntry]) -> list[frozenset[tuple[int, int]]]:
@@ -93,18 +80,18 @@ def _akin(panels: Sequence[SpectrumEntry], one: tuple[int, int], other: tuple[in
     return high - low < within or abs(high - _OCTAVE * low) < within
 
 
-def _draw(axis: Axes, panel: SpectrumEntry, own: Sequence[Look]) -> None:
+def _draw(axis: Axes, panel: SpectrumEntry, own: Sequence[style.Look]) -> None:
     """One joint; own : the look of each of its lines."""
-    tidy(axis, "none")
+    style.tidy(axis, "none")
     alarm = panel.false_alarm**0.5
     fall = np.maximum(panel.fall, _LOWEST**2)
-    axis.plot(panel.cycles_1_turn, np.sqrt(fall), color=SOFT, linewidth=0.7)
-    axis.axhline(alarm, color=INK, linewidth=1.1, linestyle=(0, (4, 2)))
-    axis.set_title(elided(panel.joint), loc="left", pad=3.0)
+    axis.plot(panel.cycles_1_turn, np.sqrt(fall), color=style.SOFT, linewidth=0.7)
+    axis.axhline(alarm, color=style.INK, linewidth=1.1, linestyle=(0, (4, 2)))
+    axis.set_title(style.elided(panel.joint), loc="left", pad=3.0)
     repeats = panel.repeats_1_turn
     if repeats is not None:
         text = f"steps of {360.0 / repeats:.3g} deg: repeats every {repeats:.3g} cycles"
-        axis.set_title(text, loc="right", pad=3.0, fontsize=9, color=SOFT)
+        axis.set_title(text, loc="right", pad=3.0, fontsize=9, color=style.SOFT)
     places = _places(panel)
     for mark, look, place in zip(panel.lines, own, places, strict=True):
         top = mark.fall**0.5
@@ -114,7 +101,7 @@ def _draw(axis: Axes, panel: SpectrumEntry, own: Sequence[Look]) -> None:
         if place is not None:
             at, side, text = place
             height = max(top, _CLEAR * alarm)
-            words = axis.text(at, height, text, ha=side, va="center", color=INK, fontsize=9)
+            words = axis.text(at, height, text, ha=side, va="center", color=style.INK, fontsize=9)
             words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85})
 
 
@@ -162,27 +149,27 @@ def _key(
     alarm = Line2D(
         [],
         [],
-        color=INK,
+        color=style.INK,
         linewidth=1.1,
         linestyle=(0, (4, 2)),
         label="chance passes it in 1 figure of 100",
     )
     found = [alarm]
     for family, look in zip(shared, cycle(_SHARED), strict=False):
-        joints = ", ".join(elided(panels[i].joint) for i in sorted({i for i, _ in family}))
+        joints = ", ".join(style.elided(panels[i].joint) for i in sorted({i for i, _ in family}))
         found.append(_entry(look, f"lines that {joints} share"))
     if sum(len(panel.lines) for panel in panels) > sum(map(len, shared)):
         found.append(_entry(_ALONE, "line of one joint"))
     return found
 
 
-def _entry(look: Look, label: str) -> Any:
+def _entry(look: style.Look, label: str) -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=look.color, marker=look.marker, linewidth=1.6, label=label)
 
 
-def _rows(panels: Sequence[SpectrumEntry]) -> Iterator[tuple[Cell, ...]]:
+def _rows(panels: Sequence[SpectrumEntry]) -> Iterator[tuple[style.Cell, ...]]:
     for panel in panels:
         for mark in panel.lines:
             others = ", ".join(f"{cycles:.1f}" for cycles in mark.aliases)

@@ -4,24 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from studies.document import (
-    MM,
-    NAMES,
-    PERCENT,
-    STD,
-    TEXT,
-    Column,
-    Document,
-    Figure,
-    Mood,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    listed,
-    mm,
-    plural,
-)
+from studies import document as doc
+from studies.document import listed, mm, plural
 from studies.enough.pictures import expected_by_pose
 from studies.enough.record import (
     EnoughRecord,
@@ -43,50 +27,50 @@ _LACKS = {True: "what the model lacks", False: "the error at held-out poses"}
 _SCATTERS = {"arm": "the arm's repeatability", "undecided": "the arm, or what the model lacks"}
 
 
-def told(record: EnoughRecord) -> Document:
+def told(record: EnoughRecord) -> doc.Document:
     """The answer, and what it rests on."""
-    section = Section("progress", "Are the poses enough?", tuple(_parts(record)))
-    return Document((*_goal(record), _progress(record), *_systematic(record)), (section,))
+    section = doc.Section("progress", "Are the poses enough?", tuple(_parts(record)))
+    return doc.Document((*_goal(record), _progress(record), *_systematic(record)), (section,))
 
 
-def _progress(record: EnoughRecord) -> Sentence:
+def _progress(record: EnoughRecord) -> doc.Sentence:
     plan, now = record.plan, mm(record.now.task_rms_mm)
     if not plan.poses:
-        return Sentence(
+        return doc.Sentence(
             f"Expected error at the targets: {now} RMS now, from "
             f"{plural(record.now.readings, 'reading')}."
         )
     end = f", {mm(record.end.task_rms_mm)} at the end" if record.order else ""
-    return Sentence(
+    return doc.Sentence(
         f"{plan.measured} of {plan.poses} planned poses are measured. Expected error at the targets: "
         f"{now} RMS now{end}."
     )
 
 
-def _goal(record: EnoughRecord) -> Iterator[Sentence]:
+def _goal(record: EnoughRecord) -> Iterator[doc.Sentence]:
     """Whether and when the goal is met, and what to do where it is not."""
     if record.goal_mm is None:
         return
     goal, fresh = f"The goal of {record.goal_mm:g} mm", record.fresh_poses_to_goal
     if record.poses_to_goal is not None:
         mood, said = _met(record, record.poses_to_goal)
-        yield Sentence(f"{goal} {said}.", mood)
+        yield doc.Sentence(f"{goal} {said}.", mood)
     elif fresh is not None and not record.plan.poses:
-        yield Sentence(f"{goal} takes about {fresh} poses more. Run `posecal next`.", "warn")
+        yield doc.Sentence(f"{goal} takes about {fresh} poses more. Run `posecal next`.", "warn")
     elif fresh is not None:
-        yield Sentence(
+        yield doc.Sentence(
             f"{goal} takes about {fresh} poses more than the plan has. Run `posecal design CELL "
             f"--extend PLAN --poses {fresh}`.",
             "warn",
         )
     elif _may_be_chance(record.lacking):
-        yield Sentence(f"{goal} is not reached yet: {_by_chance(record.lacking)}.", "warn")
+        yield doc.Sentence(f"{goal} is not reached yet: {_by_chance(record.lacking)}.", "warn")
     elif record.goal_beyond_reach:
         why = _beyond_reach(record.lacking)
-        yield Sentence(f"More poses will not reach {record.goal_mm:g} mm: {why}.", "warn")
+        yield doc.Sentence(f"More poses will not reach {record.goal_mm:g} mm: {why}.", "warn")
     elif record.fresh:
         most = mm(record.fresh[-1].task_most_mm)
-        yield Sentence(
+        yield doc.Sentence(
             f"{goal} is out of reach: {len(record.fresh)} poses more still leave up to {most}. Use "
             "more markers, a better instrument, or fewer parameters.",
             "warn",
@@ -94,10 +78,10 @@ def _goal(record: EnoughRecord) -> Iterator[Sentence]:
     else:
         most = mm(record.end.task_most_mm)
         said = "is not reached by the end of the plan: the error is then below"
-        yield Sentence(f"{goal} {said} {most}, 19 times in 20.", "warn")
+        yield doc.Sentence(f"{goal} {said} {most}, 19 times in 20.", "warn")
 
 
-def _met(record: EnoughRecord, needed: int) -> tuple[Mood, str]:
+def _met(record: EnoughRecord, needed: int) -> tuple[doc.Mood, str]:
     """After so many poses. Nobody may stop on a figure that holds for the end of the day alone."""
     names = ", ".join(step.pose or "" for step in record.order[:needed])
     after = f"after {needed} more: {names}" if needed else "now"
@@ -134,38 +118,38 @@ def _by_chance(lacking: LackingEntry) -> str:
     )
 
 
-def _systematic(record: EnoughRecord) -> Iterator[Sentence]:
+def _systematic(record: EnoughRecord) -> Iterator[doc.Sentence]:
     """What more poses do not lower, and goes on."""
     lacking = record.lacking
     said = record.goal_beyond_reach and lacking.unexplained_mm >= lacking.scatter_mm
     worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
     if worth and not said:
-        yield Sentence(f"More poses will not help: {lacks(lacking.unexplained_mm)}.", "warn")
+        yield doc.Sentence(f"More poses will not help: {lacks(lacking.unexplained_mm)}.", "warn")
     if lacking.trend_mm:
         later, after = lacking.trend_an_hour_later_mm, lacking.targets_after_h
-        yield Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
+        yield doc.Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
 
 
-def _parts(record: EnoughRecord) -> Iterator[Part]:
+def _parts(record: EnoughRecord) -> Iterator[doc.Part]:
     yield from _facts(record)
-    yield Table(_ORDER, _coming(record), "Poses to come, the most useful first")
+    yield doc.Table(_ORDER, _coming(record), "Poses to come, the most useful first")
     if record.order:
-        yield Figure(lambda: expected_by_pose(record))
+        yield doc.Figure(lambda: expected_by_pose(record))
     yield _weakest(record)
     yield from _open(record.end.unidentifiable)
 
 
-def _facts(record: EnoughRecord) -> Iterator[Sentence]:
+def _facts(record: EnoughRecord) -> Iterator[doc.Sentence]:
     noise = record.noise
     source = _SOURCES[noise.source]
-    yield Sentence(f"{mm(noise.sigma_mm)} in each coordinate, {source}", label="noise")
+    yield doc.Sentence(f"{mm(noise.sigma_mm)} in each coordinate, {source}", label="noise")
     if record.reason:
-        yield Sentence(f"nothing can be identified yet: {record.reason}")
-    yield Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")
+        yield doc.Sentence(f"nothing can be identified yet: {record.reason}")
+    yield doc.Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")
     yield from _shares(record)
     yield from _seen(record)
     if record.order:
-        yield Sentence(_expected(record.end), label="plan's end")
+        yield doc.Sentence(_expected(record.end), label="plan's end")
         yield from _pays(record)
 
 
@@ -176,7 +160,7 @@ def _expected(state: StateEntry) -> str:
     return f"{rms} RMS, {worst} at worst{left}, from {plural(state.readings, 'reading')}"
 
 
-def _shares(record: EnoughRecord) -> Iterator[Sentence]:
+def _shares(record: EnoughRecord) -> Iterator[doc.Sentence]:
     """What of the expected error more poses lower, and what not; nothing where they lower all."""
     lacking = record.lacking
     parts = {
@@ -186,13 +170,13 @@ def _shares(record: EnoughRecord) -> Iterator[Sentence]:
     }
     said = [f"{mm(value)} from {name}" for name, value in parts.items() if value]
     if said:
-        yield Sentence(
+        yield doc.Sentence(
             f"of it {mm(record.now.from_parameters_mm)} from the parameters. More poses do not "
             f"lower the rest: {listed(said)}"
         )
 
 
-def _seen(record: EnoughRecord) -> Iterator[Sentence]:
+def _seen(record: EnoughRecord) -> Iterator[doc.Sentence]:
     """What poses showed that the fit was without."""
     seen = record.lacking.seen
     if seen is None:
@@ -201,10 +185,10 @@ def _seen(record: EnoughRecord) -> Iterator[Sentence]:
         said = f"{mm(seen.heldout_mm)} RMS at the held-out poses ({mm(seen.rms_mm)} without noise)"
     else:
         said = f"{mm(seen.rms_mm)} RMS at {seen.source}, predicted from the others (without noise)"
-    yield Sentence(said, label="held out")
+    yield doc.Sentence(said, label="held out")
 
 
-def _pays(record: EnoughRecord) -> Iterator[Sentence]:
+def _pays(record: EnoughRecord) -> Iterator[doc.Sentence]:
     """Up to which pose of the order more of them do more than average noise."""
     until = record.pays_until
     if until is None:
@@ -215,16 +199,16 @@ def _pays(record: EnoughRecord) -> Iterator[Sentence]:
         said = f"the next {until} poses; later ones only average noise"
     else:
         said = "all of them do more than average noise"
-    yield Sentence(said, label="worth it")
+    yield doc.Sentence(said, label="worth it")
 
 
-_ORDER: tuple[Column[tuple[ExpectedStep, float | None, bool]], ...] = (
-    Column("measure next", lambda row: f"{row[0].pose}{' goal' * row[2]}"),
-    Column("expected\nRMS", lambda row: row[0].task_rms_mm, MM, "mm"),
-    Column("worst", lambda row: row[0].task_worst_mm, MM, "mm"),
-    Column("19 in 20\nbelow", lambda row: row[0].task_most_mm, MM, "mm"),
-    Column("less by", lambda row: row[1], PERCENT, "%"),
-    Column("not\nidentifiable", lambda row: row[0].unidentifiable, NAMES),
+_ORDER: tuple[doc.Column[tuple[ExpectedStep, float | None, bool]], ...] = (
+    doc.Column("measure next", lambda row: f"{row[0].pose}{' goal' * row[2]}"),
+    doc.Column("expected\nRMS", lambda row: row[0].task_rms_mm, doc.MM, "mm"),
+    doc.Column("worst", lambda row: row[0].task_worst_mm, doc.MM, "mm"),
+    doc.Column("19 in 20\nbelow", lambda row: row[0].task_most_mm, doc.MM, "mm"),
+    doc.Column("less by", lambda row: row[1], doc.PERCENT, "%"),
+    doc.Column("not\nidentifiable", lambda row: row[0].unidentifiable, doc.NAMES),
 )
 
 
@@ -234,24 +218,24 @@ def _coming(record: EnoughRecord) -> list[tuple[ExpectedStep, float | None, bool
     return [(step, gain, k == record.poses_to_goal) for k, (step, gain) in enumerate(both, 1)]
 
 
-def _weakest(record: EnoughRecord) -> Table[tuple[KnownParameter, KnownParameter]]:
+def _weakest(record: EnoughRecord) -> doc.Table[tuple[KnownParameter, KnownParameter]]:
     """Robot parameters with the largest standard deviation against the size of such errors."""
     both = zip(record.now.parameters, record.end.parameters, strict=True)
     robot = [known for known in both if known[0].effect not in ("base", "tool")]
     robot.sort(key=lambda known: -1e30 if known[0].share is None else -known[0].share)
-    columns: list[Column[tuple[KnownParameter, KnownParameter]]] = [
-        Column("least certain", lambda row: row[0].id, TEXT),
-        Column("standard\ndeviation", lambda row: row[0].std, STD),
-        Column("at the\nplan's end", lambda row: row[1].std, STD),
-        Column("unit", lambda row: row[0].unit, TEXT),
+    columns: list[doc.Column[tuple[KnownParameter, KnownParameter]]] = [
+        doc.Column("least certain", lambda row: row[0].id, doc.TEXT),
+        doc.Column("standard\ndeviation", lambda row: row[0].std, doc.STD),
+        doc.Column("at the\nplan's end", lambda row: row[1].std, doc.STD),
+        doc.Column("unit", lambda row: row[0].unit, doc.TEXT),
     ]
     if not record.order:
         del columns[2]
-    return Table(columns, robot[:_WEAKEST], "The least certain parameters")
+    return doc.Table(columns, robot[:_WEAKEST], "The least certain parameters")
 
 
-def _open(names: tuple[str, ...]) -> Iterator[Sentence]:
+def _open(names: tuple[str, ...]) -> Iterator[doc.Sentence]:
     if names:
-        yield Sentence(
+        yield doc.Sentence(
             f"these poses do not determine {listed(names)}. Run `posecal design`", "warn", "open"
         )

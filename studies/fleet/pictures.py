@@ -7,21 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.plots.style import (
-    BLUE,
-    GREEN,
-    VERMILLION,
-    Cell,
-    Look,
-    Picture,
-    elided,
-    key_of,
-    legend_below,
-    log_ticks,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,14 +21,14 @@ _ACROSS = 4
 _NAMED = 12  # robots of a type that are named
 _LETTERS = 20  # of names side by side
 LOOKS = {
-    "nominal": Look("nominal", VERMILLION, "^", "-", "", "▲"),
-    "fitted": Look("identified", BLUE, "o", "-", "", "●"),
-    "heldout": Look("held out", GREEN, "D", "-", "", "◆"),
+    "nominal": style.Look("nominal", style.VERMILLION, "^", "-", "", "▲"),
+    "fitted": style.Look("identified", style.BLUE, "o", "-", "", "●"),
+    "heldout": style.Look("held out", style.GREEN, "D", "-", "", "◆"),
 }
 
 
-@styled
-def errors_by_robot(record: FleetRecord) -> Picture:
+@style.styled
+def errors_by_robot(record: FleetRecord) -> style.Picture:
     """Errors of the last table of each robot, a panel a type, the worst nominal model to the right."""
     last = {own.robot: own for own in record.sessions if own.status}
     types = sorted({own.type for own in last.values()})
@@ -54,7 +40,7 @@ def errors_by_robot(record: FleetRecord) -> Picture:
         for key, look in LOOKS.items():
             values = _drawn([getattr(own.rms_mm, key) for own in group])
             panel.plot(at, values, **{**look.line, "linestyle": "", "markersize": 4})
-        panel.set_title(elided(name))
+        panel.set_title(style.elided(name))
         names[panel] = [own.robot for own in group]
     every = [getattr(own.rms_mm, key) for group in groups for own in group for key in LOOKS]
     keys = [key for key in LOOKS if any(getattr(own.rms_mm, key) for own in last.values())]
@@ -66,13 +52,13 @@ def errors_by_robot(record: FleetRecord) -> Picture:
         "RMS distance between measured and predicted points of each robot's last table, by type, in "
         "the order of the nominal model's error. A robot above its neighbours is worth a look."
     )
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
         (own.type, own.robot, own.rms_mm.nominal, own.rms_mm.fitted, own.rms_mm.heldout)
         for group in groups
         for own in group
     )
     header = ("type", "robot", "nominal [mm]", "identified [mm]", "held out [mm]")
-    return Picture(
+    return style.Picture(
         "errors_by_robot",
         "Error of each robot before and after identification",
         caption,
@@ -82,8 +68,8 @@ def errors_by_robot(record: FleetRecord) -> Picture:
     )
 
 
-@styled
-def over_days(record: FleetRecord) -> Picture:
+@style.styled
+def over_days(record: FleetRecord) -> style.Picture:
     """Errors of the robots that were measured again, those that changed most first."""
     trends = sorted(record.trends, key=lambda own: -abs(own.change_mm))
     shown = trends[:_PANELS]
@@ -93,7 +79,7 @@ def over_days(record: FleetRecord) -> Picture:
         at = _at(own, dated)
         panel.plot(at, _drawn(own.nominal_mm), **LOOKS["nominal"].line)
         panel.plot(at, _drawn(own.fitted_mm), **LOOKS["fitted"].line)
-        panel.set_title(elided(own.robot))
+        panel.set_title(style.elided(own.robot))
     every = [value for own in shown for value in (*own.nominal_mm, *own.fitted_mm)]
     x = "days since the first" if dated else "table"
     _finish(figure, panels, every, x, ["nominal", "fitted"])
@@ -102,7 +88,7 @@ def over_days(record: FleetRecord) -> Picture:
         "RMS distance between measured and predicted points from day to day: the nominal model's shows "
         f"how the robot changed, the identified one's whether its model still has the form.{left}"
     )
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
         (own.robot, table, float(at), nominal, fitted)
         for own in trends
         for table, at, nominal, fitted in zip(
@@ -110,7 +96,7 @@ def over_days(record: FleetRecord) -> Picture:
         )
     )
     header = ("robot", "table", x, "nominal [mm]", "identified [mm]")
-    return Picture(
+    return style.Picture(
         "over_days",
         "Error of each robot from day to day, before and after identification",
         caption,
@@ -122,7 +108,7 @@ def over_days(record: FleetRecord) -> Picture:
 
 def _name(panel: Axes, robots: Sequence[str]) -> None:
     """Robots by name where they are few; else their number stands."""
-    labels = [elided(name) for name in robots]
+    labels = [style.elided(name) for name in robots]
     upright = sum(map(len, labels)) > _LETTERS
     panel.set_xticks(range(1, len(robots) + 1), labels, rotation=90 if upright else 0, fontsize=9)
 
@@ -143,7 +129,7 @@ def _small(count: int) -> tuple[Figure, list[Axes]]:
     """So many panels of one scale."""
     across = min(count, _ACROSS)
     down = -(-count // across)
-    figure = sheet(max(4.2, 1.0 + 2.3 * across), 1.4 + 2.0 * down)
+    figure = style.sheet(max(4.2, 1.0 + 2.3 * across), 1.4 + 2.0 * down)
     panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel().tolist()
     for panel in panels[count:]:
         panel.set_axis_off()
@@ -159,7 +145,7 @@ def _finish(
     known = _drawn([value for value in values if value is not None])
     low, high = float(known.min()) / 1.6, float(known.max()) * 1.6
     for number, panel in enumerate(panels):
-        tidy(panel, "y")
+        style.tidy(panel, "y")
         if number % _ACROSS == 0:
             panel.set_ylabel("RMS [mm]")
         if number >= len(panels) - _ACROSS:
@@ -167,5 +153,5 @@ def _finish(
         panel.set_yscale("log")
         panel.set_ylim(low, high)
         panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-        log_ticks(panel.yaxis, low, high)
-    legend_below(figure, [key_of(LOOKS[key], linestyle="") for key in keys])
+        style.log_ticks(panel.yaxis, low, high)
+    style.legend_below(figure, [style.key_of(LOOKS[key], linestyle="") for key in keys])

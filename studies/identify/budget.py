@@ -8,24 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
-from studies.document import (
-    FOUR,
-    MM,
-    SHARE,
-    STD,
-    TEXT,
-    WHOLE,
-    Column,
-    Detail,
-    Part,
-    Rule,
-    Section,
-    Sentence,
-    Table,
-    labelled,
-    listed,
-    mm,
-)
+from studies import document as doc
+from studies.document import labelled, listed, mm
 from studies.record import Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
@@ -151,32 +135,32 @@ _FATES = {
     "base": ("go into the base", "mostly a shift or turn of the whole frame"),
     "stays": ("do not help", "more poses do not lower"),
 }
-_FREEDOM = Rule(lambda value: WHOLE(value), absent="known")
-_OWN = Rule(lambda value: STD(value), absent="")
-_UNIT = Rule(str, absent="")
-_SOURCE: Column[BudgetRow] = Column("source", lambda row: row.source)
-_TYPE: Column[BudgetRow] = Column("type", lambda row: row.evaluation)
-_ROWS: tuple[Column[BudgetRow], ...] = (
+_FREEDOM = doc.Rule(lambda value: doc.WHOLE(value), absent="known")
+_OWN = doc.Rule(lambda value: doc.STD(value), absent="")
+_UNIT = doc.Rule(str, absent="")
+_SOURCE: doc.Column[BudgetRow] = doc.Column("source", lambda row: row.source)
+_TYPE: doc.Column[BudgetRow] = doc.Column("type", lambda row: row.evaluation)
+_ROWS: tuple[doc.Column[BudgetRow], ...] = (
     _SOURCE,
     _TYPE,
-    Column("u", lambda row: row.standard_uncertainty, _OWN),
-    Column("unit", lambda row: row.unit, _UNIT),
-    Column("targets", lambda row: row.at_targets_mm, MM, "mm"),
-    Column("base measured\nagain", lambda row: row.base_placed_anew_mm, MM, "mm"),
-    Column("degrees of\nfreedom", lambda row: row.degrees_of_freedom, _FREEDOM),
-    Column("share", lambda row: row.share, SHARE),
-    Column("more poses", lambda row: _FATES[row.poses][0] if row.poses else "", TEXT),
+    doc.Column("u", lambda row: row.standard_uncertainty, _OWN),
+    doc.Column("unit", lambda row: row.unit, _UNIT),
+    doc.Column("targets", lambda row: row.at_targets_mm, doc.MM, "mm"),
+    doc.Column("base measured\nagain", lambda row: row.base_placed_anew_mm, doc.MM, "mm"),
+    doc.Column("degrees of\nfreedom", lambda row: row.degrees_of_freedom, _FREEDOM),
+    doc.Column("share", lambda row: row.share, doc.SHARE),
+    doc.Column("more poses", lambda row: _FATES[row.poses][0] if row.poses else "", doc.TEXT),
 )
-_EVALUATED: tuple[Column[BudgetRow], ...] = (
+_EVALUATED: tuple[doc.Column[BudgetRow], ...] = (
     _SOURCE,
-    Column("of", lambda row: row.instrument),
+    doc.Column("of", lambda row: row.instrument),
     _TYPE,
-    Column("distribution", lambda row: row.distribution),
-    Column("stated", lambda row: row.stated, _OWN),
-    Column("divisor", lambda row: row.divisor, FOUR),
-    Column("unit", lambda row: row.unit, _UNIT),
-    Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
-    Column("one reading", lambda row: row.at_one_reading_mm, MM, "mm"),
+    doc.Column("distribution", lambda row: row.distribution),
+    doc.Column("stated", lambda row: row.stated, _OWN),
+    doc.Column("divisor", lambda row: row.divisor, doc.FOUR),
+    doc.Column("unit", lambda row: row.unit, _UNIT),
+    doc.Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
+    doc.Column("one reading", lambda row: row.at_one_reading_mm, doc.MM, "mm"),
 )
 _CAPTION = (
     "What one standard uncertainty of each source does to the points at the targets, RMS. Also "
@@ -186,32 +170,36 @@ _CAPTION = (
 )
 
 
-def budget_section(budget: BudgetEntry | None, targets: str, missing: bool) -> Iterator[Section]:
+def budget_section(
+    budget: BudgetEntry | None, targets: str, missing: bool
+) -> Iterator[doc.Section]:
     """How sure a point at a target is; nothing for results of earlier versions.
 
     missing : whether the model surely lacks something
     """
     if budget is not None:
         title = "How sure is a point at a target?"
-        yield Section("budget", title, tuple(_parts(budget, targets, missing)))
+        yield doc.Section("budget", title, tuple(_parts(budget, targets, missing)))
 
 
-def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[Part]:
+def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[doc.Part]:
     only = ", if the model lacks nothing" if missing else ""
-    yield Sentence(
+    yield doc.Sentence(
         f"errors up to {_covered(budget.calibration)}, from the parameters{only}", label="95 %"
     )
     if any(row.part_of != "calibration" for row in budget.rows):
-        yield Sentence(f"errors up to {_covered(budget.total)}, with all sources below")
-    yield Sentence(targets, label="targets")
-    yield Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
-    yield Detail((Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),))
+        yield doc.Sentence(f"errors up to {_covered(budget.total)}, with all sources below")
+    yield doc.Sentence(targets, label="targets")
+    yield doc.Table(_ROWS, budget.rows, "Uncertainty budget", _CAPTION)
+    yield doc.Detail(
+        (doc.Table(_EVALUATED, budget.rows, "How each source was evaluated", fold=True),)
+    )
     common = [row for row in budget.rows if row.instrument]
     named = {fate: [row.source for row in common if row.poses == fate] for fate in _FATES}
     said = (f"{_FATES[fate][1]}: {listed(own)}" for fate, own in named.items() if own)
     yield from labelled("common", said)
     if not common:
-        yield Sentence(
+        yield doc.Sentence(
             "errors that all readings share: none is stated. Those of a tracker (scale, zero point, "
             "circles, air) go into [instrument.common]",
             "note", "not counted",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from studies.document import HOURS, TENTH, THREE, Column, P, Section, Sentence, Table
+from studies import document as doc
 from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
@@ -95,59 +95,59 @@ def _motion(motion: Motion) -> MotionEntry:
 
 _MOST = 8  # readings that the terminal shows
 _MODELLED = ("base_drift", "tracker_drift")
-_AGAIN: tuple[Column[tuple[MotionEntry, RepeatedPose]], ...] = (
-    Column("read again", lambda row: row[0].pose),
-    Column("first", lambda row: row[1].pose),
-    Column("since", lambda row: row[0].hours, HOURS, "h"),
-    Column("moved x, y, z", lambda row: row[0].translation_um, THREE, "um"),
-    Column("std", lambda row: _rms(row[0].translation_std_um), TENTH, "um"),
-    Column("turned", lambda row: row[0].rotation_urad, THREE, "urad"),
-    Column("std", lambda row: _rms(row[0].rotation_std_urad), TENTH, "urad"),
-    Column("distance", lambda row: row[0].length_um, TENTH, "um"),
-    Column("p", lambda row: row[0].p_value, P),
+_AGAIN: tuple[doc.Column[tuple[MotionEntry, RepeatedPose]], ...] = (
+    doc.Column("read again", lambda row: row[0].pose),
+    doc.Column("first", lambda row: row[1].pose),
+    doc.Column("since", lambda row: row[0].hours, doc.HOURS, "h"),
+    doc.Column("moved x, y, z", lambda row: row[0].translation_um, doc.THREE, "um"),
+    doc.Column("std", lambda row: _rms(row[0].translation_std_um), doc.TENTH, "um"),
+    doc.Column("turned", lambda row: row[0].rotation_urad, doc.THREE, "urad"),
+    doc.Column("std", lambda row: _rms(row[0].rotation_std_urad), doc.TENTH, "urad"),
+    doc.Column("distance", lambda row: row[0].length_um, doc.TENTH, "um"),
+    doc.Column("p", lambda row: row[0].p_value, doc.P),
 )
 
 
-def drift_section(record: IdentifyRecord) -> Iterator[Section]:
+def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
     """How far poses that were read again had moved; nothing without them."""
     drift = record.drift
     if drift is None:
         return
     rows = [(motion, one) for one in drift.references for motion in one.moved]
-    table = Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
-    yield Section(
+    table = doc.Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
+    yield doc.Section(
         "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))
     )
 
 
-def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[Sentence]:
-    count, p = len(drift.references), P(drift.p_value)
+def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
+    count, p = len(drift.references), doc.P(drift.p_value)
     of = f", {count} repeated poses together" if count > 1 else ""
     if drift.verdict == "steady":
         said = f"none: the readings differ by the noise of instrument and arm (p {p}{of})"
     elif drift.verdict == "drift":
-        said = f"yes: a steady motion (p {P(drift.trend_p)}{of})"
+        said = f"yes: a steady motion (p {doc.P(drift.trend_p)}{of})"
     else:
         said = f"not steady, but the readings moved by more than instrument and arm do (p {p}{of})"
-    yield Sentence(said, "good" if drift.verdict == "steady" else "warn", "drift")
+    yield doc.Sentence(said, "good" if drift.verdict == "steady" else "warn", "drift")
     if drift.verdict == "drift":
         yield from map(_rate, drift.rates)
     if drift.noise_factor != 1.0:
-        yield Sentence(
-            f"single points scatter by {TENTH(drift.noise_factor)} times the noise of the cell"
+        yield doc.Sentence(
+            f"single points scatter by {doc.TENTH(drift.noise_factor)} times the noise of the cell"
         )
     if drift.verdict != "steady":
         yield from _to_do(record, drift)
 
 
-def _rate(rate: DriftRate) -> Sentence:
+def _rate(rate: DriftRate) -> doc.Sentence:
     shift, turn = (
-        " ".join(map(TENTH, values))
+        " ".join(map(doc.TENTH, values))
         for values in (rate.translation_um_per_h, rate.rotation_urad_per_h)
     )
-    shift_std = TENTH(_rms(rate.translation_std_um_per_h))
-    turn_std = TENTH(_rms(rate.rotation_std_urad_per_h))
-    return Sentence(
+    shift_std = doc.TENTH(_rms(rate.translation_std_um_per_h))
+    turn_std = doc.TENTH(_rms(rate.rotation_std_urad_per_h))
+    return doc.Sentence(
         f"{shift} um/h and {turn} urad/h in station {rate.station} (std {shift_std} and {turn_std})"
     )
 
@@ -156,25 +156,25 @@ def _rms(values: Three | None) -> float | None:
     return None if values is None else float(np.sqrt(np.mean(np.square(values))))
 
 
-def _to_do(record: IdentifyRecord, drift: DriftEntry) -> Iterator[Sentence]:
+def _to_do(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
     if not drift.one_side:
-        yield Sentence(
+        yield doc.Sentence(
             "the approach directions differ, so it may be backlash. Come from one side each time"
         )
     modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
     if drift.verdict == "moved":
-        yield Sentence(
+        yield doc.Sentence(
             "something was knocked or is loose, or the readings are too few for a trend. If one row "
             "above stands out, measure again from there"
         )
     elif modelled:
-        yield Sentence(f"{modelled[0]} of the model takes it up where it is steady")
+        yield doc.Sentence(f"{modelled[0]} of the model takes it up where it is steady")
     elif not drift.rates:
-        yield Sentence(
+        yield doc.Sentence(
             "add column time_s, and base_drift to [model] effects. Or measure again when all is warm"
         )
     else:
-        yield Sentence(
+        yield doc.Sentence(
             "add base_drift to [model] effects (a drift of the instrument looks the same), or measure "
             "again when all is warm. Run `posecal diagnose` to find the cause"
         )

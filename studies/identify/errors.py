@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import computed_field, model_validator
 
-from studies.document import COUNT, MM, MRAD, Column, Detail, Figure, Part, Table, mm
+from studies import document as doc
+from studies.document import mm
 from studies.identify.outliers import told_outliers
 from studies.identify.pictures import (
     distances,
@@ -170,34 +171,35 @@ _MODELS: dict[Model, str] = {
     "heldout": "held-out poses, identified",
     "heldout_trimmed": "held-out poses without outliers, identified",
 }
-_FIGURES: tuple[Column[Any], ...] = tuple(
-    Column(title, itemgetter(k), MM, "mm") for k, title in enumerate(("RMS", "p95", "max"), 1)
+_FIGURES: tuple[doc.Column[Any], ...] = tuple(
+    doc.Column(title, itemgetter(k), doc.MM, "mm")
+    for k, title in enumerate(("RMS", "p95", "max"), 1)
 )
-_ERRORS = (Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
+_ERRORS = (doc.Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
 _PAIRS = (
-    Column("distance between two poses", itemgetter(0)),
+    doc.Column("distance between two poses", itemgetter(0)),
     *_FIGURES,
-    Column("pairs", itemgetter(4), COUNT),
+    doc.Column("pairs", itemgetter(4), doc.COUNT),
 )
-_OF_INSTRUMENTS: tuple[Column[OfInstrument], ...] = (
-    Column("instrument", attrgetter("instrument")),
-    Column("unit", attrgetter("unit")),
-    Column("nominal", attrgetter("nominal"), MRAD),
-    Column("identified", attrgetter("fitted_all"), MRAD),
-    Column("held out", attrgetter("heldout"), MRAD),
+_OF_INSTRUMENTS: tuple[doc.Column[OfInstrument], ...] = (
+    doc.Column("instrument", attrgetter("instrument")),
+    doc.Column("unit", attrgetter("unit")),
+    doc.Column("nominal", attrgetter("nominal"), doc.MRAD),
+    doc.Column("identified", attrgetter("fitted_all"), doc.MRAD),
+    doc.Column("held out", attrgetter("heldout"), doc.MRAD),
 )
 
 
-def told_errors(record: IdentifyRecord) -> Iterator[Part]:
+def told_errors(record: IdentifyRecord) -> Iterator[doc.Part]:
     """How far the readings were off and are now, by model, by instrument and pose by pose."""
     floor = mm(3.0**0.5 * record.noise.instrument_mm)
     caption = f"Distances in space; the instrument alone would leave {floor} RMS"
     if rows := list(_models(record)):
-        yield Table(_ERRORS, rows, "Errors by model", caption)
-        yield Figure(lambda: distances(record))
+        yield doc.Table(_ERRORS, rows, "Errors by model", caption)
+        yield doc.Figure(lambda: distances(record))
     if len(record.instruments) > 1 or not rows:
         caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
-        yield Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
+        yield doc.Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
     every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
     pairs = [
         (every[key], own.rms, own.p95, own.max, own.pairs)
@@ -207,18 +209,20 @@ def told_errors(record: IdentifyRecord) -> Iterator[Part]:
         "Distances between points of two poses, measured minus predicted: a check that depends on no "
         "frame, since distances are the same wherever the instrument stands"
     )
-    yield Detail((Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ())
+    yield doc.Detail(
+        (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
+    )
     yield from told_outliers(record)
     if any(row.at_px is not None for row in record.residuals):
-        yield Figure(lambda: errors_over_image(record))
+        yield doc.Figure(lambda: errors_over_image(record))
     if not rows:
         return
-    yield Figure(lambda: errors_by_pose(record))
-    yield Figure(lambda: residuals_by_pose(record, heldout=False))
+    yield doc.Figure(lambda: errors_by_pose(record))
+    yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
-        yield Figure(lambda: residuals_by_pose(record, heldout=True))
-    yield Detail(
-        (Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
+        yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
+    yield doc.Detail(
+        (doc.Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
     )
 
 
@@ -242,12 +246,12 @@ def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
         yield "held-out poses, nominal model", rms, p95, float(lengths.max())
 
 
-_POSES: tuple[Column[Any], ...] = (
-    Column("pose", itemgetter(0)),
-    Column("RMS before", itemgetter(1), MM, "mm"),
-    Column("RMS after", itemgetter(2), MM, "mm"),
-    Column("markers seen", itemgetter(3), COUNT),
-    Column("use", itemgetter(4)),
+_POSES: tuple[doc.Column[Any], ...] = (
+    doc.Column("pose", itemgetter(0)),
+    doc.Column("RMS before", itemgetter(1), doc.MM, "mm"),
+    doc.Column("RMS after", itemgetter(2), doc.MM, "mm"),
+    doc.Column("markers seen", itemgetter(3), doc.COUNT),
+    doc.Column("use", itemgetter(4)),
 )
 
 

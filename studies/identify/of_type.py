@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from studies.document import FOUR, TENTH, Column, P, Part, Sentence, Table, listed, plural
+from studies import document as doc
+from studies.document import listed, plural
 from studies.record import Count, Entry, Maybe, NotNegative, Number, Positive
 
 if TYPE_CHECKING:
@@ -72,29 +73,31 @@ def of_type_entry(found: Identification, stood: Departure) -> OfType:
     return OfType.from_result(stood, prior, p=stood.p_value, widened=stood.factor, parameters=rows)
 
 
-def told_of_type(found: OfType) -> Iterator[Part]:
+def told_of_type(found: OfType) -> Iterator[doc.Part]:
     """Whether the robot is of its type, and what left it farthest."""
     whole = f"{plural(found.robots, 'robot')} of {found.type}"
     if found.of_the_type:
-        yield Sentence(f"This robot is like the {whole} before it (p {P(found.p)}).")
+        yield doc.Sentence(f"This robot is like the {whole} before it (p {doc.P(found.p)}).")
     else:
         out = [own.id for own in found.parameters if own.released]
         what = f"for {listed(out, 5)} they are not used" if out else "they count less everywhere"
-        yield Sentence(f"This robot differs from the {whole} (p {P(found.p)}): {what}.", "warn")
+        yield doc.Sentence(
+            f"This robot differs from the {whole} (p {doc.P(found.p)}): {what}.", "warn"
+        )
     rows = sorted(found.parameters, key=lambda own: (not own.released, -own.size))
     caption = (
         "Score: distance of the value from the type's mean, in standard deviations of what robots "
         "of the type show"
     )
-    yield Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
+    yield doc.Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
 
 
-_LEFT: tuple[Column[ParameterOfType], ...] = (
-    Column("parameter", attrgetter("id")),
-    Column("value", attrgetter("value"), FOUR),
-    Column("mean of the type", attrgetter("mean"), FOUR),
-    Column("spread of the type", attrgetter("std"), FOUR),
-    Column("score", attrgetter("score"), TENTH),
-    Column("type", lambda own: "not used" if own.released else "", detail=True),
-    Column("unit", attrgetter("unit")),
+_LEFT: tuple[doc.Column[ParameterOfType], ...] = (
+    doc.Column("parameter", attrgetter("id")),
+    doc.Column("value", attrgetter("value"), doc.FOUR),
+    doc.Column("mean of the type", attrgetter("mean"), doc.FOUR),
+    doc.Column("spread of the type", attrgetter("std"), doc.FOUR),
+    doc.Column("score", attrgetter("score"), doc.TENTH),
+    doc.Column("type", lambda own: "not used" if own.released else "", detail=True),
+    doc.Column("unit", attrgetter("unit")),
 )

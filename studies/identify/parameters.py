@@ -7,21 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.document import (
-    CORRELATION,
-    TENTH,
-    TO_STD,
-    TWO,
-    Column,
-    Detail,
-    Figure,
-    Part,
-    Rule,
-    Sentence,
-    Table,
-    listed,
-    plural,
-)
+from studies import document as doc
+from studies.document import listed, plural
 from studies.identify.pictures import correlation
 from studies.noise import noise_words
 from studies.record import Entry, Maybe, MaybePositive, Number, Positive
@@ -129,102 +116,104 @@ _APPROACHES = {"points": "marker points", "pose": "full poses from the marker po
 _METHODS = {"joint": "all parameters at once", "two-step": "base and tool in turn with the rest"}
 _TOGETHER = 0.9  # correlation worth a line
 _BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
-_INTERVAL = Rule(TO_STD.show, absent="")
-_PARAMETERS: tuple[Column[IdentifiedParameter], ...] = (
-    Column("effect", lambda row: row.effect),
-    Column("where", lambda row: row.where),
-    Column("parameter", lambda row: row.name),
-    Column("value", lambda row: (row.value, row.std), TO_STD),
-    Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), TO_STD),
-    Column("95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True),
-    Column("unit", lambda row: row.unit),
+_INTERVAL = doc.Rule(doc.TO_STD.show, absent="")
+_PARAMETERS: tuple[doc.Column[IdentifiedParameter], ...] = (
+    doc.Column("effect", lambda row: row.effect),
+    doc.Column("where", lambda row: row.where),
+    doc.Column("parameter", lambda row: row.name),
+    doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
+    doc.Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), doc.TO_STD),
+    doc.Column(
+        "95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True
+    ),
+    doc.Column("unit", lambda row: row.unit),
 )
-_CORRELATED: tuple[Column[tuple[str, str, float]], ...] = (
-    Column("parameter", lambda row: row[0]),
-    Column("parameter", lambda row: row[1]),
-    Column("correlation", lambda row: row[2], CORRELATION),
+_CORRELATED: tuple[doc.Column[tuple[str, str, float]], ...] = (
+    doc.Column("parameter", lambda row: row[0]),
+    doc.Column("parameter", lambda row: row[1]),
+    doc.Column("correlation", lambda row: row[2], doc.CORRELATION),
 )
-_ABSORBED: tuple[Column[Absorbed], ...] = (
-    Column("constant error", lambda row: row.id),
-    Column("does the same as", lambda row: ", ".join(row.absorbed_by)),
+_ABSORBED: tuple[doc.Column[Absorbed], ...] = (
+    doc.Column("constant error", lambda row: row.id),
+    doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by)),
 )
 
 
-def told_parameters(record: IdentifyRecord) -> Iterator[Part]:
+def told_parameters(record: IdentifyRecord) -> Iterator[doc.Part]:
     """The values, how sure they are, and what a reader should know of them."""
-    yield Sentence(
+    yield doc.Sentence(
         f"{record.rank} of {plural(len(record.parameters), 'parameter')} from "
         f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}",
         label="identified",
     )
     how = ", elastic parameters from differences" * record.differences
-    yield Sentence(
+    yield doc.Sentence(
         f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}{how}", label="method"
     )
     for k, words in enumerate(noise_words(record.noise)):
-        yield Sentence(words, label="" if k else "noise")
+        yield doc.Sentence(words, label="" if k else "noise")
     caption = (
         "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
         "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
         "Student's t at the effective degrees of freedom"
     )
     robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
-    yield Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
-    where = Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
-    yield Detail((where,) if placed else ())
+    yield doc.Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
+    where = doc.Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
+    yield doc.Detail((where,) if placed else ())
     yield from _doubts(record)
     caption = (
         f"Pairs whose correlation is above {_TOGETHER}: their sum or difference is known better than "
         "each"
     )
     pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
-    table = Table(_CORRELATED, pairs, "Correlated pairs", caption)
-    yield Detail((table,) if pairs else ())
-    yield Detail((Figure(lambda: correlation(record)),), "Correlation of all parameters")
-    absorbed = Table(_ABSORBED, record.absorbed, "Redundant parameters",
+    table = doc.Table(_CORRELATED, pairs, "Correlated pairs", caption)
+    yield doc.Detail((table,) if pairs else ())
+    yield doc.Detail((doc.Figure(lambda: correlation(record)),), "Correlation of all parameters")
+    absorbed = doc.Table(_ABSORBED, record.absorbed, "Redundant parameters",
                      fold=True)  # fmt: skip
-    yield Detail((absorbed,) if record.absorbed else ())
+    yield doc.Detail((absorbed,) if record.absorbed else ())
 
 
-def _doubts(record: IdentifyRecord) -> Iterator[Sentence]:
+def _doubts(record: IdentifyRecord) -> Iterator[doc.Sentence]:
     """What a reader of the values should know."""
     if record.noise.missing:
         said = "they hold only if the model lacks nothing. Run `posecal diagnose`"
-        yield Sentence(said, "warn", "intervals")
+        yield doc.Sentence(said, "warn", "intervals")
     for entry in record.unidentifiable:
-        yield Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
+        yield doc.Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
     if record.sizes is not None:
         yield _told_sizes(record.sizes)
     if record.weak:
         said = f"{listed(record.weak)}: the uncertainty is larger than such errors usually are"
-        yield Sentence(said, "warn", "weak")
+        yield doc.Sentence(said, "warn", "weak")
     if any(p.effect == "backlash" for p in record.parameters):
-        yield Sentence(
+        yield doc.Sentence(
             "half_width below zero is lost motion: the joint stops short. Above zero it overshoots",
             "note",
             "sign",
         )
     few = [name for name in record.unused_poses if name not in record.before_the_first_move]
     if few:
-        yield Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
+        yield doc.Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
     together = _common_error(record)
     if together > _BY_POSE:
-        yield Sentence(
+        yield doc.Sentence(
             "the points of one pose err together. Counted by pose, the standard deviations are "
-            f"{TENTH(together)} times these (median; JSON: std_by_pose)",
+            f"{doc.TENTH(together)} times these (median; JSON: std_by_pose)",
             "note", "by pose",
         )  # fmt: skip
     worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
     if worst > _OPTIMISM:
-        yield Sentence(
+        yield doc.Sentence(
             "these uncertainties include those of base and tool. If both were known, they would be up "
-            f"to {TENTH(worst)} times smaller",
+            f"to {doc.TENTH(worst)} times smaller",
             label="include",
         )
     if record.absorbed:
         count = plural(len(record.absorbed), "redundant parameter")
         merged = "was" if len(record.absorbed) == 1 else "were"
-        yield Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
+        yield doc.Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
 
 
 def _common_error(record: IdentifyRecord) -> float:
@@ -245,11 +234,11 @@ def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
                 yield record.parameters[a].id, record.parameters[b].id, r
 
 
-def _told_sizes(sizes: SizesEntry) -> Sentence:
+def _told_sizes(sizes: SizesEntry) -> doc.Sentence:
     """That sizes decided, and which."""
-    widths = [f"{own.effect} {TWO(own.width)} {own.unit}" for own in sizes.widths]
-    return Sentence(
-        f"the readings barely determine about {TENTH(sizes.parameters)} combinations of "
+    widths = [f"{own.effect} {doc.TWO(own.width)} {own.unit}" for own in sizes.widths]
+    return doc.Sentence(
+        f"the readings barely determine about {doc.TENTH(sizes.parameters)} combinations of "
         f"parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
         '[model] size_prior = "off" switches it off',
         "note",

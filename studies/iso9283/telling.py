@@ -4,152 +4,141 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from studies.document import (
-    COUNT,
-    MM,
-    Column,
-    Detail,
-    Document,
-    Figure,
-    Part,
-    Rule,
-    Section,
-    Sentence,
-    Table,
-    mm,
-    plural,
-)
+from studies import document as doc
+from studies.document import mm, plural
 from studies.iso9283.pictures import accuracy_and_repeatability
 from studies.iso9283.record import ComplianceEntry, DistanceEntry, Iso9283Record, PoseEntry, Several
 
 _MOST = 8
 _CYCLES = 30  # that the standard asks for
 _SHARE = 0.25  # of a criterion that the measurement's own uncertainty may take (ISO 9283, 6.6)
-_FIGURE = Rule(lambda f: MM(f.value))
-_RANGE = Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="")
-_ANGLES = Rule(lambda values: " ".join(f"{value:.3f}" for value in values))
-_SOFT = Rule(lambda f: f"{1e3 * f.value:.4g}")
-_SOFT_RANGE = Rule(
+_FIGURE = doc.Rule(lambda f: doc.MM(f.value))
+_RANGE = doc.Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="")
+_ANGLES = doc.Rule(lambda values: " ".join(f"{value:.3f}" for value in values))
+_SOFT = doc.Rule(lambda f: f"{1e3 * f.value:.4g}")
+_SOFT_RANGE = doc.Rule(
     lambda f: "open" if None in (f.low, f.high) else f"{1e3 * f.low:.3g} to {1e3 * f.high:.3g}"
 )
 
 
 def _end(value: float | None) -> str:
-    return "open" if value is None else MM(value)
+    return "open" if value is None else doc.MM(value)
 
 
-_POSE: Column[PoseEntry] = Column("pose", lambda row: row.pose)
-_AP: tuple[Column[PoseEntry], ...] = (
-    Column("AP", lambda row: row.ap_mm, _FIGURE, "mm"),
-    Column("95 %", lambda row: row.ap_mm, _RANGE, "mm"),
+_POSE: doc.Column[PoseEntry] = doc.Column("pose", lambda row: row.pose)
+_AP: tuple[doc.Column[PoseEntry], ...] = (
+    doc.Column("AP", lambda row: row.ap_mm, _FIGURE, "mm"),
+    doc.Column("95 %", lambda row: row.ap_mm, _RANGE, "mm"),
 )
-_RP: tuple[Column[PoseEntry], ...] = (
-    Column("RP", lambda row: row.rp_mm, _FIGURE, "mm"),
-    Column("95 %", lambda row: row.rp_mm, _RANGE, "mm"),
+_RP: tuple[doc.Column[PoseEntry], ...] = (
+    doc.Column("RP", lambda row: row.rp_mm, _FIGURE, "mm"),
+    doc.Column("95 %", lambda row: row.rp_mm, _RANGE, "mm"),
 )
-_MEASURED: tuple[Column[PoseEntry], ...] = (
+_MEASURED: tuple[doc.Column[PoseEntry], ...] = (
     _POSE,
-    Column("from", lambda row: row.approach),
-    Column("cycles", lambda row: row.cycles, COUNT),
+    doc.Column("from", lambda row: row.approach),
+    doc.Column("cycles", lambda row: row.cycles, doc.COUNT),
     *_AP,
-    Column("AP identified", lambda row: row.ap_identified_mm, _FIGURE, "mm"),
+    doc.Column("AP identified", lambda row: row.ap_identified_mm, _FIGURE, "mm"),
     *_RP,
-    Column("dAP", lambda row: row.drift_mm, MM, "mm"),
+    doc.Column("dAP", lambda row: row.drift_mm, doc.MM, "mm"),
 )
-_TURNED: tuple[Column[PoseEntry], ...] = (
+_TURNED: tuple[doc.Column[PoseEntry], ...] = (
     _POSE,
-    Column("from", lambda row: row.approach),
-    Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
-    Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
+    doc.Column("from", lambda row: row.approach),
+    doc.Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
+    doc.Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
 )
-_DISTANCES: tuple[Column[DistanceEntry], ...] = (
-    Column("from", lambda row: row.first),
-    Column("to", lambda row: row.second),
-    Column("cycles", lambda row: row.cycles, COUNT),
-    Column("commanded", lambda row: row.commanded_mm, MM, "mm"),
-    Column("AD", lambda row: row.ad_mm, _FIGURE, "mm"),
-    Column("95 %", lambda row: row.ad_mm, _RANGE, "mm"),
-    Column("RD", lambda row: row.rd_mm, _FIGURE, "mm"),
-    Column("95 %", lambda row: row.rd_mm, _RANGE, "mm"),
+_DISTANCES: tuple[doc.Column[DistanceEntry], ...] = (
+    doc.Column("from", lambda row: row.first),
+    doc.Column("to", lambda row: row.second),
+    doc.Column("cycles", lambda row: row.cycles, doc.COUNT),
+    doc.Column("commanded", lambda row: row.commanded_mm, doc.MM, "mm"),
+    doc.Column("AD", lambda row: row.ad_mm, _FIGURE, "mm"),
+    doc.Column("95 %", lambda row: row.ad_mm, _RANGE, "mm"),
+    doc.Column("RD", lambda row: row.rd_mm, _FIGURE, "mm"),
+    doc.Column("95 %", lambda row: row.rd_mm, _RANGE, "mm"),
 )
-_SEVERAL: tuple[Column[Several], ...] = (
-    Column("pose", lambda row: row.pose),
-    Column("approach directions", lambda row: row.ways, COUNT),
-    Column("vAP", lambda row: row.vap_mm, MM, "mm"),
+_SEVERAL: tuple[doc.Column[Several], ...] = (
+    doc.Column("pose", lambda row: row.pose),
+    doc.Column("approach directions", lambda row: row.ways, doc.COUNT),
+    doc.Column("vAP", lambda row: row.vap_mm, doc.MM, "mm"),
 )
-_COMPLIANCE: tuple[Column[ComplianceEntry], ...] = (
-    Column("pose", lambda row: row.pose),
-    Column("force along", lambda row: row.direction),
-    Column("how", lambda row: row.how),
-    Column("readings", lambda row: row.readings, COUNT),
-    Column("compliance", lambda row: row.mm_per_n, _SOFT, "um/N"),
-    Column("95 %", lambda row: row.mm_per_n, _SOFT_RANGE, "um/N"),
+_COMPLIANCE: tuple[doc.Column[ComplianceEntry], ...] = (
+    doc.Column("pose", lambda row: row.pose),
+    doc.Column("force along", lambda row: row.direction),
+    doc.Column("how", lambda row: row.how),
+    doc.Column("readings", lambda row: row.readings, doc.COUNT),
+    doc.Column("compliance", lambda row: row.mm_per_n, _SOFT, "um/N"),
+    doc.Column("95 %", lambda row: row.mm_per_n, _SOFT_RANGE, "um/N"),
 )
 
 
-def told(record: Iso9283Record) -> Document:
+def told(record: Iso9283Record) -> doc.Document:
     """The worst figures first, then each criterion by pose."""
-    return Document(
+    return doc.Document(
         tuple(_headline(record)),
-        (Section("iso9283", "Criteria of ISO 9283", tuple(_parts(record))),),
+        (doc.Section("iso9283", "Criteria of ISO 9283", tuple(_parts(record))),),
     )
 
 
-def _headline(record: Iso9283Record) -> Iterator[Sentence]:
+def _headline(record: Iso9283Record) -> Iterator[doc.Sentence]:
     repeated = record.of("measured")
     if repeated:
         ap = max(repeated, key=lambda own: own.ap_mm.value)
         rp = max(own.rp_mm.value for own in repeated if own.rp_mm is not None)
         few = min(own.cycles for own in repeated)
         asked = f", of {_CYCLES} that ISO 9283 asks for" if few < _CYCLES else ""
-        yield Sentence(
+        yield doc.Sentence(
             f"{plural(len(repeated), 'pose')} measured again at {record.marker} ({few} cycles or "
             f"more{asked}): AP {mm(ap.ap_mm.value)} at worst, RP {mm(rp)}."
         )
     else:
         worst = max(own.ap_mm.value for own in record.poses)
-        yield Sentence(
+        yield doc.Sentence(
             f"No pose was measured twice: AP of {plural(len(record.poses), 'pose')} at "
             f"{record.marker} is predicted, {mm(worst)} at worst.",
             "warn",
         )
     if record.same_data:
-        yield Sentence(
+        yield doc.Sentence(
             "AP is too good: base and markers were fitted to these readings. ISO 9283 asks for an "
             "independent base. Give RESULT, from other poses.",
             "warn",
         )
     loud = [p for p in repeated if p.rp_mm and record.instrument_rp_mm > _SHARE * p.rp_mm.value]
     if loud:
-        yield Sentence(
+        yield doc.Sentence(
             f"RP of {plural(len(loud), 'pose')} includes the instrument, which alone shows an RP of "
             f"{mm(record.instrument_rp_mm)}.",
             "warn",
         )
 
 
-def _parts(record: Iso9283Record) -> Iterator[Part]:
-    yield Figure(lambda: accuracy_and_repeatability(record))
+def _parts(record: Iso9283Record) -> Iterator[doc.Part]:
+    yield doc.Figure(lambda: accuracy_and_repeatability(record))
     if repeated := record.of("measured"):
         caption = (
             "AP: mean attained less commanded point, in the base frame of the result; identified: less "
             "what the identified arm predicts, as corrected commands would have it. RP: mean distance "
             "from the mean and three standard deviations. dAP: of means of ten cycles"
         )
-        yield Table(_MEASURED, repeated, "Poses measured again", caption, True, _MOST)
+        yield doc.Table(_MEASURED, repeated, "Poses measured again", caption, True, _MOST)
         turned = [pose for pose in repeated if pose.ap_angles_mrad is not None]
-        angles = Table(_TURNED, turned, "Angles", "About x, y, z of the base", True, fold=True)
-        yield Detail((angles,) if turned else ())
+        angles = doc.Table(_TURNED, turned, "Angles", "About x, y, z of the base", True, fold=True)
+        yield doc.Detail((angles,) if turned else ())
     if record.several:
-        yield Table(_SEVERAL, record.several, "Poses reached from several sides", "", True, _MOST)
+        yield doc.Table(
+            _SEVERAL, record.several, "Poses reached from several sides", "", True, _MOST
+        )
     if record.distances:
-        yield Table(_DISTANCES, record.distances, "Distances between poses", "", True, _MOST)
+        yield doc.Table(_DISTANCES, record.distances, "Distances between poses", "", True, _MOST)
     if expected := record.of("predicted"):
         caption = (
             "Predicted for nominal commands by the identified arm. RP follows from the arm's "
             "repeatability where the data or the cell tell it. Drift and vAP are not predicted"
         )
-        yield Table((_POSE, *_AP, *_RP), expected, "Predicted", caption, True, _MOST)
+        yield doc.Table((_POSE, *_AP, *_RP), expected, "Predicted", caption, True, _MOST)
     if record.compliance:
         caption = "Static compliance: displacement along the force by it, in axes of the base"
-        yield Table(_COMPLIANCE, record.compliance, "Static compliance", caption, True, _MOST)
+        yield doc.Table(_COMPLIANCE, record.compliance, "Static compliance", caption, True, _MOST)

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 import numpy as np
 from pydantic import model_validator
 
-from studies.document import (
-    PROBABILITY,
-    Column,
-    Document,
-    Mood,
-    Part,
-    Section,
-    Sentence,
-    Table,
-    listed,
-    mm,
-    plural,
-)
+from studies import document as doc
+from studies.document import listed, mm, plural
 from studies.joints import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
 
@@ -157,61 +146,67 @@ _STOPS = {
 }
 
 
-def told(record: NextRecord) -> Document:
+def told(record: NextRecord) -> doc.Document:
     """Go on or stop, the poses, and what is expected of them."""
-    section = Section("next", "What to measure next", tuple(_parts(record)))
-    return Document(tuple(_headline(record)), (section,))
+    section = doc.Section("next", "What to measure next", tuple(_parts(record)))
+    return doc.Document(tuple(_headline(record)), (section,))
 
 
-def _headline(record: NextRecord) -> Iterator[Sentence]:
+def _headline(record: NextRecord) -> Iterator[doc.Sentence]:
     why = " and ".join(_STOPS[stop] for stop in record.stops)
     if record.done:
-        mood: Mood = "good" if {"goal", "settled", "averages"} & {*record.stops} else "warn"
-        yield Sentence(f"Stop: {why}.", mood)
+        mood: doc.Mood = "good" if {"goal", "settled", "averages"} & {*record.stops} else "warn"
+        yield doc.Sentence(f"Stop: {why}.", mood)
     else:
         own = {name for p in record.poses for name in _SERVES_BOTH.get(p.serves, (p.serves,))}
         serves = " and ".join(name for name in ("causes", "task") if name in own)
-        yield Sentence(f"Measure {plural(len(record.poses), 'pose')} more, for {serves}.", "next")
+        yield doc.Sentence(
+            f"Measure {plural(len(record.poses), 'pose')} more, for {serves}.", "next"
+        )
         if why:
-            yield Sentence(f"{why[0].upper()}{why[1:]}.")
+            yield doc.Sentence(f"{why[0].upper()}{why[1:]}.")
     now, after = record.now, record.after
     if now is not None:
         goal = "" if record.goal_mm is None else f" (goal {record.goal_mm:g} mm)"
-        yield Sentence(
+        yield doc.Sentence(
             f"Expected error at the targets now: {mm(now.task_rms_mm)} RMS, below "
             f"{mm(now.task_most_mm)} 19 times in 20{goal}."
         )
     if now is not None and now.open:
-        yield Sentence(f"Not identifiable yet: {listed(now.open, 5)}.", "warn")
+        yield doc.Sentence(f"Not identifiable yet: {listed(now.open, 5)}.", "warn")
     if record.shares is not None:
-        yield Sentence(
+        yield doc.Sentence(
             f"A compromise: {100.0 * record.shares.causes:.0f} % as good for the diagnosis, "
             f"{100.0 * record.shares.task:.0f} % for accuracy, as poses for one alone."
         )
     elif after is not None and not record.done:
         more = after.readings - (0 if now is None else now.readings)
-        yield Sentence(f"After {plural(more, 'reading')} more: {mm(after.task_rms_mm)} RMS.")
+        yield doc.Sentence(f"After {plural(more, 'reading')} more: {mm(after.task_rms_mm)} RMS.")
     if record.verdict is not None:
-        yield Sentence(_DIAGNOSED[record.verdict])
+        yield doc.Sentence(_DIAGNOSED[record.verdict])
 
 
-def _parts(record: NextRecord) -> Iterator[Part]:
-    columns: tuple[Column[Any], ...] = (_POSE, *joint_columns(record.poses, detail=False), _SERVES)
-    yield Table(columns, record.poses, "Poses to measure next")
-    yield Table(_DOUBTS, record.doubts, "Causes to tell apart")
-    yield Table(_FORMS, record.forms, "Causes whose form is not checked yet")
+def _parts(record: NextRecord) -> Iterator[doc.Part]:
+    columns: tuple[doc.Column[Any], ...] = (
+        _POSE,
+        *joint_columns(record.poses, detail=False),
+        _SERVES,
+    )
+    yield doc.Table(columns, record.poses, "Poses to measure next")
+    yield doc.Table(_DOUBTS, record.doubts, "Causes to tell apart")
+    yield doc.Table(_FORMS, record.forms, "Causes whose form is not checked yet")
 
 
 _SERVES_BOTH = {"both": ("causes", "task")}
-_POSE: Column[ProposedPose] = Column("next pose", lambda row: row.pose)
-_SERVES: Column[ProposedPose] = Column("for", lambda row: row.serves)
-_DOUBTS: tuple[Column[RivalPair], ...] = (
-    Column("causes to tell apart", lambda row: " or ".join(row.rivals)),
-    Column("right choice now", lambda row: row.now, PROBABILITY),
-    Column("with these poses", lambda row: row.after, PROBABILITY),
+_POSE: doc.Column[ProposedPose] = doc.Column("next pose", lambda row: row.pose)
+_SERVES: doc.Column[ProposedPose] = doc.Column("for", lambda row: row.serves)
+_DOUBTS: tuple[doc.Column[RivalPair], ...] = (
+    doc.Column("causes to tell apart", lambda row: " or ".join(row.rivals)),
+    doc.Column("right choice now", lambda row: row.now, doc.PROBABILITY),
+    doc.Column("with these poses", lambda row: row.after, doc.PROBABILITY),
 )
-_FORMS: tuple[Column[RivalPair], ...] = (
-    Column("cause found", lambda row: row.rivals[0]),
-    Column("form checked now", lambda row: row.now, PROBABILITY),
-    Column("with these poses", lambda row: row.after, PROBABILITY),
+_FORMS: tuple[doc.Column[RivalPair], ...] = (
+    doc.Column("cause found", lambda row: row.rivals[0]),
+    doc.Column("form checked now", lambda row: row.now, doc.PROBABILITY),
+    doc.Column("with these poses", lambda row: row.after, doc.PROBABILITY),
 )

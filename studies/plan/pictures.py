@@ -9,25 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import ARM
-from studies.plots.style import (
-    FAINT,
-    INK,
-    ON_DARK,
-    ON_LIGHT,
-    SKY,
-    SOFT,
-    Cell,
-    Look,
-    Picture,
-    cell,
-    key_of,
-    legend_below,
-    log_ticks,
-    looks,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,16 +20,16 @@ _MOST = 32  # causes on the map; the others are easier to tell and stand in the 
 _HARDEST = 30.0  # times the smallest size at which the colours end
 _CELL = 0.26  # inch
 _COLUMNS = 4
-_NINE = Look("found nine times in ten", SOFT, "", (0, (4, 3)), "", "")  # type: ignore[arg-type]
-_USUAL = Look("usual size", SOFT, "^", "", "", "")
+_NINE = style.Look("found nine times in ten", style.SOFT, "", (0, (4, 3)), "", "")  # type: ignore[arg-type]
+_USUAL = style.Look("usual size", style.SOFT, "^", "", "", "")
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
 
 # -- map of look-alikes ------------------------------------------------------------------------
 
 
-@styled
-def look_alikes(record: PlanRecord) -> Picture:
+@style.styled
+def look_alikes(record: PlanRecord) -> style.Picture:
     """Map of the sizes from which on each cause (row) is told from each other (column)."""
     from matplotlib.colors import LogNorm
 
@@ -55,7 +37,7 @@ def look_alikes(record: PlanRecord) -> Picture:
     shown = _hardest(times)
     names, times = [members[i] for i in shown], times[np.ix_(shown, shown)]
     side = _CELL * len(shown)
-    figure = sheet(side + 4.6, side + 2.9, "compressed")
+    figure = style.sheet(side + 4.6, side + 2.9, "compressed")
     panel = figure.subplots()
     panel.set_facecolor("white")
     alike = np.where(times > 0.0, np.clip(times, 1.0, _HARDEST), np.nan)
@@ -66,10 +48,10 @@ def look_alikes(record: PlanRecord) -> Picture:
     _write(panel, times)
     bar = figure.colorbar(image, ax=panel, shrink=min(1.0, 3.2 / side + 0.2), aspect=25)
     bar.ax.set_ylim(1.0, _HARDEST)
-    log_ticks(bar.ax.yaxis, 1.0, _HARDEST)
+    style.log_ticks(bar.ax.yaxis, 1.0, _HARDEST)
     bar.set_label("told apart from\nthis many times\nthe smallest size\nthat is found")
     bar.outline.set_visible(False)
-    return Picture(
+    return style.Picture(
         "look_alikes",
         "Causes that look alike at these poses, and from which size on they do not",
         _map_caption(record, len(members), len(shown)),
@@ -115,11 +97,11 @@ def _frame(panel: Axes, names: Sequence[str]) -> None:
     panel.set_xlabel("what it is taken for")
     panel.set_xticks(np.arange(count + 1) - 0.5, minor=True)
     panel.set_yticks(np.arange(count + 1) - 0.5, minor=True)
-    panel.grid(True, which="minor", color=FAINT, linewidth=0.6)
+    panel.grid(True, which="minor", color=style.FAINT, linewidth=0.6)
     panel.tick_params(which="minor", length=0)
     panel.spines[:].set_visible(False)
     for i in range(count):  # nothing is compared with itself
-        panel.plot([i - 0.5, i + 0.5], [i - 0.5, i + 0.5], color=SOFT, linewidth=0.6)
+        panel.plot([i - 0.5, i + 0.5], [i - 0.5, i + 0.5], color=style.SOFT, linewidth=0.6)
 
 
 def _write(panel: Axes, times: Array) -> None:
@@ -128,7 +110,7 @@ def _write(panel: Axes, times: Array) -> None:
         if value == 0.0:
             continue
         text = "=" if np.isinf(value) else f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        color = ON_DARK if value > 5.0 else ON_LIGHT
+        color = style.ON_DARK if value > 5.0 else style.ON_LIGHT
         panel.text(j, i, text, ha="center", va="center", fontsize=9, color=color)
 
 
@@ -157,8 +139,8 @@ def _label(key: str) -> str:
 # -- power against size ------------------------------------------------------------------------
 
 
-@styled
-def power(record: PlanRecord) -> Picture:
+@style.styled
+def power(record: PlanRecord) -> style.Picture:
     """Probability that a cause is found against its size, one panel a kind of cause."""
     panels: dict[tuple[str, str], list[SeenCause]] = {}
     for cause in record.seen:
@@ -166,7 +148,7 @@ def power(record: PlanRecord) -> Picture:
     look = _looks(record)
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
-    figure = sheet(3.0 * columns, 2.35 * lines + 0.5)
+    figure = style.sheet(3.0 * columns, 2.35 * lines + 0.5)
     axes = figure.subplots(lines, columns, squeeze=False, sharey=True)
     for panel in axes.flat[len(panels) :]:
         panel.remove()
@@ -174,9 +156,9 @@ def power(record: PlanRecord) -> Picture:
         _power_panel(panel, own, look, record.power)
     for row in axes:
         row[0].set_ylabel("found [%]")
-    handles = [key_of(one, marker="", linewidth=1.8) for one in look.values()]
-    handles += [key_of(one, linewidth=0.9) for one in (_NINE, _USUAL)]
-    legend_below(figure, handles)
+    handles = [style.key_of(one, marker="", linewidth=1.8) for one in look.values()]
+    handles += [style.key_of(one, linewidth=0.9) for one in (_NINE, _USUAL)]
+    style.legend_below(figure, handles)
     caption = (
         "Probability that the diagnosis finds a cause of this size, among all that it asks, if it is "
         "the only one that the model lacks. The dashed line is nine in ten, where the smallest sizes "
@@ -187,25 +169,25 @@ def power(record: PlanRecord) -> Picture:
     )  # fmt: skip
     rows = tuple(_power_row(cause, record.power) for cause in record.seen)
     title = "From which size on each cause is found"
-    return Picture("detection_power", title, caption, figure, header, rows)
+    return style.Picture("detection_power", title, caption, figure, header, rows)
 
 
-def _looks(record: PlanRecord) -> dict[str, Look]:
+def _looks(record: PlanRecord) -> dict[str, style.Look]:
     """Of the joints, and of the arm as a whole; what acts in one place only needs none."""
     places = {cause.where for cause in record.seen}
-    look = looks([joint for joint in record.joints if joint in places])
+    look = style.looks([joint for joint in record.joints if joint in places])
     if ARM in places:
-        look[ARM] = Look(ARM, SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
+        look[ARM] = style.Look(ARM, style.SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
     return look
 
 
 def _power_panel(
-    panel: Axes, own: Sequence[SeenCause], look: dict[str, Look], power: float
+    panel: Axes, own: Sequence[SeenCause], look: dict[str, style.Look], power: float
 ) -> None:
     """All causes of one kind whose sizes have one unit."""
     from scipy.special import chndtr
 
-    tidy(panel)
+    style.tidy(panel)
     panel.set_xscale("log")
     sizes = np.array([cause.size for cause in own])
     usual = np.array([cause.plausible for cause in own])
@@ -219,7 +201,7 @@ def _power_panel(
         there = (cause.noncentrality or 0.0) * (x / cause.size) ** 2
         panel.plot(
             x, 100.0 * (1.0 - chndtr(limit, cause.directions, there)), linewidth=1.8,
-            color=INK if drawn is None else drawn.color,
+            color=style.INK if drawn is None else drawn.color,
             linestyle="-" if drawn is None else drawn.linestyle,
         )  # fmt: skip
     panel.plot(shown, np.zeros(len(shown)), **_USUAL.line, markersize=6, clip_on=False, zorder=3)
@@ -227,7 +209,7 @@ def _power_panel(
     panel.set_xlim(low, high)
     panel.set_ylim(0.0, 104.0)
     panel.set_yticks([0, 50, 90])
-    log_ticks(panel.xaxis, low, high)
+    style.log_ticks(panel.xaxis, low, high)
     panel.set_title(own[0].effect.replace("_", " "), loc="left")
     names = {cause.parameter for cause in own}
     what = names.pop() if len(names) == 1 else "best parameter"
@@ -242,12 +224,14 @@ def _limit(cause: SeenCause, power: float) -> float:
     return float(chndtrix(1.0 - power, cause.directions, cause.noncentrality))
 
 
-def _power_row(cause: SeenCause, power: float) -> tuple[Cell, ...]:
+def _power_row(cause: SeenCause, power: float) -> tuple[style.Cell, ...]:
     from scipy.special import chndtrinc
 
     limit, needed = _limit(cause, power), cause.noncentrality or 1.0
     sizes = [
-        cell(cause.size * (float(chndtrinc(limit, cause.directions, 1.0 - chance)) / needed) ** 0.5)
+        style.cell(
+            cause.size * (float(chndtrinc(limit, cause.directions, 1.0 - chance)) / needed) ** 0.5
+        )
         for chance in (0.1, 0.5, 0.9, 0.99)
     ]
     return cause.key, cause.parameter, cause.unit, *sizes, cause.plausible

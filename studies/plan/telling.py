@@ -7,24 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+from studies import document as doc
 from studies.causes import by_reason, gathered, not_asked
-from studies.document import (
-    CORRELATION,
-    STD,
-    TENTH,
-    TEXT,
-    Column,
-    Detail,
-    Document,
-    Figure,
-    Part,
-    Rule,
-    Section,
-    Sentence,
-    Table,
-    labelled,
-    plural,
-)
+from studies.document import labelled, plural
 from studies.plan.pictures import look_alikes, power
 from studies.plan.record import EquivalentCauses, LookAlike, PlanRecord, SeenCause
 
@@ -34,72 +19,72 @@ _LONG = 8  # letters of a joint's name that a column takes
 
 
 def _shown(cause: SeenCause) -> str:
-    size = STD(cause.size)
+    size = doc.STD(cause.size)
     never = cause.size is not None and cause.plausible and cause.size > _INVISIBLE * cause.plausible
     return "hidden" if cause.reason or never else f"({size})" if cause.unusual else size
 
 
-_SIZE = Rule(lambda cause: _shown(cause), absent="")
+_SIZE = doc.Rule(lambda cause: _shown(cause), absent="")
 """The smallest size of a cause, in brackets where it is more than is usual."""
-_NEVER = Rule(STD.show, absent="never")
+_NEVER = doc.Rule(doc.STD.show, absent="never")
 
 
-def told(record: PlanRecord) -> Document:
+def told(record: PlanRecord) -> doc.Document:
     """How many causes the plan could find, and each."""
     sections = (
-        Section("sight", "What the plan shows", tuple(_parts(record))),
-        Section(
+        doc.Section("sight", "What the plan shows", tuple(_parts(record))),
+        doc.Section(
             "alike",
             "What is hard to tell apart",
             tuple(_alike(record)),
         ),
     )
-    return Document((_headline(record),), tuple(s for s in sections if s.parts))
+    return doc.Document((_headline(record),), tuple(s for s in sections if s.parts))
 
 
-def _headline(record: PlanRecord) -> Sentence:
+def _headline(record: PlanRecord) -> doc.Sentence:
     seen, asked = len(record.seen), len(record.could_not_see)
     said = f"This plan shows {seen} of {asked} causes of error, above their detection limits"
     groups = len(record.twins)
     if groups:
         said += f"; {plural(groups, 'group')} of them cannot be told apart"
-    return Sentence(f"{said}.")
+    return doc.Sentence(f"{said}.")
 
 
-def _parts(record: PlanRecord) -> Iterator[Part]:
-    yield Sentence(
+def _parts(record: PlanRecord) -> Iterator[doc.Part]:
+    yield doc.Sentence(
         "Detection limits: the smallest size of each cause that is found "
         f"{round(100 * record.power)} times in 100, if the model lacks nothing else."
     )
     yield from _reads(record)
     rows = list(_by_effect(record))
-    yield Table(_by_joint(record.joints), rows, "Detection limits by joint", fold=False)
+    yield doc.Table(_by_joint(record.joints), rows, "Detection limits by joint", fold=False)
     elsewhere = [cause for cause in record.seen if cause.where not in record.joints]
-    yield Table(_CAUSES, elsewhere, "Detection limits elsewhere")
+    yield doc.Table(_CAUSES, elsewhere, "Detection limits elsewhere")
     if any(cause.unusual for cause in record.seen):
-        yield Sentence("In brackets: larger than such errors usually are.")
+        yield doc.Sentence("In brackets: larger than such errors usually are.")
     if rows:
-        sizes = Table(_CAUSES, record.seen, fold=False)
-        yield Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
+        sizes = doc.Table(_CAUSES, record.seen, fold=False)
+        yield doc.Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
     if record.seen:
-        yield Detail((Figure(lambda: power(record)),), "Detection power against size")
+        yield doc.Detail((doc.Figure(lambda: power(record)),), "Detection power against size")
     yield from labelled("hidden", _hidden(record.could_not_see))
     yield from not_asked(record.not_asked)
 
 
-def _reads(record: PlanRecord) -> Iterator[Sentence]:
+def _reads(record: PlanRecord) -> Iterator[doc.Sentence]:
     said = [plural(record.readings, "reading"), plural(record.points, "point")]
     if record.hidden_markers:
         said.append(f"{plural(record.hidden_markers, 'point')} out of sight")
     first = len(record.before_the_first_move)
     if first:
         said.append(f"{first} of unknown approach direction not used")
-    yield Sentence(", ".join(said), label="reads")
+    yield doc.Sentence(", ".join(said), label="reads")
     if record.approach_derived:
-        yield Sentence("from the order of the poses", label="direction")
+        yield doc.Sentence("from the order of the poses", label="direction")
     if record.elastic_assumed:
         said_of = "usual joint stiffness is assumed where the model has none"
-        yield Sentence(said_of, label="stiffness")
+        yield doc.Sentence(said_of, label="stiffness")
     lost = (f"{', '.join(entry.names)}: {entry.reason}" for entry in record.unidentifiable)
     yield from labelled("open", lost)
 
@@ -128,7 +113,7 @@ def _by_effect(record: PlanRecord) -> Iterator[_Effect]:
             yield _Effect(effect, f"{what} [{unit}]", own)
 
 
-def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
+def _by_joint(joints: Sequence[str]) -> tuple[doc.Column[_Effect], ...]:
     """Names of joints stand in narrow columns, the long ones broken at underscores."""
 
     def at(joint: str) -> Callable[[_Effect], SeenCause | None]:
@@ -136,18 +121,18 @@ def _by_joint(joints: Sequence[str]) -> tuple[Column[_Effect], ...]:
 
     heads = ((joint, joint.replace("_", "\n") if len(joint) > _LONG else joint) for joint in joints)
     return (
-        Column("cause", lambda row: row.effect),
-        Column("of", lambda row: row.of),
-        *(Column(head, at(joint), _SIZE) for joint, head in heads),
+        doc.Column("cause", lambda row: row.effect),
+        doc.Column("of", lambda row: row.of),
+        *(doc.Column(head, at(joint), _SIZE) for joint, head in heads),
     )
 
 
-_CAUSES: tuple[Column[SeenCause], ...] = (
-    Column("cause", lambda row: row.key),
-    Column("of", lambda row: row.parameter),
-    Column("limit", lambda row: row, _SIZE),
-    Column("usual", lambda row: row.plausible, STD, detail=True),
-    Column("unit", lambda row: row.unit, TEXT),
+_CAUSES: tuple[doc.Column[SeenCause], ...] = (
+    doc.Column("cause", lambda row: row.key),
+    doc.Column("of", lambda row: row.parameter),
+    doc.Column("limit", lambda row: row, _SIZE),
+    doc.Column("usual", lambda row: row.plausible, doc.STD, detail=True),
+    doc.Column("unit", lambda row: row.unit, doc.TEXT),
 )
 
 
@@ -169,21 +154,23 @@ def _twins(group: EquivalentCauses) -> str:
     return f"{names}: observationally equivalent, at any poses, loads and stations"
 
 
-_ALIKE: tuple[Column[LookAlike], ...] = (
-    Column("cause", lambda row: row.key),
-    Column("looks like", lambda row: row.like.key),
-    Column("rho", lambda row: row.rho, CORRELATION),
-    Column("told apart\nabove", lambda row: row.told_apart_from, _NEVER),
-    Column("unit", lambda row: row.unit if row.told_apart_times else None, TEXT),
-    Column("times its\nlimit", lambda row: row.told_apart_times, Rule(TENTH.show, absent="")),
+_ALIKE: tuple[doc.Column[LookAlike], ...] = (
+    doc.Column("cause", lambda row: row.key),
+    doc.Column("looks like", lambda row: row.like.key),
+    doc.Column("rho", lambda row: row.rho, doc.CORRELATION),
+    doc.Column("told apart\nabove", lambda row: row.told_apart_from, _NEVER),
+    doc.Column("unit", lambda row: row.unit if row.told_apart_times else None, doc.TEXT),
+    doc.Column(
+        "times its\nlimit", lambda row: row.told_apart_times, doc.Rule(doc.TENTH.show, absent="")
+    ),
 )
 
 
-def _alike(record: PlanRecord) -> Iterator[Part]:
+def _alike(record: PlanRecord) -> Iterator[doc.Part]:
     """EquivalentCauses, and each other two causes once, the harder way round, which comes first."""
     yield from labelled("equivalent", map(_twins, record.twins))
     if record.look_alikes:
-        yield Detail((Figure(lambda: look_alikes(record)),), "Map of similar causes")
+        yield doc.Detail((doc.Figure(lambda: look_alikes(record)),), "Map of similar causes")
     twins = [{member.key for member in group.members} for group in record.twins]
     once: dict[frozenset[str], LookAlike] = {}
     for pair in record.look_alikes:
@@ -192,4 +179,6 @@ def _alike(record: PlanRecord) -> Iterator[Part]:
             once.setdefault(both, pair)
     if once:
         told = "The size above which a cause is told apart from the one it looks like"
-        yield Table(_ALIKE, list(once.values()), "Causes that look similar", told, most=_MOST_PAIRS)
+        yield doc.Table(
+            _ALIKE, list(once.values()), "Causes that look similar", told, most=_MOST_PAIRS
+        )

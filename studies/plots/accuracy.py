@@ -8,23 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from calib.arrays import Array
-from studies.plots.style import (
-    FAINT,
-    INK,
-    PANEL,
-    SOFT,
-    Cell,
-    Picture,
-    cell,
-    key_of,
-    legend_below,
-    log_ticks,
-    looks,
-    sheet,
-    short,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,27 +18,27 @@ if TYPE_CHECKING:
 _GUIDE = "1/sqrt(n), repetition"
 
 
-@styled
+@style.styled
 def against_number(
     counts: Sequence[int],
     accuracy: Mapping[str, Array],
     of: Literal["poses", "markers"] = "poses",
     what: str = "task RMS",
-) -> Picture:
+) -> style.Picture:
     """Accuracy over the number of poses or markers, a line for each approach or plan.
 
     counts : numbers of them, shape (k,)
     accuracy : approach or plan -> ndarray, shape (k,), m; NaN where not estimable
     what : the figure of accuracy
     """
-    look = looks(accuracy)
+    look = style.looks(accuracy)
     n = np.asarray(counts, dtype=float)
     scale, unit = length_unit(accuracy)
     lines = {key: np.asarray(values, dtype=float) * scale for key, values in accuracy.items()}
     sizes = iter(np.linspace(5.0 + 1.5 * (len(lines) - 1), 5.0, len(lines)))
-    figure = sheet(PANEL, 3.9)
+    figure = style.sheet(style.PANEL, 3.9)
     panel = figure.subplots()
-    tidy(panel)
+    style.tidy(panel)
     for key, values in lines.items():
         size = next(sizes)  # marks that coincide stand within each other
         panel.plot(n, values, **look[key].line, markersize=size, label=look[key].label)
@@ -63,24 +47,24 @@ def against_number(
     guide = _guide(panel, n, lines)
     known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
     if len(known):
-        log_ticks(panel.yaxis, known.min(), known.max())
+        style.log_ticks(panel.yaxis, known.min(), known.max())
         panel.set_ylim(0.85 * panel.dataLim.y0, 1.12 * panel.dataLim.y1)
     else:  # nothing could be estimated: an empty panel, as the table says
         panel.set_ylim(1.0, 10.0)
     _count_ticks(panel, counts)
-    handles = [*(key_of(look[key]) for key in accuracy), *guide]
-    legend_below(figure, handles)
+    handles = [*(style.key_of(look[key]) for key in accuracy), *guide]
+    style.legend_below(figure, handles)
     caption = (
         f"{what[0].upper()}{what[1:]} over the number of {of}, both on log scales; lower is better. "
         "The grey line falls as 1/sqrt(n), the gain of mere repetition."
     )
     header = (of, *(f"{look[key].label} [{unit}]" for key in accuracy))
     rows = tuple(
-        (float(count), *(cell(values[i]) for values in lines.values()))
+        (float(count), *(style.cell(values[i]) for values in lines.values()))
         for i, count in enumerate(counts)
     )
     title = f"Expected error by the number of {of}"
-    return Picture(f"accuracy_{of}", title, caption, figure, header, rows)
+    return style.Picture(f"accuracy_{of}", title, caption, figure, header, rows)
 
 
 def length_unit(values: Mapping[str, Array]) -> tuple[float, str]:
@@ -96,7 +80,7 @@ def _guide(panel: Axes, n: Array, lines: Mapping[str, Array]) -> list[Any]:
     if not np.isfinite(scaled).any():
         return []
     guide = 0.8 * np.nanmin(scaled) / np.sqrt(n)
-    return panel.plot(n, guide, color=SOFT, linewidth=1.0, zorder=1, label=_GUIDE)
+    return panel.plot(n, guide, color=style.SOFT, linewidth=1.0, zorder=1, label=_GUIDE)
 
 
 def _count_ticks(panel: Axes, counts: Sequence[int]) -> None:
@@ -115,27 +99,27 @@ def _count_ticks(panel: Axes, counts: Sequence[int]) -> None:
 _VIEWS = ((0, 1), (0, 2))
 
 
-@styled
-def workspace(tips: Array, expected: Array) -> Picture:
+@style.styled
+def workspace(tips: Array, expected: Array) -> style.Picture:
     """The expected error at each target as a dot where the tip is, larger and darker for more.
 
     tips : ndarray, shape (n, 3), m, base frame; expected : ndarray, shape (n,), m, infinite where open
     """
     known = np.isfinite(expected) & (expected > 0.0)
     shown = expected[known] * 1e3
-    figure = sheet(8.6, 4.4, "compressed")
+    figure = style.sheet(8.6, 4.4, "compressed")
     panels = figure.subplots(1, 2)
     for panel, (a, b) in zip(panels, _VIEWS, strict=True):
-        tidy(panel)
+        style.tidy(panel)
         panel.plot(
-            [0.0], [0.0], marker="+", color=INK, markersize=12, markeredgewidth=1.6, zorder=3
+            [0.0], [0.0], marker="+", color=style.INK, markersize=12, markeredgewidth=1.6, zorder=3
         )
-        panel.plot(*tips[~known][:, [a, b]].T, marker="x", linestyle="", color=INK, zorder=3)
+        panel.plot(*tips[~known][:, [a, b]].T, marker="x", linestyle="", color=style.INK, zorder=3)
         panel.set(xlabel=f"{'xyz'[a]} of the tip [m]", ylabel=f"{'xyz'[b]} of the tip [m]")
         panel.set_aspect("equal", adjustable="datalim")
         panel.locator_params(nbins=6)
         panel.set_title(("from above", "from the side")[b - 1], loc="left")
-        panel.grid(True, color=FAINT, linewidth=0.6)
+        panel.grid(True, color=style.FAINT, linewidth=0.6)
     caption = (
         "The error that the uncertainty of the parameters leaves at each target pose, where the pose "
         "puts the tip; + is the robot's base. What the model lacks comes on top."
@@ -143,12 +127,14 @@ def workspace(tips: Array, expected: Array) -> Picture:
     if not known.all():
         caption += " A cross marks a target whose error cannot be told: a parameter is open there."
     if known.any():
-        caption += f" Smallest {short(shown.min())} mm, largest {short(shown.max())} mm."
+        caption += (
+            f" Smallest {style.short(shown.min())} mm, largest {style.short(shown.max())} mm."
+        )
         _coloured(figure, panels, tips[known], shown)
     header = ("", "expected [mm]", "x [m]", "y [m]", "z [m]")
     ranks = np.argsort(expected)
-    rows: list[tuple[Cell, ...]] = [
-        (label, cell(expected[i] * 1e3), *map(cell, tips[i]))
+    rows: list[tuple[style.Cell, ...]] = [
+        (label, style.cell(expected[i] * 1e3), *map(style.cell, tips[i]))
         for label, i in (
             ("best", ranks[0]),
             ("median", ranks[len(ranks) // 2]),
@@ -157,8 +143,8 @@ def workspace(tips: Array, expected: Array) -> Picture:
     ]
     title = "Expected error over the workspace"
     if known.any():
-        title += f": {short(shown.min(), 2)} to {short(shown.max(), 2)} mm"
-    return Picture("workspace", title, caption, figure, header, tuple(rows))
+        title += f": {style.short(shown.min(), 2)} to {style.short(shown.max(), 2)} mm"
+    return style.Picture("workspace", title, caption, figure, header, tuple(rows))
 
 
 def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:
@@ -170,7 +156,7 @@ def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:
     look: Any = {
         "cmap": "viridis_r",
         "norm": LogNorm(low, max(high, 1.05 * low)),
-        "edgecolors": SOFT,
+        "edgecolors": style.SOFT,
         "linewidths": 0.4,
     }
     size = 14.0 + 60.0 * (shown[order] / high) ** 2
@@ -178,6 +164,6 @@ def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:
         at = tips[order]
         dots = panel.scatter(at[:, a], at[:, b], size, shown[order], zorder=2, **look)
     bar = figure.colorbar(dots, ax=panels, shrink=0.8, aspect=30)
-    log_ticks(bar.ax.yaxis, low, high)
+    style.log_ticks(bar.ax.yaxis, low, high)
     bar.set_label("expected error [mm], RMS in space")
     bar.outline.set_visible(False)

@@ -9,24 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.plots.style import (
-    FAINT,
-    INK,
-    SOFT,
-    Cell,
-    Look,
-    Picture,
-    brief,
-    cell,
-    key_of,
-    legend_below,
-    log_ticks,
-    looks,
-    sheet,
-    short,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +20,7 @@ _HEAD = 3.0  # height of a panel's axis, in rows
 _NUMBER_PT = 50.0  # width of a number at the margin
 
 
-@styled
+@style.styled
 def by_approach(
     names: Sequence[str],
     units: Sequence[str],
@@ -45,13 +28,13 @@ def by_approach(
     *,
     name: str = "deviations",
     title: str = "Uncertainty of each parameter, by approach",
-) -> Picture:
+) -> style.Picture:
     """Standard deviations on log axes, one panel a unit, the numbers at the margin.
 
     names, units : of the p parameters
     std : approach -> ndarray, shape (p,), in these units; NaN or infinite where not estimable
     """
-    look = looks(std)
+    look = style.looks(std)
     figure, panels = _panels(names, units)
     margin = len(names) <= _ONE_COLUMN
     absent = False
@@ -64,11 +47,11 @@ def by_approach(
         if margin:
             _numbers(panel, values, look, head=first)
         panel.set_xlabel(f"standard deviation [{units[rows[0]]}]")
-    handles = [key_of(look[key], linestyle="") for key in std]
+    handles = [style.key_of(look[key], linestyle="") for key in std]
     if absent:
-        missing = Look("cannot be estimated", SOFT, "x", "", "", "")
-        handles.append(key_of(missing))
-    legend_below(figure, handles)
+        missing = style.Look("cannot be estimated", style.SOFT, "x", "", "", "")
+        handles.append(style.key_of(missing))
+    style.legend_below(figure, handles)
     caption = (
         "Standard deviation of each parameter on a log scale; a row is a parameter, further left is "
         "better."
@@ -76,10 +59,10 @@ def by_approach(
     if absent:
         caption += " A cross at the right edge: this approach cannot estimate the parameter."
     header, table = _table(names, units, std)
-    return Picture(name, title, caption, figure, header, table)
+    return style.Picture(name, title, caption, figure, header, table)
 
 
-@styled
+@style.styled
 def predicted_against_simulated(
     names: Sequence[str],
     units: Sequence[str],
@@ -87,7 +70,7 @@ def predicted_against_simulated(
     simulated: Mapping[str, Array],
     trials: int,
     chance: tuple[float, float],
-) -> Picture:
+) -> style.Picture:
     """Ratio of simulated to predicted standard deviations with the band of chance.
 
     names, units : of the p parameters
@@ -95,7 +78,7 @@ def predicted_against_simulated(
     trials : int, number of simulated experiments behind each simulated value
     chance : in which 95 of 100 ratios lie where the prediction holds
     """
-    look = looks(predicted)
+    look = style.looks(predicted)
     ratios = {key: _positive(simulated[key]) / _positive(predicted[key]) for key in predicted}
     low, high = chance
     figure, panels = _panels(names, [""] * len(names))
@@ -104,18 +87,18 @@ def predicted_against_simulated(
     wide = right / left > 4.0
     pad = 0.06 * (right - left)
     for panel, rows in panels:
-        panel.axvspan(low, high, color=FAINT, linewidth=0, zorder=0.5)
-        panel.axvline(1.0, color=SOFT, linewidth=1.0)
+        panel.axvspan(low, high, color=style.FAINT, linewidth=0, zorder=0.5)
+        panel.axvline(1.0, color=style.SOFT, linewidth=1.0)
         _dots(panel, {key: r[rows] for key, r in ratios.items()}, look)
         panel.set_xlabel("simulated / predicted standard deviation [-]")
         if wide:
             panel.set(xscale="log", xlim=(left / 1.15, right * 1.3))
-            log_ticks(panel.xaxis, left, right)
+            style.log_ticks(panel.xaxis, left, right)
         else:
             panel.set_xlim(left - pad, right + pad * (1.0 + _any_missing(ratios)))
-    handles = [key_of(look[key], linestyle="") for key in predicted]
+    handles = [style.key_of(look[key], linestyle="") for key in predicted]
     handles.append(_band_key(f"95 % of chance, {trials} trials"))
-    legend_below(figure, handles)
+    style.legend_below(figure, handles)
     every = np.concatenate(list(ratios.values()))
     counted = np.isfinite(every)
     inside = counted & (every >= low) & (every <= high)
@@ -131,7 +114,7 @@ def predicted_against_simulated(
         columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
     title = f"Simulation against prediction: {inside.sum()} of {counted.sum()} marks in the band"
     table = _rows(names, units, columns)
-    return Picture("predicted_simulated", title, caption, figure, tuple(header), table)
+    return style.Picture("predicted_simulated", title, caption, figure, tuple(header), table)
 
 
 # -- rows of parameters ------------------------------------------------------------------------
@@ -141,13 +124,13 @@ def _panels(
     names: Sequence[str], groups: Sequence[str]
 ) -> tuple[Figure, list[tuple[Axes, list[int]]]]:
     """A panel for each group, parameters as rows from above; two columns where they are many."""
-    labels = brief(names)
+    labels = style.brief(names)
     members = [[i for i, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     columns = [members]
     if len(names) > _ONE_COLUMN:
         columns = _halves(members)
     tallest = max(_height(column) for column in columns)
-    figure = sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.195 * tallest)
+    figure = style.sheet(7.2 if len(columns) == 1 else 9.6, 0.75 + 0.195 * tallest)
     made: list[tuple[Axes, list[int]]] = []
     halves = figure.subfigures(1, len(columns), squeeze=False)[0]
     for half, column in zip(halves, columns, strict=True):
@@ -158,7 +141,7 @@ def _panels(
         )
         for place, rows in enumerate(column):
             panel = half.add_subplot(grid[place, 0])
-            tidy(panel, "x")
+            style.tidy(panel, "x")
             panel.set_yticks(range(len(rows)), [labels[i] for i in rows], fontsize=9)
             panel.set_ylim(len(rows) - 0.45, -0.55)
             for row in range(1, len(rows), 2):
@@ -197,7 +180,7 @@ def _log_limits(panel: Axes, values: Mapping[str, Array]) -> None:
     if high / low < 5.0:  # enough for two labels at least
         low, high = low / math.sqrt(5.0 * low / high), high * math.sqrt(5.0 * low / high)
     panel.set(xscale="log", xlim=(low, high * (high / low) ** (0.08 * _any_missing(values))))
-    log_ticks(panel.xaxis, low, high)
+    style.log_ticks(panel.xaxis, low, high)
 
 
 def _any_missing(values: Mapping[str, Array]) -> bool:
@@ -218,7 +201,7 @@ def _spans(panel: Axes, values: Mapping[str, Array]) -> None:
             )
 
 
-def _dots(panel: Axes, values: Mapping[str, Array], look: Mapping[str, Look]) -> None:
+def _dots(panel: Axes, values: Mapping[str, Array], look: Mapping[str, style.Look]) -> None:
     """Marks by approach, a little apart so that equal ones stay visible; crosses where absent."""
     count = len(values)
     for place, (key, array) in enumerate(values.items()):
@@ -237,14 +220,14 @@ def _dots(panel: Axes, values: Mapping[str, Array], look: Mapping[str, Look]) ->
 
 
 def _numbers(
-    panel: Axes, values: Mapping[str, Array], look: Mapping[str, Look], head: bool
+    panel: Axes, values: Mapping[str, Array], look: Mapping[str, style.Look], head: bool
 ) -> None:
     """The values in columns right of the panel, headed by the sign of the approach."""
     place: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     for column, (key, array) in enumerate(values.items()):
         shift = 8.0 + _NUMBER_PT * (column + 1)
         for row, value in enumerate(array):
-            text = short(value) or "absent"
+            text = style.short(value) or "absent"
             panel.annotate(
                 text,
                 (1.0, row),
@@ -252,7 +235,7 @@ def _numbers(
                 ha="right",
                 va="center",
                 fontsize=9,
-                color=INK,
+                color=style.INK,
                 **place,
             )
         if head:
@@ -265,7 +248,7 @@ def _numbers(
 def _band_key(label: str) -> Any:
     from matplotlib.patches import Patch
 
-    return Patch(facecolor=FAINT, label=label)
+    return Patch(facecolor=style.FAINT, label=label)
 
 
 # -- tables ------------------------------------------------------------------------------------
@@ -273,8 +256,8 @@ def _band_key(label: str) -> Any:
 
 def _table(
     names: Sequence[str], units: Sequence[str], std: Mapping[str, Array]
-) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    look = looks(std)
+) -> tuple[tuple[str, ...], tuple[tuple[style.Cell, ...], ...]]:
+    look = style.looks(std)
     header = ["parameter", "unit", *(look[key].label for key in std)]
     columns = [_positive(array) for array in std.values()]
     if "points" in std:
@@ -286,8 +269,8 @@ def _table(
 
 def _rows(
     names: Sequence[str], units: Sequence[str], columns: Sequence[Array]
-) -> tuple[tuple[Cell, ...], ...]:
+) -> tuple[tuple[style.Cell, ...], ...]:
     return tuple(
-        (label, unit, *(cell(column[i]) for column in columns))
+        (label, unit, *(style.cell(column[i]) for column in columns))
         for i, (label, unit) in enumerate(zip(names, units, strict=True))
     )

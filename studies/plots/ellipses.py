@@ -10,23 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from calib.arrays import Array
-from studies.plots.style import (
-    INK,
-    ON_DARK,
-    ON_LIGHT,
-    SOFT,
-    Cell,
-    Picture,
-    brief,
-    cell,
-    cloud,
-    key_of,
-    legend_below,
-    looks,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,23 +26,23 @@ _STRONG = 0.9  # a correlation that is told of
 _WRITTEN = 12  # parameters up to which the numbers stand in the cells
 
 
-@styled
+@style.styled
 def ellipses(
     pairs: Sequence[Pair],
     covariances: Mapping[str, Array],
     samples: Mapping[str, Array] | None = None,
-) -> Picture:
+) -> style.Picture:
     """95 % error ellipses of pairs of parameters, one panel a pair, about the mean.
 
     pairs : the first parameter of each along x
     covariances : approach -> ndarray, shape (pairs, 2, 2), in these units; NaN where not estimable
     samples : approach -> ndarray, shape (trials, pairs, 2), simulated errors in these units
     """
-    look = looks(covariances)
+    look = style.looks(covariances)
     samples = samples or {}
     columns = min(3, len(pairs))
     lines = -(-len(pairs) // columns)
-    figure = sheet(max(4.2, 3.1 * columns), 0.7 + 3.0 * lines)
+    figure = style.sheet(max(4.2, 3.1 * columns), 0.7 + 3.0 * lines)
     axes = figure.subplots(lines, columns, squeeze=False)
     for panel in axes.flat[len(pairs) :]:
         panel.remove()
@@ -68,12 +52,14 @@ def ellipses(
             if key in samples:
                 drawn = np.asarray(samples[key])[:_DRAWN, i]
                 color = look[key].color
-                cloud(panel, drawn[:, 0], drawn[:, 1], 2.2, color=color, alpha=0.7, zorder=1)
+                style.cloud(panel, drawn[:, 0], drawn[:, 1], 2.2, color=color, alpha=0.7, zorder=1)
             outline = ellipse(np.asarray(covariance)[i])
             panel.plot(
                 *outline.T, color=look[key].color, linestyle=look[key].linestyle, linewidth=1.8
             )
-    legend_below(figure, [key_of(look[key], marker="", linewidth=1.8) for key in covariances])
+    style.legend_below(
+        figure, [style.key_of(look[key], marker="", linewidth=1.8) for key in covariances]
+    )
     caption = (
         "Each ellipse holds the error of both parameters in 95 % of experiments; smaller is better, "
         "a slanted one means that the two are estimated together."
@@ -94,7 +80,7 @@ def ellipses(
         for i, pair in enumerate(pairs)
         for key, covariance in covariances.items()
     )
-    return Picture(
+    return style.Picture(
         "ellipses",
         "Parameters that are hardest to tell apart: 95 % error ellipses",
         caption,
@@ -106,8 +92,8 @@ def ellipses(
 
 def _prepare(panel: Axes, pair: Pair) -> None:
     """Axes of a pair, with few ticks."""
-    tidy(panel)
-    labels = brief([pair[0], pair[2]])
+    style.tidy(panel)
+    labels = style.brief([pair[0], pair[2]])
     panel.set_xlabel(_label(labels[0], pair[1]))
     panel.set_ylabel(_label(labels[1], pair[3]))
     panel.tick_params(labelsize=9)
@@ -115,14 +101,15 @@ def _prepare(panel: Axes, pair: Pair) -> None:
     panel.locator_params(axis="y", nbins=4)
 
 
-def _row(pair: Pair, approach: str, C: Array, samples: Array | None) -> tuple[Cell, ...]:
+def _row(pair: Pair, approach: str, C: Array, samples: Array | None) -> tuple[style.Cell, ...]:
     """Both standard deviations, the correlation, and how many samples the ellipse holds."""
     first, unit, second, other = pair
     a, b = (math.sqrt(max(C[k, k], 0.0)) for k in (0, 1))
-    related = cell(C[0, 1] / (a * b)) if a * b > 0.0 else None
+    related = style.cell(C[0, 1] / (a * b)) if a * b > 0.0 else None
     inside = math.nan if samples is None else share_inside(C, samples)
     return (
-        f"{first}, {second}", approach, cell(a), unit, cell(b), other, related, cell(100.0 * inside),
+        f"{first}, {second}", approach, style.cell(a), unit, style.cell(b), other, related,
+        style.cell(100.0 * inside),
     )  # fmt: skip
 
 
@@ -150,8 +137,8 @@ def share_inside(covariance: Array, samples: Array) -> float:
     return float(np.mean(squares <= _RADIUS**2))
 
 
-@styled
-def correlation(names: Sequence[str], matrix: Array) -> Picture:
+@style.styled
+def correlation(names: Sequence[str], matrix: Array) -> style.Picture:
     """Map of the correlations, blue to red from -1 to 1, the strongest pairs in the table.
 
     names : of the p parameters; those of one effect, ``effect:..``, stand in one bracket
@@ -160,11 +147,11 @@ def correlation(names: Sequence[str], matrix: Array) -> Picture:
     R = correlations(matrix)
     count = len(names)
     side = 1.9 + max(0.18 * count, 0.42 * min(count, _WRITTEN))
-    figure = sheet(side + 1.9, side, "compressed")
+    figure = style.sheet(side + 1.9, side, "compressed")
     panel = figure.subplots()
     panel.set_facecolor("0.92")  # where there is no value
     image = panel.imshow(R, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="nearest")
-    labels = brief(names)
+    labels = style.brief(names)
     panel.set_xticks(range(count), labels, rotation=90, fontsize=9)
     panel.set_yticks(range(count), labels, fontsize=9)
     panel.tick_params(length=0)
@@ -178,7 +165,7 @@ def correlation(names: Sequence[str], matrix: Array) -> Picture:
     first, second = np.triu_indices(count, 1)
     values = R[first, second]
     order = np.argsort(-np.abs(np.nan_to_num(values)), kind="stable")[:_LISTED]
-    rows = tuple((names[first[k]], names[second[k]], cell(values[k])) for k in order)
+    rows = tuple((names[first[k]], names[second[k]], style.cell(values[k])) for k in order)
     caption = "Correlation of the estimates of each two parameters: white is none, dark is one. "
     if len(order) and np.isfinite(values[order[0]]):
         k = order[0]
@@ -189,7 +176,7 @@ def correlation(names: Sequence[str], matrix: Array) -> Picture:
     header = ("parameter", "parameter", "correlation")
     strong = int(np.sum(np.abs(values) > _STRONG))
     title = f"{strong or 'No'} of {len(values)} pairs of parameters correlate beyond {_STRONG:g}"
-    return Picture("correlation", title, caption, figure, header, rows)
+    return style.Picture("correlation", title, caption, figure, header, rows)
 
 
 def correlations(matrix: Array) -> Array:
@@ -205,7 +192,7 @@ def _write(panel: Axes, R: Array) -> None:
     """Numbers in the cells, white on dark ones."""
     for (i, j), value in np.ndenumerate(R):
         if i != j and np.isfinite(value):
-            color = ON_DARK if abs(value) > 0.65 else ON_LIGHT
+            color = style.ON_DARK if abs(value) > 0.65 else style.ON_LIGHT
             panel.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=9, color=color)
 
 
@@ -216,16 +203,16 @@ def _brackets(panel: Axes, groups: Sequence[str]) -> None:
     for group, members in groupby(groups):
         end = start + len(list(members))
         if start:
-            panel.axhline(start - 0.5, color=SOFT, linewidth=0.9)
-            panel.axvline(start - 0.5, color=SOFT, linewidth=0.9)
+            panel.axhline(start - 0.5, color=style.SOFT, linewidth=0.9)
+            panel.axvline(start - 0.5, color=style.SOFT, linewidth=0.9)
         if group:
             panel.plot(
-                [1.012, 1.012], [start - 0.35, end - 0.65], color=SOFT, linewidth=1.5,
+                [1.012, 1.012], [start - 0.35, end - 0.65], color=style.SOFT, linewidth=1.5,
                 transform=panel.get_yaxis_transform(), clip_on=False,
             )  # fmt: skip
             middle = (start + end - 1) / 2.0
             panel.annotate(
                 group.replace("_", " "), (1.012, middle), (5.0, 0.0), va="center", fontsize=9,
-                color=INK, annotation_clip=False, **place,
+                color=style.INK, annotation_clip=False, **place,
             )  # fmt: skip
         start = end

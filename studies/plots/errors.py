@@ -9,26 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
-from studies.plots.style import (
-    BLUE,
-    GREEN,
-    INK,
-    PANEL,
-    VERMILLION,
-    Cell,
-    Look,
-    Picture,
-    cell,
-    dots,
-    key_of,
-    legend_below,
-    log_ticks,
-    pose_ticks,
-    sheet,
-    short,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,28 +19,28 @@ _MM = 1e3
 _A_POSE = 0.09  # inch
 _LEAST = 1e-6  # mm: below it an error is drawn as none
 _ROOM = 1.5  # times the least and the largest error: the ends of a log axis
-_BEFORE = Look("before: nominal model", VERMILLION, "^", "", "", "▲")
-_FITTED = Look("after: identified, fitted poses", BLUE, "o", "", "", "●")
-_HELD = Look("after: identified, held-out poses", GREEN, "D", "", "", "◆")
-_NOISE = Look("noise of the instrument alone", INK, "", (0, (4, 2)), "", "")  # type: ignore[arg-type]
+_BEFORE = style.Look("before: nominal model", style.VERMILLION, "^", "", "", "▲")
+_FITTED = style.Look("after: identified, fitted poses", style.BLUE, "o", "", "", "●")
+_HELD = style.Look("after: identified, held-out poses", style.GREEN, "D", "", "", "◆")
+_NOISE = style.Look("noise of the instrument alone", style.INK, "", (0, (4, 2)), "", "")  # type: ignore[arg-type]
 _MODELS = ("nominal model, base and markers fitted", "identified model")
 _BINS_A_DECADE = 8
 _BELOW = 0.005  # of the points may lie left of the axis, and count in the first bin
 _DECADES = 1e-7  # shown at most, of the largest
-_MEAN: Any = {"color": INK, "linewidth": 1.6, "linestyle": ":"}
-_P95: Any = {"color": INK, "marker": "^", "markersize": 7.0, "linestyle": ""}
-_FLOOR: Any = {"color": INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+_MEAN: Any = {"color": style.INK, "linewidth": 1.6, "linestyle": ":"}
+_P95: Any = {"color": style.INK, "marker": "^", "markersize": 7.0, "linestyle": ""}
+_FLOOR: Any = {"color": style.INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
 _CHI_95 = 2.795483  # 95 % of |noise| / sigma in three coordinates (chi with 3 degrees of freedom)
 
 
 def over_poses(
     panel: Axes,
     names: Sequence[str],
-    series: Iterable[tuple[Look, Array]],
+    series: Iterable[tuple[style.Look, Array]],
     label: str,
     *,
     of: str = "pose",
-    level: tuple[Look, float] | None = None,
+    level: tuple[style.Look, float] | None = None,
     log: bool = False,
 ) -> list[Any]:
     """Draw errors by pose on given Axes; returns the entries of their legend.
@@ -71,47 +52,47 @@ def over_poses(
     level : a look, and where its level line stands
     log : whether on a log axis, as millimetres
     """
-    tidy(panel, "y")
+    style.tidy(panel, "y")
     at = np.arange(len(names))
     handles, every = [], [np.zeros(0)]
     for look, values in series:
         value, *ends = np.maximum(values, _LEAST)[None] if values.ndim == 1 else values
         if ends:
             panel.vlines(at, *ends, color=look.color, linewidth=0.8, alpha=0.5)
-        dots(panel, names, at, value, **look.mark, markersize=5.0)
-        handles.append(key_of(look))
+        style.dots(panel, names, at, value, **look.mark, markersize=5.0)
+        handles.append(style.key_of(look))
         every.append(value[np.isfinite(value)])
     if level is not None:
         look, height = level
         panel.axhline(height, color=look.color, linewidth=1.2, linestyle=look.linestyle)
-        handles.append(key_of(look))
+        handles.append(style.key_of(look))
         every.append(np.array([height]))
     panel.set(xlabel=of, ylabel=label)
     if log:
         known = np.concatenate(every)
         low, high = float(known.min()) / _ROOM, float(known.max()) * _ROOM
         panel.set(yscale="log", ylim=(low, high))
-        log_ticks(panel.yaxis, low, high)
+        style.log_ticks(panel.yaxis, low, high)
     else:
         panel.set_ylim(0.0, None)
-    pose_ticks(panel, names)
+    style.pose_ticks(panel, names)
     return handles
 
 
-@styled
+@style.styled
 def before_and_after(
-    names: Sequence[str], series: Iterable[tuple[Look, Array]], label: str, **drawn: Any
+    names: Sequence[str], series: Iterable[tuple[style.Look, Array]], label: str, **drawn: Any
 ) -> Figure:
     """A figure of errors by pose, see :func:`over_poses`."""
-    figure = sheet(min(10.5, max(PANEL, _A_POSE * len(names))), 4.0)
-    legend_below(figure, over_poses(figure.subplots(), names, series, label, **drawn))
+    figure = style.sheet(min(10.5, max(style.PANEL, _A_POSE * len(names))), 4.0)
+    style.legend_below(figure, over_poses(figure.subplots(), names, series, label, **drawn))
     return figure
 
 
-@styled
+@style.styled
 def by_pose(
     pose_names: Sequence[str], before: Array, after: Array, heldout: NDArray[np.bool_], sigma: float
-) -> Picture:
+) -> style.Picture:
     """RMS error of each pose by the nominal and by the identified model, on one log axis.
 
     before, after : ndarray, shape (m,), m; heldout : ndarray of bool, shape (m,)
@@ -126,7 +107,7 @@ def by_pose(
     level = _NOISE, max(np.sqrt(3.0) * sigma * _MM, _LEAST)
     figure = before_and_after(pose_names, drawn, "error of a pose, RMS [mm]", level=level, log=True)
     told = heldout if heldout.any() else ~heldout
-    rms = [short(float(np.sqrt(np.mean(own[told] ** 2))) * _MM, 2) for own in (before, after)]
+    rms = [style.short(float(np.sqrt(np.mean(own[told] ** 2))) * _MM, 2) for own in (before, after)]
     where = "held-out" if heldout.any() else "fitted"
     caption = (
         "RMS distance between measured and predicted markers of each pose, on a log axis: by the "
@@ -134,15 +115,15 @@ def by_pose(
     )
     header = ("pose", "before [mm]", "after [mm]", "use")
     rows = tuple(
-        (name, cell(a * _MM), cell(b * _MM), "held out" if held else "fitted")
+        (name, style.cell(a * _MM), style.cell(b * _MM), "held out" if held else "fitted")
         for name, a, b, held in zip(pose_names, before, after, heldout, strict=True)
     )
     title = f"Error of each pose: {rms[0]} mm before, {rms[1]} mm after (RMS at the {where} poses)"
-    return Picture("errors_by_pose", title, caption, figure, header, rows)
+    return style.Picture("errors_by_pose", title, caption, figure, header, rows)
 
 
-@styled
-def histogram(before: Array, after: Array, sigma: float) -> Picture:
+@style.styled
+def histogram(before: Array, after: Array, sigma: float) -> style.Picture:
     """Histograms of the 3-D distances before and after, one above the other, on one log axis.
 
     before, after : ndarray, shape (n, 3), m, measured minus predicted; sigma : of one coordinate [m]
@@ -155,26 +136,26 @@ def histogram(before: Array, after: Array, sigma: float) -> Picture:
     low, high = _limits(np.concatenate(lengths), sigma * _MM)
     count = max(6, round(_BINS_A_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
-    figure = sheet(PANEL, 4.0)
+    figure = style.sheet(style.PANEL, 4.0)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
-    looks: Any = ({"color": VERMILLION, "hatch": "//"}, {"color": BLUE})
+    looks: Any = ({"color": style.VERMILLION, "hatch": "//"}, {"color": style.BLUE})
     for panel, own, label, look in zip(panels, lengths, _MODELS, looks, strict=True):
-        tidy(panel, "y")
+        style.tidy(panel, "y")
         panel.hist(np.clip(own, low, high), edges, edgecolor="white", linewidth=0.0, **look)
         panel.set(xscale="log", xlim=(low, high), ylabel="points")
         panel.set_title(label, loc="left")
         _mark(panel, own)
         panel.axvline(_CHI_95 * sigma * _MM, **_FLOOR)
-    log_ticks(panels[-1].xaxis, low, high)
+    style.log_ticks(panels[-1].xaxis, low, high)
     panels[-1].set_xlabel("distance measured \N{MINUS SIGN} predicted [mm]")
-    legend_below(
+    style.legend_below(
         figure,
         [Line2D([], [], label="mean", **_MEAN), Line2D([], [], label="95 % of the points", **_P95),
          Line2D([], [], label="95 % of the noise", **_FLOOR)],
     )  # fmt: skip
     caption = (
         "Distances in space, on a log axis. Noise alone would put 95 % of them left of the dashed line "
-        f"({short(_CHI_95 * sigma * _MM)} mm at sigma {short(sigma * _MM)} mm)."
+        f"({style.short(_CHI_95 * sigma * _MM)} mm at sigma {style.short(sigma * _MM)} mm)."
     )
     header = (
         "model", "points", "RMS [mm]", "mean [mm]", "p95 [mm]", "max [mm]", "mean + 3 sigma [mm]",
@@ -182,9 +163,9 @@ def histogram(before: Array, after: Array, sigma: float) -> Picture:
     rows = tuple(
         (label, float(len(own)), *figures(own)) for label, own in zip(_MODELS, lengths, strict=True)
     )
-    was, now = (short(float(np.quantile(own, 0.95)), 2) for own in lengths)
+    was, now = (style.short(float(np.quantile(own, 0.95)), 2) for own in lengths)
     title = f"95 % of the points were within {was} mm, now within {now} mm"
-    return Picture("histogram", title, caption, figure, header, rows)
+    return style.Picture("histogram", title, caption, figure, header, rows)
 
 
 def _limits(distances: Array, sigma: float) -> tuple[float, float]:
@@ -197,18 +178,18 @@ def _limits(distances: Array, sigma: float) -> tuple[float, float]:
     return low, high
 
 
-def figures(distances: Array) -> tuple[Cell, ...]:
+def figures(distances: Array) -> tuple[style.Cell, ...]:
     """RMS, mean, 95th percentile, largest, and mean + 3 standard deviations (as ISO 9283 states)."""
     if not len(distances):
         return (None,) * 5
     spread = float(distances.std(ddof=1)) if len(distances) > 1 else 0.0
     mean = float(distances.mean())
     return (
-        cell(np.sqrt(np.mean(distances**2))),
-        cell(mean),
-        cell(np.quantile(distances, 0.95)),
-        cell(distances.max()),
-        cell(mean + 3.0 * spread),
+        style.cell(np.sqrt(np.mean(distances**2))),
+        style.cell(mean),
+        style.cell(np.quantile(distances, 0.95)),
+        style.cell(distances.max()),
+        style.cell(mean + 3.0 * spread),
     )
 
 

@@ -9,21 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
-from studies.plots.style import (
-    BLUE,
-    PANEL,
-    VERMILLION,
-    Picture,
-    aside,
-    cell,
-    cloud,
-    legend_below,
-    looks,
-    pose_ticks,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,8 +17,8 @@ if TYPE_CHECKING:
 _VECTOR = 2000  # candidates; a larger cloud becomes a picture within the SVG
 
 
-@styled
-def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) -> Picture:
+@style.styled
+def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) -> style.Picture:
     """Leverage of each pose as stacked bars; all bars sum to the number of parameters.
 
     shares : of each pose, effect -> how many of its parameters the pose determines; the same effects
@@ -42,11 +28,11 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
 
     groups = list(shares[0])
     parts = np.array([[own[group] for group in groups] for own in shares])
-    look = looks(groups, solid=True)
+    look = style.looks(groups, solid=True)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(PANEL, 1.6 + 0.17 * m)), 3.9)
+    figure = style.sheet(min(10.5, max(style.PANEL, 1.6 + 0.17 * m)), 3.9)
     panel = figure.subplots()
-    tidy(panel, "y")
+    style.tidy(panel, "y")
     below, many = np.zeros(m), len(groups) > 1
     for group, part in zip(groups, parts.T, strict=True):
         own: Any = {"color": look[group].color, "hatch": look[group].hatch if many else ""}
@@ -54,7 +40,7 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
         below = below + part
     mean = float(parts.sum()) / m
     panel.axhline(mean, color="0.2", linewidth=1.0, linestyle=(0, (4, 2)))
-    pose_ticks(panel, pose_names)
+    style.pose_ticks(panel, pose_names)
     panel.set(xlabel="pose", ylabel="share of the information\n[parameters]", xlim=(-0.6, m - 0.4))
     handles = [
         Patch(
@@ -63,7 +49,7 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
         for g in groups
     ]
     even = Line2D([], [], color="0.2", linewidth=1.0, linestyle=(0, (4, 2)), label="equal shares")
-    legend_below(figure, [*handles, even] if many else [even])
+    style.legend_below(figure, [*handles, even] if many else [even])
     total = parts.sum()
     caption = (
         f"How many of the {total:.3g} parameters each pose determines (its leverage); all bars add up "
@@ -72,15 +58,15 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
     )
     header = ("pose", *(f"{g} [parameters]" for g in groups), "share of all [%]")
     rows = tuple(
-        (label, *map(cell, part), cell(100.0 * part.sum() / total if total else np.nan))
+        (label, *map(style.cell, part), style.cell(100.0 * part.sum() / total if total else np.nan))
         for label, part in zip(pose_names, parts, strict=True)
     )
-    return Picture(
+    return style.Picture(
         "information", "What each pose contributes to the parameters", caption, figure, header, rows
     )
 
 
-@styled
+@style.styled
 def derivative(
     score: Array,
     angle: Array,
@@ -90,7 +76,7 @@ def derivative(
     levels: Array | None = None,
     criterion: str = "D",
     efficiency: float | None = None,
-) -> Picture:
+) -> style.Picture:
     """Derivative of the criterion towards each candidate, over the angle of one joint.
 
     score : ndarray, shape (n,), scaled so that no candidate of an optimal design exceeds one, the bound
@@ -105,15 +91,15 @@ def derivative(
     chosen = np.asarray(chosen, dtype=int)
     marks = None if levels is None else np.degrees(np.sort(levels))
     at = degrees if marks is None else _spread(degrees, marks)
-    figure = sheet(PANEL, 4.0)
+    figure = style.sheet(style.PANEL, 4.0)
     panel = figure.subplots()
-    tidy(panel)
+    style.tidy(panel)
     crowd = _crowd(panel, at, score, np.setdiff1d(np.arange(len(score)), chosen))
-    line: Any = {"color": VERMILLION, "linestyle": "--", "linewidth": 1.6}
+    line: Any = {"color": style.VERMILLION, "linestyle": "--", "linewidth": 1.6}
     bar = panel.axhline(1.0, label="bound", **line)
     own, = panel.plot(
-        at[chosen], score[chosen], color=BLUE, marker="D", markersize=6.5, markeredgecolor="white",
-        markeredgewidth=0.8, linestyle="", label=f"chosen ({len(chosen)})",
+        at[chosen], score[chosen], color=style.BLUE, marker="D", markersize=6.5,
+        markeredgecolor="white", markeredgewidth=0.8, linestyle="", label=f"chosen ({len(chosen)})",
     )  # fmt: skip
     if marks is not None:
         panel.set_xticks(
@@ -126,16 +112,16 @@ def derivative(
     proved = "" if efficiency is None else f"at least {100.0 * efficiency:.1f} %"
     if proved:
         panel.set_title(f"{proved} of the best", loc="right", color="0.2")
-    legend_below(figure, [own, crowd, bar])
+    style.legend_below(figure, [own, crowd, bar])
     reached = f"; this one reaches {proved}." if proved else "."
     caption = (
         f"How much criterion {criterion} would gain by turning effort towards each candidate. In the "
         f"best design no candidate lies above the dashed bound and the chosen poses lie on it{reached}"
     )
     header = ("chosen", f"{joint} [deg]", "derivative [-]", "bound [-]")
-    rows = tuple((str(k), cell(degrees[k]), cell(score[k]), 1.0) for k in chosen)
+    rows = tuple((str(k), style.cell(degrees[k]), style.cell(score[k]), 1.0) for k in chosen)
     title = "How much each candidate pose would improve the plan"
-    return Picture("derivative", title, caption, figure, header, rows)
+    return style.Picture("derivative", title, caption, figure, header, rows)
 
 
 def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
@@ -147,7 +133,7 @@ def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> An
     if many:
         panel.plot(at[others], score[others], markersize=1.2, rasterized=True, **dot)
     else:
-        cloud(panel, at[others], score[others], 2.0, color=dot["color"], zorder=2)
+        style.cloud(panel, at[others], score[others], 2.0, color=dot["color"], zorder=2)
     return Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
 
 
@@ -155,4 +141,4 @@ def _spread(degrees: Array, marks: Array) -> Array:
     """Angles moved apart beside their level."""
     nearest = np.argmin(np.abs(degrees[:, None] - marks), axis=1)
     half = 0.3 * float(np.diff(marks).min()) if len(marks) > 1 else 1.0
-    return aside(marks[nearest], 0.9 * half)
+    return style.aside(marks[nearest], 0.9 * half)

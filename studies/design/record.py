@@ -133,7 +133,7 @@ class RivalPlan(PlanAccuracy):
     std: tuple[Maybe, ...] = ()
 
 
-class CurveStep(Entry):
+class CurveStepEntry(Entry):
     """The best plan found of so many poses."""
 
     poses: int = Field(gt=0, lt=10**6)
@@ -193,7 +193,7 @@ class DesignRecord(Record, PlanAccuracy):
     reapproaches: ReapproachesEntry | None
     extends: Count | None
     against: dict[str, RivalPlan]
-    curve: tuple[CurveStep, ...]
+    curve: tuple[CurveStepEntry, ...]
     notes: tuple[str, ...]
     seconds: NotNegative
     seconds_by_part: dict[str, NotNegative]

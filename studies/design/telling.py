@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from studies import document as doc
 from studies.design.pictures import pictures
-from studies.design.record import CurveStep, DesignPose, DesignRecord, PredictedStd, RivalPlan
+from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
 from studies.document import mm, plural
 from studies.joints import joint_columns
 from studies.targets import over_the_workspace
@@ -213,10 +213,12 @@ def _plans(record: DesignRecord) -> doc.Table[tuple[str, int, DesignRecord | Riv
     return doc.Table(columns, plans, "Plans judged by the same bound")
 
 
-_STEP_RMS: doc.Column[CurveStep] = doc.Column("task RMS", lambda row: row.task_rms_mm, doc.MM, "mm")
+_STEP_RMS: doc.Column[CurveStepEntry] = doc.Column(
+    "task RMS", lambda row: row.task_rms_mm, doc.MM, "mm"
+)
 
 
-def _steps(record: DesignRecord) -> tuple[doc.Column[CurveStep], ...]:
+def _steps(record: DesignRecord) -> tuple[doc.Column[CurveStepEntry], ...]:
     return (
         doc.Column("poses", lambda row: row.poses, doc.FOUR),
         doc.Column(record.criterion, lambda row: row.value, doc.FOUR),

@@ -182,6 +182,23 @@ def undecided(scatter_mm: float) -> str:
     )
 
 
+def unusual(noise: NoiseEntry) -> str | None:
+    """That the arm comes back to a pose worse than arms do, and what to do; None where it does not.
+
+    An error that depends on the load looks like that, where poses are read free and loaded.
+    """
+    again = noise.repeatability_mm
+    if again is None or noise.usual_mm is None or noise.configuration_of != "arm":
+        return None
+    worst = noise.usual_mm[1]
+    if again <= worst:
+        return None
+    return (
+        f"Readings at one pose differ by {mm(again)}; data sheets say {mm(worst)}. "
+        "Run `posecal diagnose`."
+    )
+
+
 def moves_on(by_then_mm: float, an_hour_later_mm: float | None, after_h: float | None) -> str:
     """That the readings moved through the day, for when the figures hold, and what to do.
 

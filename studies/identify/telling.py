@@ -10,7 +10,7 @@ from studies.identify.errors import told_errors
 from studies.identify.of_type import told_of_type
 from studies.identify.parameters import told_parameters
 from studies.identify.record import IdentifyRecord
-from studies.noise import lacks
+from studies.noise import lacks, unusual
 from studies.targets import over_the_workspace
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
@@ -75,6 +75,8 @@ def _next(record: IdentifyRecord) -> Sentence:
             f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
             "warn",
         )
+    if (scatters := unusual(noise)) is not None:
+        return Sentence(scatters, "warn")
     rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
     only = ", if the model lacks nothing" if noise.missing else ""
     return Sentence(

@@ -11,6 +11,7 @@ import pytest
 
 from calib.arrays import Array
 from tests.calib.uncertainty import common_days as days
+from tests.plain_arm import rotation
 from tests.studies.command_line import run
 
 CYCLES, POSES = 30, 4
@@ -173,7 +174,7 @@ def test_static_compliance_measured_and_predicted(folder: Path) -> None:
     measured = [own for own in fields["compliance"] if own["how"] == "measured"]
     assert [own["direction"] for own in measured] == ["-z"] * 3
     # Along the base's z axis, which the tracker's frame has turned.
-    down = days.about(days.BASE[3:]) @ np.array([0.0, 0.0, -1.0])
+    down = rotation(days.BASE[3:]) @ np.array([0.0, 0.0, -1.0])
     for k, own in enumerate(measured):
         moved = (raw["loaded"] - raw["free"])[2 * k + 1, 0] @ down
         true = 1e3 * moved / 300.0

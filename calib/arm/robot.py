@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from calib.arm.mimic import Mimic, Ties, reachable, ties_of
+from calib.arm.se3 import transformed
 from calib.arrays import Array, Mask
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
@@ -25,6 +26,9 @@ _IN_WORDS = {
     "kinematics": "maker's kinematics file",
 }
 _FOLLOWS = 1e-7  # rad or m
+Place: TypeAlias = tuple[int, Array]
+"""Where a link is: the number of the joint that carries it, 0 before the first one, and its frame
+(4, 4), m, in the frame that turns with the joint, or in the base."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +207,19 @@ class Robot:
         unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
         low, high = self.sample_limits().T
         return self.tied(low + unit * (high - low))
+
+
+def weights_of(n: int, hung: Iterable[tuple[Place, float, Array]]) -> tuple[Array, Array]:
+    """Masses (n,), kg, and centres of mass (n, 3), m, of all that each of n joints carries.
+
+    hung : place, mass [kg] and centre of mass (3,), m, of links
+    """
+    masses, moments = np.zeros(n), np.zeros((n, 3))
+    for (k, T), mass, com in hung:
+        if k > 0:
+            masses[k - 1] += mass
+            moments[k - 1] += mass * transformed(T, com)
+    return masses, moments / np.where(masses == 0, 1.0, masses)[:, None]
 
 
 def _proposed(*given: Any, **named: Any) -> Robot:

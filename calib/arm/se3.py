@@ -197,6 +197,11 @@ def inverse(T: Array) -> Array:
     return transform(R_inverse, -rotate(R_inverse, T[..., :3, 3]))
 
 
+def transformed(T: Array, points: Array) -> Array:
+    """Points (..., 3) seen from where transforms (..., 4, 4) lead, broadcast."""
+    return rotate(T[..., :3, :3], points) + T[..., :3, 3]
+
+
 def displacement(xi: Array) -> Array:
     """``D(xi) = [exp(rx, ry, rz) | x, y, z]``, shape (..., 6) -> (..., 4, 4)."""
     return transform(so3_exp(xi[..., 3:]), xi[..., :3])

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arm.dh import DhFit, DhTable, dh_of_robot, robot_of_dh
 from calib.arm.kinematics import tip_points
 from calib.arm.robot import Convention, Robot
-from calib.arm.se3 import rotate, so3_log
+from calib.arm.se3 import so3_log, transformed
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
@@ -177,10 +177,8 @@ def dh_lacks(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> list[str]:
     if not _is_identity(fit.T_base):
         lacks.append(f"its first frame stands in {robot.base} at {_pose(fit.T_base)}")
     if not _is_identity(fit.T_tip):
-        places = {
-            name: rotate(fit.T_tip[:3, :3], p) + fit.T_tip[:3, 3] for name, p in markers.items()
-        }
-        listed = "".join(f"; {name} is at {_mm(p)} there" for name, p in places.items())
+        places = {name: _mm(transformed(fit.T_tip, p)) for name, p in markers.items()}
+        listed = "".join(f"; {name} is at {place} there" for name, place in places.items())
         lacks.append(f"{robot.tip} stands in its last frame at {_pose(fit.T_tip)}{listed}")
     tilted = [j for j, b in zip(fit.table.joints, fit.table.beta, strict=True) if abs(b) > _SAME]
     if tilted:
@@ -196,7 +194,7 @@ def _without_beta(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> str:
     q = robot.sobol(_POSES)
     plain = replace(fit.table, beta=np.zeros(robot.dof))
     tool = np.array(list(markers.values()) or [np.zeros(3)])
-    tool = rotate(fit.T_tip[:3, :3], tool) + fit.T_tip[:3, 3]
+    tool = transformed(fit.T_tip, tool)
     points = [
         tip_points(robot_of_dh(table, "", "base", "tip"), q, tool) for table in (fit.table, plain)
     ]

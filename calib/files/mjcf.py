@@ -14,11 +14,20 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from calib.arm.robot import Robot
-from calib.arm.se3 import rotate, so3_about, transform
+from calib.arm.robot import Place, Robot, weights_of
+from calib.arm.se3 import so3_about, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf_tree import Chain, chain_of, joints_of, label, mesh_files, read_mjcf, strip
+from calib.files.mjcf_tree import (
+    WORLD,
+    Chain,
+    chain_of,
+    joints_of,
+    label,
+    mesh_files,
+    read_mjcf,
+    strip,
+)
 
 
 @contextmanager
@@ -76,13 +85,11 @@ class MjcfBody:
     element : Element, as it stands in the file
     T : ndarray, shape (4, 4), T_parent_body
     joints : list of MjcfJoint, the first one moves the others
-    masses : list of (kg, ndarray of shape (3,) in m), of the body and of what is fixed to it
     """
 
     element: Element
     T: Array
     joints: list[MjcfJoint]
-    masses: list[tuple[float, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +98,14 @@ class MjcfChain:
 
     T_tip : ndarray, shape (4, 4), the tip in the frame of the last body
     frames : dict, <frame> of the file -> ndarray, shape (4, 4), in its body
+    weights : list of place, mass [kg] and centre of mass (3,), m, of every body that the chain moves
     """
 
     tree: Chain
     bodies: list[MjcfBody]
     T_tip: Array
     frames: dict[Element, Array]
+    weights: list[tuple[Place, float, Array]]
 
 
 def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
@@ -112,21 +121,16 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
     root, _ = read_mjcf(path)
     chain = compiled(path, root, base, tip)
     joints = [joint for body in chain.bodies for joint in body.joints]
-    n = len(joints)
-    origins, masses, moments = np.empty((n + 1, 4, 4)), np.zeros(n), np.zeros((n, 3))
-    C, k = np.eye(4), -1  # from the last joint, once moved, to the body
+    origins = [np.eye(4)]
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
         for body in chain.bodies:
-            C = C @ body.T
+            origins[-1] = origins[-1] @ body.T
             for joint in body.joints:
-                k += 1
-                origins[k] = C @ joint.origin
-                C = shifted(-joint.anchor)
-            for mass, com in body.masses if k >= 0 else []:
-                masses[k] += mass
-                moments[k] += mass * (rotate(C[:3, :3], com) + C[:3, 3])
-        origins[n] = C @ chain.T_tip
-    if not all(np.isfinite(a).all() for a in (origins, masses, moments)):
+                origins[-1] = origins[-1] @ joint.origin
+                origins.append(shifted(-joint.anchor))
+        origins[-1] = origins[-1] @ chain.T_tip
+        masses, coms = weights_of(len(joints), chain.weights)
+    if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
         raise InputError(
             path, "", "holds numbers that are not finite", "check what leads to the tip"
         )
@@ -136,12 +140,12 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
         tip=tip,
         joints=tuple(joint.name for joint in joints),
         prismatic=np.array([joint.slides for joint in joints]),
-        origins=origins,
+        origins=np.array(origins),
         axes=np.array([joint.axis for joint in joints]),
         limits=np.array([joint.limits for joint in joints]),
         efforts=np.array([joint.effort for joint in joints]),
         masses=masses,
-        coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
+        coms=coms,
     )
 
 
@@ -164,44 +168,48 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
         model = mujoco.MjModel.from_xml_string(text, meshes)
     if not any(joints_of(body) for body in tree.bodies):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    own = [model.body(element.get("name")).id for element in stripped.bodies]
-    carriers = _carriers(model, own)
-    site = None if tree.site is None else model.site(tip)
+    own = [int(model.body(element.get("name")).id) for element in stripped.bodies]
+    bodies = [
+        MjcfBody(
+            element,
+            placed(model.body_pos[b], model.body_quat[b]),
+            [_joint(path, element, model, int(j)) for j in np.flatnonzero(model.jnt_bodyid == b)],
+        )
+        for element, b in zip(tree.bodies, own, strict=True)
+    ]
+    sites = {f: model.site(name) for f, name in frames.items()}
+    if tree.site is not None:
+        sites[tree.site] = model.site(tip)
+    at = {element: placed(site.pos, site.quat) for element, site in sites.items()}
+    places = places_of(model, 0 if base == WORLD else int(model.body(base).id), own)
     return MjcfChain(
         tree,
-        [
-            MjcfBody(
-                element,
-                placed(model.body_pos[b], model.body_quat[b]),
-                [
-                    _joint(path, element, model, int(j))
-                    for j in np.flatnonzero(model.jnt_bodyid == b)
-                ],
-                [
-                    (float(model.body_mass[i]), rotate(T[:3, :3], model.body_ipos[i]) + T[:3, 3])
-                    for i, (carrier, T) in carriers.items()
-                    if carrier == b and model.body_mass[i] > 0
-                ],
-            )
-            for element, b in zip(tree.bodies, own, strict=True)
-        ],
-        np.eye(4) if site is None else placed(site.pos, site.quat),
-        {
-            original[f]: placed(model.site(name).pos, model.site(name).quat)
-            for f, name in frames.items()
-        },
+        bodies,
+        np.eye(4) if tree.site is None else at[tree.site],
+        {original[f]: at[f] for f in frames},
+        [(place, float(model.body_mass[i]), model.body_ipos[i]) for i, place in places.items()],
     )
 
 
-def _carriers(model: Any, own: list[int]) -> dict[int, tuple[int, Array]]:
-    """For every body that the chain moves: the chain's body that carries it, and its pose there."""
-    carriers = {b: (b, np.eye(4)) for b in own}
-    for i in range(model.nbody):  # parents come first
+def places_of(model: Any, first: int, chain: list[int]) -> dict[int, Place]:
+    """Where every body of the arm is, of a compiled model whose chain has these bodies.
+
+    Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
+
+    first : the base, 0 for the world
+    """
+    found: dict[int, Place] = {first: (0, np.eye(4))}
+    for i in range(1, model.nbody):  # parents come first
         parent = int(model.body_parentid[i])
-        if i not in carriers and parent in carriers:
-            carrier, T = carriers[parent]
-            carriers[i] = (carrier, T @ placed(model.body_pos[i], model.body_quat[i]))
-    return carriers
+        if i == first or parent not in found or (i not in chain and parent == 0):
+            continue
+        k, T = found[parent]
+        T = T @ placed(model.body_pos[i], model.body_quat[i])
+        joints = np.flatnonzero(model.jnt_bodyid == i)
+        if len(joints) and i in chain:
+            k, T = k + len(joints), shifted(-model.jnt_pos[joints[-1]])
+        found[i] = k, T
+    return {body: place for body, place in found.items() if body}
 
 
 def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:

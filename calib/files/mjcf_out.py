@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arm.se3 import displacement, inverse, rotate
+from calib.arm.se3 import displacement, inverse, rotate, transformed
 from calib.arrays import Array
 from calib.files.mjcf import MjcfBody, compiled, mujoco_for
 from calib.files.mjcf_tree import compiler_settings, joints_of, read_mjcf
@@ -77,7 +77,7 @@ def _correct_body(body: MjcfBody, own: Array, in_frame: dict[Element, Array]) ->
         if not np.array_equal(H, np.eye(4)):
             element = elements[joint.name]
             seen = in_frame.get(element, np.eye(4)) @ H
-            element.set("pos", _words(rotate(seen[:3, :3], joint.anchor) + seen[:3, 3]))
+            element.set("pos", _words(transformed(seen, joint.anchor)))
             element.set("axis", _words(rotate(seen[:3, :3], joint.axis)))
         H = H @ inverse(G)
 
@@ -102,8 +102,7 @@ def _write_markers(
         if element.tag == "site" and element.get("name") in names:
             parent.remove(element)  # of an earlier correction
     for name, position in reversed(names.items()):
-        place = rotate(T_tip[:3, :3], position) + T_tip[:3, 3]
-        site = Element("site", name=name, pos=_words(place))
+        site = Element("site", name=name, pos=_words(transformed(T_tip, position)))
         site.tail = tip.text
         tip.insert(0, site)
 

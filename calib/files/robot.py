@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arm.kinematics import tip_points
 from calib.arm.robot import Convention, Form, Robot, Source
-from calib.arm.se3 import fit_rigid, rotate
+from calib.arm.se3 import fit_rigid, transformed
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects.base import Base
@@ -229,5 +229,5 @@ def zero_offsets_csv(
 
 def _missed(true: Array, points: Array) -> float:
     T = fit_rigid(true.reshape(-1, 3), points.reshape(-1, 3))
-    missed = rotate(T[:3, :3], points) + T[:3, 3] - true
+    missed = transformed(T, points) - true
     return float(np.sqrt(np.mean(np.sum(missed**2, axis=-1))))

@@ -9,9 +9,9 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arm.se3 import displacement, rotate, rpy_from_rotation, transform
+from calib.arm.se3 import displacement, rpy_from_rotation, transform, transformed
 from calib.arrays import Array
-from calib.files.urdf import MOVING, UrdfJoint, chain_of, origin_of, parse
+from calib.files.urdf import Urdf
 
 MARKER = "marker_"  # how links and sites of markers begin
 
@@ -28,51 +28,47 @@ def corrected_urdf(
 
     The tip's displacement goes into the last fixed joint, or into the markers where there is none.
     """
-    path = Path(source)
-    root = parse(path)
-    chain = chain_of(path, root, robot.base, robot.tip)
-    frame, D_tip = 0, displacement(corrections[robot.tip_frame])
-    for joint in chain:
-        if joint.kind in MOVING:
-            frame += 1
-            _displace(path, joint, displacement(corrections[frame]))
-    if chain[-1].kind == "fixed":
-        _displace(path, chain[-1], D_tip)
+    urdf = Urdf.read(Path(source))
+    chain = urdf.chain(robot.base, robot.tip)
+    *moved, D_tip = displacement(corrections[1:])
+    joints = [joint for joint in chain if joint.moves]
+    if not chain[-1].moves:
+        joints.append(chain[-1])
+        moved.append(D_tip)
         D_tip = np.eye(4)
-    write_markers(root, robot.tip, D_tip, markers)
+    for joint, D in zip(joints, moved, strict=True):
+        _write_origin(joint.element, urdf.origin_of(joint) @ D)
+    _write_markers(urdf.root, robot.tip, D_tip, markers)
+    return _text(urdf.root)
+
+
+def _text(root: Element) -> str:
     ElementTree.indent(root)
-    text: str = ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
-    return text + "\n"
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def write_markers(root: ElementTree.Element, tip: str, T: Array, markers: dict[str, Array]) -> None:
+def _write_markers(root: Element, tip: str, T: Array, markers: dict[str, Array]) -> None:
     """Links ``marker_<name>`` at points given behind the transform T of the tip."""
     for element in [e for e in root if e.get("name", "").startswith(MARKER)]:
         root.remove(element)  # of an earlier correction
     for name, position in markers.items():
-        ElementTree.SubElement(root, "link", name=MARKER + name)
-        joint = ElementTree.SubElement(root, "joint", name=f"{MARKER}{name}_mount", type="fixed")
-        place = T.copy()
-        place[:3, 3] += rotate(T[:3, :3], position)
-        write_origin(joint, place)
-        ElementTree.SubElement(joint, "parent", link=tip)
-        ElementTree.SubElement(joint, "child", link=MARKER + name)
+        SubElement(root, "link", name=MARKER + name)
+        joint = SubElement(root, "joint", name=f"{MARKER}{name}_mount", type="fixed")
+        _write_origin(joint, transform(T[:3, :3], transformed(T, position)))
+        SubElement(joint, "parent", link=tip)
+        SubElement(joint, "child", link=MARKER + name)
 
 
-def _displace(path: Path, joint: UrdfJoint, D: Array) -> None:
-    write_origin(joint.element, origin_of(path, f"joint {joint.name}", joint.element) @ D)
-
-
-def write_origin(element: ElementTree.Element, T: Array) -> None:
+def _write_origin(element: Element, T: Array) -> None:
     """Set the <origin> of a joint or an inertial to a transform of shape (4, 4)."""
     origin = element.find("origin")
     if origin is None:
-        origin = ElementTree.SubElement(element, "origin")
-    origin.set("xyz", words(T[:3, 3]))
-    origin.set("rpy", words(rpy_from_rotation(T[:3, :3])))
+        origin = SubElement(element, "origin")
+    origin.set("xyz", _words(T[:3, 3]))
+    origin.set("rpy", _words(rpy_from_rotation(T[:3, :3])))
 
 
-def words(values: Array) -> str:
+def _words(values: Array) -> str:
     """Numbers to 15 digits, as URDF attributes hold them."""
     return " ".join(f"{value + 0.0:.15g}" for value in values)  # no -0
 
@@ -95,13 +91,12 @@ def chain_urdf(robot: Robot, corrections: Array, markers: dict[str, Array]) -> s
     for k, name in enumerate(robot.joints):
         joint = _joint(root, name, link, _free_name(robot, f"{name}_link"), origins[k])
         link = _free_name(robot, f"{name}_link")
-        SubElement(joint, "axis", xyz=words(robot.axes[k]))
+        SubElement(joint, "axis", xyz=_words(robot.axes[k]))
         _limit(joint, robot, k)
         _inertial(root[-1], robot, k)
     _joint(root, _free_name(robot, "tip_mount"), link, robot.tip, origins[-1]).set("type", "fixed")
-    write_markers(root, robot.tip, np.eye(4), markers)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    _write_markers(root, robot.tip, np.eye(4), markers)
+    return _text(root)
 
 
 def _free_name(robot: Robot, name: str) -> str:
@@ -114,7 +109,7 @@ def _free_name(robot: Robot, name: str) -> str:
 def _joint(root: Element, name: str, parent: str, child: str, origin: Array) -> Element:
     """A joint and, after it, the link that it moves."""
     joint = SubElement(root, "joint", name=name)
-    write_origin(joint, origin)
+    _write_origin(joint, origin)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     SubElement(root, "link", name=child)
@@ -124,12 +119,10 @@ def _joint(root: Element, name: str, parent: str, child: str, origin: Array) -> 
 def _limit(joint: Element, robot: Robot, k: int) -> None:
     """Type and limits; a joint that slides needs limits in a URDF, and has wide ones without."""
     limited = bool(np.isfinite(robot.limits[k]).all())
-    joint.set(
-        "type", "prismatic" if robot.prismatic[k] else "revolute" if limited else "continuous"
-    )
-    limit = SubElement(
-        joint, "limit", effort=f"{np.nan_to_num(robot.efforts[k]):.15g}", velocity="0"
-    )
+    kind = "prismatic" if robot.prismatic[k] else "revolute" if limited else "continuous"
+    joint.set("type", kind)
+    effort = f"{np.nan_to_num(robot.efforts[k]):.15g}"
+    limit = SubElement(joint, "limit", effort=effort, velocity="0")
     if limited or robot.prismatic[k]:
         low, high = np.clip(robot.limits[k], -_WIDE, _WIDE)
         limit.set("lower", f"{low:.15g}")
@@ -139,6 +132,6 @@ def _limit(joint: Element, robot: Robot, k: int) -> None:
 def _inertial(link: Element, robot: Robot, k: int) -> None:
     if robot.masses[k] > 0:
         inertial = SubElement(link, "inertial")
-        write_origin(inertial, transform(np.eye(3), robot.coms[k]))
+        _write_origin(inertial, transform(np.eye(3), robot.coms[k]))
         SubElement(inertial, "mass", value=f"{robot.masses[k]:.15g}")
         SubElement(inertial, "inertia", _NO_INERTIA)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, progress_bar
 from studies.command.options import (
     PATH,
     Finite,
@@ -18,7 +18,6 @@ from studies.command.options import (
     processes,
     result_options,
 )
-from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
     from studies.compare.compare import Truth

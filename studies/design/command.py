@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
-from studies.command.progress import working
 
 if TYPE_CHECKING:
     from calib import Cell

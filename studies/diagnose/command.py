@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, show
+from studies.command.deliver import check_outputs, deliver, output_file, show, working
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
-from studies.command.progress import working
 from studies.command.session import read_session
 from studies.diagnose import NEXT
 

@@ -10,7 +10,7 @@ from typing import TypeAlias
 from studies import document as doc
 from studies.causes import Sought, not_asked
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
-from studies.diagnose.error_curve import error_curve
+from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import (
     DiagnoseRecord,
     FoundCause,
@@ -24,7 +24,6 @@ from studies.diagnose.record import (
     Value,
 )
 from studies.diagnose.spectra import spectra
-from studies.diagnose.waterfall import waterfall
 from studies.document import labelled, listed, mm
 from studies.joints import joint_columns
 from studies.noise import noise_words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,7 +14,6 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from studies.document import LINE, Column, Document, Lines, Part, Section, Sentence, Table
-from studies.tables import plain_table
 
 _LABEL = 10  # letters
 _AFTER_COMMA = re.compile(r"(?<=,)(?=[^\W\d])")  # not within a number
@@ -105,3 +105,16 @@ def _heads(columns: Sequence[Column[Any]]) -> Iterator[tuple[str, str]]:
     for head, column in zip(heads, columns, strict=True):
         padding = "\n" * (high - head.count("\n"))
         yield padding + head, "right" if column.rule.number else "left"
+
+
+def plain_table(*columns: tuple[str, str]) -> RichTable:
+    """A table without lines; columns are (title, "left" or "right")."""
+    table = RichTable(box=None, pad_edge=False, header_style="bold")
+    for title, justify in columns:
+        table.add_column(Text(title), justify=justify, overflow="fold")  # type: ignore[arg-type]
+    return table
+
+
+def number(value: float | None) -> str:
+    """Four digits, or a dash for what is undefined."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"

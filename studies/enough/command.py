@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
     PATH,
     Finite,
@@ -15,7 +15,6 @@ from studies.command.options import (
     faults_in,
     result_options,
 )
-from studies.command.progress import working
 from studies.command.session import held_out
 
 

@@ -100,7 +100,7 @@ def instruments() -> Rows:
 
 def cell_table(table: str) -> Rows:
     """Every key of one table of the cell."""
-    from studies.explain.cell_keys import rows
+    from studies.explain.text import rows
 
     return ("key", "is", "means"), rows(table)
 

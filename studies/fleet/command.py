@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, show
+from studies.command.deliver import check_outputs, deliver, output_file, progress_bar, show
 from studies.command.options import PATH, engine_options, processes, result_options
-from studies.command.progress import progress_bar
 
 if TYPE_CHECKING:
     from studies.fleet.tables import Done, FleetTask, Job
@@ -71,8 +70,8 @@ def fleet(
     from studies.engines import engine
     from studies.fleet.record import fleet_record, results_of
     from studies.fleet.tables import VERBS, FleetTask, find, share
-    from studies.kinds import tell
     from studies.record import envelope
+    from studies.results import tell
 
     if not fleet_folder.is_dir():
         raise InputError(fleet_folder, "", "is no folder", "name one with cells below it")

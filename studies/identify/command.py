@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
     PATH,
     Finite,
@@ -15,7 +15,6 @@ from studies.command.options import (
     data_argument,
     result_options,
 )
-from studies.command.progress import working
 from studies.command.session import read_session
 
 if TYPE_CHECKING:

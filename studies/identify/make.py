@@ -22,8 +22,7 @@ from calib.uncertainty.budget import Budget, accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.estimate import estimated
-from studies.identify.acceptance import acceptance_entry
-from studies.identify.budget import budget_entry
+from studies.identify.budget import acceptance_entry, budget_entry
 from studies.identify.drift import drift_entry
 from studies.identify.errors import (
     distances_entry,

@@ -1,17 +1,18 @@
-"""What ``posecal init`` made of a robot's file."""
+"""What ``posecal init`` made of a robot's file, and how it is told."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
 from calib.arm.robot import Form
+from studies.document import Document, Lines, Part, Section, Sentence, labelled
 from studies.record import Entry, Envelope, Record
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from calib.files.proposal import Proposal
 
 
@@ -53,3 +54,24 @@ def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) ->
         held=found.held,
         notes=found.notes,
     )
+
+
+def told(record: InitRecord) -> Document:
+    """The arm, the guesses and the next command."""
+    return Document((), (Section("init", "A first cell", tuple(_parts(record))),))
+
+
+def _parts(record: InitRecord) -> Iterator[Part]:
+    robot, joints = record.robot, record.joints
+    held = f"; held at zero: {', '.join(record.held)}" if record.held else ""
+    yield Sentence(
+        f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {robot.tip}: "
+        f"{', '.join(joints)}{held}"
+    )
+    yield Sentence(
+        "edit the lines marked EDIT: rough marker positions, the instrument's noise, and the arm's "
+        "repeatability if you know it"
+    )
+    yield from labelled("note", record.notes)
+    plan = Path(record.cell).parent / "plan.csv"
+    yield Lines(f"then  posecal design {record.cell} -o {plan}")

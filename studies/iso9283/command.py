@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
     PATH,
     cell_argument,
@@ -16,7 +16,6 @@ from studies.command.options import (
     json_option,
     one_line_faults,
 )
-from studies.command.progress import working
 
 
 @click.command()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
     PATH,
     Finite,
@@ -16,7 +16,6 @@ from studies.command.options import (
     faults_in,
     result_options,
 )
-from studies.command.progress import working
 
 if TYPE_CHECKING:
     from doe.ahead.onward import Aim

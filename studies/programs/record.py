@@ -1,9 +1,10 @@
-"""What ``posecal program`` wrote."""
+"""What ``posecal program`` wrote, and how it is told."""
 
 from __future__ import annotations
 
 from typing import Literal
 
+from studies.document import Document, Section, Sentence, labelled
 from studies.record import Count, Record
 
 
@@ -20,3 +21,13 @@ class ProgramRecord(Record):
     stops: Count
     notes: tuple[str, ...]
     unchecked: str = ""
+
+
+def told(record: ProgramRecord) -> Document:
+    """The stops and the notes."""
+    loaded = record.stops > len(record.poses)
+    each = "free and loaded at each" if loaded else "one at each"
+    stops = Sentence(f"{len(record.poses)} poses, {record.stops} stops to measure ({each})")
+    parts = (stops, *labelled("note", record.notes))
+    unchecked = [Sentence(record.unchecked, "warn")] if record.unchecked else []
+    return Document(tuple(unchecked), (Section("program", "A robot program of the plan", parts),))

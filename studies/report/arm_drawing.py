@@ -9,13 +9,40 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from markupsafe import Markup
 
 from calib.arrays import Array, IntArray
-from studies.plots.view import Viewpoint
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A direction of view: azimuth and elevation of the viewer [deg], seen without perspective."""
+
+    azimuth: float
+    elevation: float
+
+    @cached_property
+    def axes(self) -> Array:
+        """Right, up and towards the viewer, rows of shape (3, 3)."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        right = [-np.sin(a), np.cos(a), 0.0]
+        up = [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]
+        near = [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
+        return np.array([right, up, near])
+
+    def flat(self, points: Array) -> Array:
+        """Points (..., 3) m as seen, (..., 2) m."""
+        out: Array = np.asarray(points, dtype=float) @ self.axes[:2].T
+        return out
+
+    def order(self, points: Array) -> float:
+        """Drawing order of what stands at these points: nearer is higher."""
+        return 10.0 + float(np.mean(np.asarray(points, dtype=float) @ self.axes[2]))
+
 
 Run: TypeAlias = tuple[int, ...]
 """Points by their numbers, one after the other; ``~c`` is what lies on the floor below point c."""

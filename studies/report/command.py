@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import PATH, json_option, one_line_faults
-from studies.command.progress import working
 
 
 @click.command()
@@ -49,8 +48,7 @@ def report(
       posecal report identified.json -o report.html --operator "A. Klimchik"
     """
     from studies.record import envelope
-    from studies.report.page import report_page
-    from studies.report.record import ReportRecord
+    from studies.report.page import ReportRecord, report_page
 
     check_outputs([page_path, output_file(json_path)], results)
     told = {

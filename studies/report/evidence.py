@@ -18,9 +18,8 @@ from studies.design.record import DesignRecord
 from studies.diagnose.record import DiagnoseRecord
 from studies.identify.pictures import HELD_OUT
 from studies.identify.record import IdentifyRecord
-from studies.kinds import tell
 from studies.record import Record
-from studies.results import read
+from studies.results import read, tell
 
 if TYPE_CHECKING:
     from studies.document import Document
@@ -53,7 +52,7 @@ class ReportedResult:
 
     @property
     def kind(self) -> str:
-        """One of :data:`studies.kinds.KINDS`."""
+        """One of :data:`studies.results.KINDS`."""
         return self.record.kind
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The page: sections in a frame, styles and scripts within it, so that it needs nothing else."""
+"""The page: sections in a frame, styles and scripts within it; and its record."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import ClassVar, Literal
 
 from markupsafe import Markup
 
+from studies.document import Detail, Document, Section, Sentence, labelled, plural
 from studies.document.page import Writer
+from studies.record import Record
 from studies.report.evidence import ReportEvidence, load_evidence
 from studies.report.sections import PlacedSection, sections
 
@@ -72,3 +75,22 @@ def _name(evidence: ReportEvidence) -> str:
 def _shown(writer: Writer, placed: PlacedSection) -> _Shown:
     html = writer.section(placed.section, placed.highlight)
     return _Shown(placed.section.key, placed.section.title, html)
+
+
+class ReportRecord(Record):
+    """A page of results, which are its inputs.
+
+    page : the file; notes : what had to be left out of it
+    """
+
+    of_one_cell: ClassVar[bool] = False
+    command: Literal["report"] = "report"
+    page: str
+    notes: tuple[str, ...]
+
+
+def told(record: ReportRecord) -> Document:
+    """Of how many results, and what it lacks."""
+    about = Sentence(f"{record.page}: one page of {plural(len(record.inputs), 'result')}")
+    parts = (about, *labelled("note", record.notes))
+    return Document((), (Section("report", "A page of results", (Detail(parts),)),))

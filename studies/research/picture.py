@@ -28,7 +28,7 @@ from studies.plots.style import (
     svg_text,
     tidy,
 )
-from studies.plots.view import Viewpoint
+from studies.report.arm_drawing import Viewpoint
 from studies.research.paper.drawing import Drawing
 from studies.results import read_as
 

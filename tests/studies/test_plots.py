@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from studies.changes.pictures import changed_parameters
 from studies.changes.record import ChangesRecord
 from studies.compare.agreement import band
-from studies.document.svg import inline_svg
+from studies.document.page import inline_svg
 from studies.plan.pictures import look_alikes
 from studies.plan.record import PlanRecord
 from studies.plots import Picture, files

@@ -44,7 +44,7 @@ from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.request import Request
 from studies.compensate.record import compensate_record
-from studies.compensate.telling import told as told_of_commands
+from studies.compensate.record import told as told_of_commands
 from studies.document import Document
 from studies.document.terminal import terminal
 from studies.enough.record import enough_record

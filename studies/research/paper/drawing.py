@@ -9,7 +9,7 @@ import numpy as np
 from calib.arm.se3 import rotate, so3_exp
 from calib.arrays import Array
 from studies.plots.style import BLUE, GREEN, INK, VERMILLION
-from studies.plots.view import Viewpoint
+from studies.report.arm_drawing import Viewpoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -29,8 +29,8 @@ from calib.poses import hung
 from calib.simulation import drawn_readings
 from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_cell, embedded_plan
+from studies.document.terminal import plain_table
 from studies.research.paper.plan import EFFECTS
-from studies.tables import plain_table
 
 NAMES = (*(f"chi_2{k}" for k in range(1, 6)), "chi_3", "chi_4", "chi_5", "chi_6")
 MICRO = 1e-6  # rad/(N m) in the unit of our tables

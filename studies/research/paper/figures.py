@@ -40,7 +40,7 @@ from studies.plots.style import (
     styled,
     tidy,
 )
-from studies.plots.view import Viewpoint
+from studies.report.arm_drawing import Viewpoint
 from studies.research.paper.arm import arm_of_equation_21
 from studies.research.paper.drawing import BODY, LIGHT, Drawing
 

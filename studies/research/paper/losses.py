@@ -21,7 +21,7 @@ from studies.command.deliver import console_for
 from studies.compare.experiment import SimulatedExperiment, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.tables import plain_table
+from studies.document.terminal import plain_table
 
 MORE_MARKERS_MM = ((279.2, -60.0, 30.0), (281.8, 90.0, -70.0), (200.0, 20.0, 110.0))
 TRACKER = Noise(along=3e-6, across=4e-6, across_per_m=1.5e-6)

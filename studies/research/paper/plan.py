@@ -24,7 +24,7 @@ from calib.cell.planned import Planned, Targets
 from doe.curve import poses_that_match
 from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.tables import plain_table
+from studies.document.terminal import plain_table
 
 EFFECTS = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"

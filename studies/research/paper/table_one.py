@@ -32,8 +32,8 @@ from studies.compare.experiment import PLAIN, POINTS, WAYS, SimulatedExperiment,
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, predict
 from studies.compare.stated_noise import Alike, StatedNoise
+from studies.document.terminal import plain_table
 from studies.research.paper.arm import arm_of_equation_21
-from studies.tables import plain_table
 
 PARAMETERS = ("l1", "l2", "l3", "q1", "q2", "q3")
 UNITS = ("mm",) * 3 + ("mdeg",) * 3

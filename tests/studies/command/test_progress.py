@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.command.progress import _duration, working
+from studies.command.deliver import _duration, working
 from tests.helpers import measured_cell
 
 RUN = "from studies.cli import run; run()"

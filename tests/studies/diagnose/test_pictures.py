@@ -11,17 +11,15 @@ import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
 from doe.ahead.likeness import SURE
-from studies.diagnose.error_curve import error_curve
 from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
+from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import CurvePanel, ErrorCurveEntry, SpectrumEntry, SpectrumLine, Steps
 from studies.diagnose.shown import shown
 from studies.diagnose.spectra import families, spectra
-from studies.diagnose.waterfall import waterfall
 from studies.document import pictures_of
-from studies.kinds import tell
 from studies.plots.style import Picture
 from studies.record import envelope
-from studies.results import read
+from studies.results import read, tell
 from tests.calib.diagnosis.test_error_curve import HALF, found
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.calib.identification.test_identify_tunings import arm, session

@@ -21,8 +21,7 @@ from studies.document import (
     Table,
     pictures_of,
 )
-from studies.document.page import Writer
-from studies.document.svg import inline_svg
+from studies.document.page import Writer, inline_svg
 from studies.document.terminal import terminal
 from studies.plots.style import Picture
 

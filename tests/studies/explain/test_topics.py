@@ -16,8 +16,7 @@ from doe.criteria import CRITERIA, UNASKED
 from studies.cli import main
 from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
 from studies.document.page import Writer
-from studies.explain.cell_keys import TABLES, forms, meanings, rows
-from studies.explain.text import document_of
+from studies.explain.text import TABLES, document_of, forms, meanings, rows
 from studies.explain.topics import titles, topic, written
 from tests.studies.explain.reading import length, sentences, texts
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from rich.table import Table
 
+from studies.document.terminal import plain_table
 from studies.research.bench import rate
 from studies.research.benchmarks.conclusions.days import VISIBLE, Day, TrueCause
 from studies.research.withheld.judge import Entry, is_listed, is_named, name_of
-from studies.tables import plain_table
 
 Row = dict[str, Any]
 RIGHT, IN_CLASS, WRONG = "right", "in_class", "wrong"

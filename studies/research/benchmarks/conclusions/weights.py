@@ -23,8 +23,8 @@ from calib.arrays import Array
 from calib.diagnosis.causes import NameEvidence
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
+from studies.document.terminal import plain_table
 from studies.research.withheld.judge import is_listed, is_true, name_of
-from studies.tables import plain_table
 
 _RIDGE = 0.5  # weights of a few rare words stay finite
 _SIZES = (0.0, 1.0, 0.2, 0.1, 1.0, 1.0, 1.0)  # of what speaks, by which the ridge holds its weights

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from studies.document import Sentence, labelled
+from studies.document import Sentence, Shown, labelled
 from studies.record import Entry, Maybe
 
 
 class CauseEntry(Entry):
     """An effect at a place."""
 
-    effect: str
+    effect: Annotated[str, Shown("cause")]
     where: str
 
     @property
@@ -35,7 +35,7 @@ class Sought(CauseEntry):
 
     minimum_detectable: Maybe
     unit: str
-    left_mm: Maybe = None
+    left_mm: Annotated[Maybe, Shown("leaves")] = None
 
 
 class NotAskedEntry(Entry):

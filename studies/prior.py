@@ -6,14 +6,13 @@ It is read by :func:`calib.files.estimate.load_prior`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from operator import attrgetter
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from studies import document as doc
-from studies.document import listed, plural
+from studies.document import FOUR, HUNDREDTH, Shown, listed, plural
 from studies.record import Count, Entry, Envelope, NotNegative, Number, Positive, Record
 
 if TYPE_CHECKING:
@@ -34,9 +33,9 @@ class ParameterOfPrior(Entry):
     where: str
     name: str
     mean: Number
-    spread: NotNegative
-    std: Positive
-    shrunk: Positive
+    spread: Annotated[NotNegative, Shown("between robots")]
+    std: Annotated[Positive, Shown("one robot more", FOUR)]
+    shrunk: Annotated[Positive, Shown("of the plausible size", HUNDREDTH)]
     unit: str
     mean_si: Number = Field(alias="mean_SI")
 
@@ -49,7 +48,7 @@ class ParameterOfPrior(Entry):
 class RobotAside(Entry):
     """A robot that is not of the type; p : of one so far off."""
 
-    robot: str
+    robot: Annotated[str, Shown("robot not of the type")]
     p: NotNegative
 
 
@@ -150,15 +149,5 @@ def _headline(record: PriorRecord) -> Iterator[doc.Sentence]:
             )
 
 
-_COMMON: tuple[doc.Column[ParameterOfPrior], ...] = (
-    doc.Column("parameter", attrgetter("id")),
-    doc.Column("mean", attrgetter("mean"), doc.FOUR),
-    doc.Column("between robots", attrgetter("spread"), doc.FOUR),
-    doc.Column("one robot more", attrgetter("std"), doc.FOUR),
-    doc.Column("unit", attrgetter("unit")),
-    doc.Column("of the plausible size", attrgetter("shrunk"), doc.HUNDREDTH),
-)
-_ASIDE: tuple[doc.Column[RobotAside], ...] = (
-    doc.Column("robot not of the type", attrgetter("robot")),
-    doc.Column("p", attrgetter("p"), doc.P),
-)
+_COMMON = doc.columns(ParameterOfPrior, "id mean spread std unit shrunk")
+_ASIDE = doc.columns(RobotAside, "robot p")

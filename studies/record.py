@@ -26,6 +26,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from calib.files.read import sha256
+from studies.document import Shown
 
 _LARGEST = 1e30  # in any unit: nothing larger can be drawn
 
@@ -182,8 +183,8 @@ class InputFile(Entry):
 class Outlier(Entry):
     """A pose that stands out, and why."""
 
-    pose: str
-    reason: str
+    pose: Annotated[str, Shown("left out")]
+    reason: Annotated[str, Shown("because")]
 
 
 class UnidentifiableEntry(Entry):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry
+from studies.document import P, Shown
 from studies.record import (
     BeforeAfter,
     Count,
@@ -54,8 +55,8 @@ class ChangedParameter(Entry):
     where: str
     name: str
     change: Number
-    std: MaybePositive
-    family_p: Maybe
+    std: Annotated[MaybePositive, Shown("standard\ndeviation")]
+    family_p: Annotated[Maybe, Shown("p, of all\ntogether", P)]
     moved: bool
     unit: str
 
@@ -98,8 +99,8 @@ class Explained(CauseEntry):
     """
 
     probability: NotNegative
-    share: Number
-    p_left: NotNegative
+    share: Annotated[Number, Shown("share of the\ndifference")]
+    p_left: Annotated[NotNegative, Shown("p of\nthe rest", P)]
     explains: bool
     likely: bool
     sizes: tuple[Size, ...]

@@ -107,12 +107,11 @@ def _tolerance(record: ChangesRecord) -> doc.Sentence:
 # -- what moved --------------------------------------------------------------------------------
 
 
-_PARAMETERS: tuple[doc.Column[ChangedParameter], ...] = (
-    doc.Column("parameter", lambda p: p.id, doc.TEXT),
+_PARAMETERS = doc.columns(
+    ChangedParameter,
+    "id",
     doc.Column("after -\nbefore", lambda p: (p.change, p.std) if p.std else None, doc.TO_STD),
-    doc.Column("standard\ndeviation", lambda p: p.std, doc.STD),
-    doc.Column("unit", lambda p: p.unit, doc.TEXT),
-    doc.Column("p, of all\ntogether", lambda p: p.family_p, doc.P),
+    "std unit family_p",
     doc.Column("moved", lambda p: "yes" if p.moved else "", doc.TEXT),
 )
 
@@ -172,11 +171,9 @@ def _compared(record: ChangesRecord) -> Iterator[doc.Sentence]:
 # -- causes ------------------------------------------------------------------------------------
 
 
-_CAUSES: tuple[doc.Column[Explained], ...] = (
-    doc.Column("cause", lambda row: row.key, doc.TEXT),
-    doc.Column("probability", lambda row: row.probability, doc.PROBABILITY),
-    doc.Column("share of the\ndifference", lambda row: row.share, doc.SHARE),
-    doc.Column("p of\nthe rest", lambda row: row.p_left, doc.P),
+_CAUSES = doc.columns(
+    Explained,
+    "key probability share p_left",
     doc.Column("what happened", words, doc.TEXT, detail=True),
 )
 

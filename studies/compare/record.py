@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from studies.document import WHOLE, Shown
 from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
 
 if TYPE_CHECKING:
@@ -191,10 +192,10 @@ class ReadBy(Entry):
     instruments: tuple[str, ...]
     plan: str
     poses: Count
-    task_rms_mm: Maybe
-    task_worst_mm: Maybe
-    arm_rms_mm: Maybe
-    poses_to_match: Maybe
+    task_rms_mm: Annotated[Maybe, Shown("task RMS")]
+    task_worst_mm: Annotated[Maybe, Shown("at worst")]
+    arm_rms_mm: Annotated[Maybe, Shown("arm alone")]
+    poses_to_match: Annotated[Maybe, Shown("poses to\nmatch", WHOLE)]
 
 
 class AgreementEntry(Entry):

@@ -88,14 +88,11 @@ def _parts(record: CompareRecord) -> Iterator[doc.Part]:
     yield from (doc.Sentence(note, "note", "note") for note in record.notes)
 
 
-_READ_BY: tuple[doc.Column[ReadBy], ...] = (
-    doc.Column("plan", lambda row: row.plan),
-    doc.Column("cell", lambda row: row.cell),
+_READ_BY = doc.columns(
+    ReadBy,
+    "plan cell",
     doc.Column("instruments", lambda row: ", ".join(row.instruments)),
-    doc.Column("task RMS", lambda row: row.task_rms_mm, doc.MM, "mm"),
-    doc.Column("at worst", lambda row: row.task_worst_mm, doc.MM, "mm"),
-    doc.Column("arm alone", lambda row: row.arm_rms_mm, doc.MM, "mm"),
-    doc.Column("poses to\nmatch", lambda row: row.poses_to_match, doc.WHOLE),
+    "task_rms_mm task_worst_mm arm_rms_mm poses_to_match",
 )
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from studies import document as doc
-from studies.document import mm, plural
+from studies.document import Shown, mm, plural
 from studies.joints import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
 from studies.plots.errors import before_and_after
@@ -67,8 +67,8 @@ class Target(JointValues):
     trend_mm: NotNegative = 0.0
     expected_mm: NotNegative
     turn_before_mrad: NotNegative
-    turn_left_mrad: NotNegative
-    limited_by: str | None
+    turn_left_mrad: Annotated[NotNegative, Shown("turned")]
+    limited_by: Annotated[str | None, Shown("because")]
 
 
 class CompensateRecord(Record):
@@ -263,12 +263,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
 _POSE: doc.Column[Target] = doc.Column("target", lambda row: row.pose)
 _BEFORE: doc.Column[Target] = doc.Column("before", lambda row: row.before_mm, doc.MM, "mm")
 _EXPECTED: doc.Column[Target] = doc.Column("expected", lambda row: row.expected_mm, doc.MM, "mm")
-_LIMITED: tuple[doc.Column[Target], ...] = (
-    _POSE,
-    doc.Column("left", lambda row: row.left_mm, doc.MM, "mm"),
-    doc.Column("turned", lambda row: row.turn_left_mrad, doc.MRAD, "mrad"),
-    doc.Column("because", lambda row: row.limited_by, doc.TEXT),
-)
+_LIMITED = doc.columns(Target, _POSE, "left_mm turn_left_mrad limited_by")
 
 
 def _limited(record: CompensateRecord) -> Iterator[doc.Part]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from operator import attrgetter
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from studies.document import WHOLE, Column, Detail, Document, Lines, Section, Table
+from studies.document import WHOLE, Detail, Document, Lines, Section, Shown, Table, columns
 from studies.record import Entry, InputFile, NotNegative, Record
 
 
@@ -13,8 +12,8 @@ class DemoStep(Entry):
     """A step, what it found, and how long it took."""
 
     step: str
-    says: str
-    seconds: NotNegative
+    says: Annotated[str, Shown("found")]
+    seconds: Annotated[NotNegative, Shown("time", WHOLE, unit="s")]
 
 
 class DemoRecord(Record):
@@ -39,11 +38,7 @@ def told(record: DemoRecord) -> Document:
     return Document((), (Section("demo", "The whole way", parts),))
 
 
-_STEPS: tuple[Column[DemoStep], ...] = (
-    Column("step", attrgetter("step")),
-    Column("found", attrgetter("says")),
-    Column("time", attrgetter("seconds"), WHOLE, "s"),
-)
+_STEPS = columns(DemoStep, "step says seconds")
 
 
 def _next_steps(folder: str) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from studies.document import Shown
 from studies.joints import JointValues, check_same_joints, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
 from studies.targets import TargetAccuracy, at_targets
@@ -52,11 +53,11 @@ class DesignPose(JointValues):
 class PredictedStd(Entry):
     """How well the plan determines a parameter."""
 
-    name: str
+    name: Annotated[str, Shown("parameter")]
     effect: str
     where: str
     id: str
-    std: Maybe
+    std: Annotated[Maybe, Shown("expected standard\ndeviation")]
     unit: str
 
 

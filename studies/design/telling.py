@@ -164,13 +164,7 @@ def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
     return (named, *joints, level) if record.level_joint else (named, *joints)
 
 
-_DETERMINED: tuple[doc.Column[PredictedStd], ...] = (
-    doc.Column("effect", lambda row: row.effect, doc.TEXT),
-    doc.Column("where", lambda row: row.where, doc.TEXT),
-    doc.Column("parameter", lambda row: row.name, doc.TEXT),
-    doc.Column("expected standard\ndeviation", lambda row: row.std, doc.STD),
-    doc.Column("unit", lambda row: row.unit, doc.TEXT),
-)
+_DETERMINED = doc.columns(PredictedStd, "effect where name std unit")
 
 
 def _determined(record: DesignRecord) -> Iterator[doc.Part]:

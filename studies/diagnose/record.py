@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry, NotAskedEntry, Sought
+from studies.document import PROBABILITY, Shown
 from studies.estimate import Estimated
 from studies.joints import JointValues, check_same_joints
 from studies.noise import NoiseEntry
@@ -59,7 +60,7 @@ class LikelyCause(CauseEntry):
 class Value(Entry):
     """A parameter of a cause; std is None where the data do not determine it."""
 
-    name: str
+    name: Annotated[str, Shown("parameter")]
     value: Number
     std: Maybe
     unit: str
@@ -207,8 +208,8 @@ class RivalPrediction(Entry):
     """Two causes in doubt, and how likely the true one is preferred, now and after the next poses."""
 
     rivals: tuple[str, str]
-    probability_now: Number
-    probability_after: Number
+    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY)]
+    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY)]
     interventions: tuple[RemedyEntry, ...]
     inseparable: bool
 

@@ -119,13 +119,14 @@ def _closed(gap: GapEntry) -> str:
     return f"{doc.SHARE(gap.closed)} ({100.0 * low:.0f} to {100.0 * high:.0f})"
 
 
-_VALUES: tuple[doc.Column[Value], ...] = (
-    doc.Column("parameter", lambda row: row.name),
+_VALUES = doc.columns(
+    Value,
+    "name",
     doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
     doc.Column(
         "standard deviation", lambda row: (row.std, row.std) if row.std else None, doc.TO_STD
     ),
-    doc.Column("unit", lambda row: row.unit, doc.TEXT),
+    "unit",
 )
 
 
@@ -179,10 +180,7 @@ def _refused(entries: Sequence[RefusedCause]) -> Iterator[tuple[str, str]]:
         yield f"{kind}:{listed(list(dict.fromkeys(where)), 4)}", reason
 
 
-_OUTLIERS: tuple[doc.Column[Outlier], ...] = (
-    doc.Column("left out", lambda row: row.pose),
-    doc.Column("because", lambda row: row.reason),
-)
+_OUTLIERS = doc.columns(Outlier, "pose reason")
 
 
 def _aliasing(spectra: Sequence[SpectrumEntry]) -> Iterator[str]:
@@ -244,14 +242,13 @@ _KINDS: tuple[doc.Column[_Kind], ...] = (
     doc.Column("unit", lambda row: row.seen[0].unit),
     doc.Column("not visible at", lambda row: ", ".join(row.blind)),
 )
-_EACH: tuple[doc.Column[Sought], ...] = (
-    doc.Column("cause", lambda row: row.effect),
-    doc.Column("where", lambda row: row.where),
+_EACH = doc.columns(
+    Sought,
+    "effect where",
     doc.Column(
         "smallest size", lambda row: row.minimum_detectable, doc.Rule(doc.FOUR.show, "not visible")
     ),
-    doc.Column("unit", lambda row: row.unit, doc.TEXT),
-    doc.Column("leaves", lambda row: row.left_mm, doc.MM, "mm"),
+    "unit left_mm",
 )
 
 
@@ -284,11 +281,11 @@ def _unseen(record: DiagnoseRecord) -> Iterator[doc.Part]:
 
 # -- what to measure next ----------------------------------------------------------------------
 
-_DOUBTS: tuple[doc.Column[RivalPrediction], ...] = (
+_DOUBTS = doc.columns(
+    RivalPrediction,
     doc.Column("cause", lambda row: row.rivals[0]),
     doc.Column("or", lambda row: row.rivals[1]),
-    doc.Column("right choice\nnow", lambda row: row.probability_now, doc.PROBABILITY),
-    doc.Column("after these\nposes", lambda row: row.probability_after, doc.PROBABILITY),
+    "probability_now probability_after",
 )
 _POSE: doc.Column[NextPose] = doc.Column("next\npose", lambda row: row.pose)
 _SPLITS: doc.Column[NextPose] = doc.Column(

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+    from pydantic import BaseModel
 
     from studies.plots.style import Picture
 
@@ -128,6 +130,7 @@ def plural(count: int, what: str) -> str:
 
 R = TypeVar("R", contravariant=True)
 S = TypeVar("S")
+E = TypeVar("E", bound="BaseModel")
 
 Mood: TypeAlias = Literal["", "good", "warn", "note", "next"]
 """How a sentence is meant; the page sets all but plain ones in a box."""
@@ -165,6 +168,71 @@ class Column(Generic[R]):
     def cell(self, row: R) -> str:
         """What stands in it."""
         return self.rule(self.of(row))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a field of a record stands in tables, in its annotation, as far as its name does not say it.
+
+    title : else the field's name without its unit; rule : else by name, unit and type
+    unit : else the one that the name ends in; detail : for the page only
+    """
+
+    title: str = ""
+    rule: Rule | None = None
+    unit: str = ""
+    detail: bool = False
+
+
+_BY_UNIT = {"mm": MM, "mrad": MRAD}
+_BY_NAME = {"std": STD, "p": P, "probability": PROBABILITY, "share": SHARE, "value": FOUR}
+_TITLES = {"id": "parameter", "key": "cause"}
+
+
+def columns(kind: type[E], *of: str | Column[E]) -> tuple[Column[E], ...]:
+    """Columns of entries: those of named fields, as the fields themselves say, and others as given.
+
+    of : names of fields and properties with blanks between them, ``outer_mm.inner`` too; or columns
+
+    >>> from typing import Annotated
+    >>> from pydantic import BaseModel
+    >>> class Reach(BaseModel):
+    ...     pose: str
+    ...     left_mm: float
+    ...     turn: Annotated[float, Shown("turned", MRAD, "mrad")]
+    >>> [(c.title, c.unit, c.cell(Reach(pose="p1", left_mm=0.5, turn=2.0)))
+    ...  for c in columns(Reach, "pose left_mm turn")]
+    [('pose', '', 'p1'), ('left', 'mm', '0.5000'), ('turned', 'mrad', '2.000')]
+    """
+    parts = ([own] if isinstance(own, Column) else _named(kind, own) for own in of)
+    return tuple(column for part in parts for column in part)
+
+
+def _named(kind: type[E], names: str) -> Iterator[Column[E]]:
+    for path in names.split():
+        *outer, name = path.split(".")
+        inner: Any = kind
+        for own in outer:
+            inner = inner.model_fields[own].annotation
+        field = inner.model_fields.get(name)
+        told = () if field is None else field.metadata
+        shown = next((own for own in told if isinstance(own, Shown)), Shown())
+        unit = next((unit for unit in _BY_UNIT if name.endswith(f"_{unit}")), "")
+        plain = name.removesuffix(f"_{unit}").replace("_", " ")
+        rule = shown.rule or _BY_UNIT.get(unit) or _BY_NAME.get(name)
+        rule = rule or (TEXT if field is None else _by_type(field.annotation))
+        title = shown.title or _TITLES.get(name, plain)
+        yield Column(title, attrgetter(path), rule, shown.unit or unit, shown.detail)
+
+
+def _by_type(kind: Any) -> Rule:
+    """Names, a count or a figure; what may be None by what else it is."""
+    own = [one for one in get_args(kind) if one is not type(None)]
+    if get_origin(kind) is Literal or kind is str:
+        return TEXT
+    if get_origin(kind) is tuple:
+        return NAMES
+    return COUNT if kind is int else _by_type(own[0]) if own else FOUR
 
 
 @dataclass(frozen=True)

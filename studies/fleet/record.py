@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from statistics import median
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry
+from studies.document import MM, TENTH, Shown
 from studies.record import (
     BeforeAfter,
     Count,
@@ -35,9 +36,9 @@ Share = tuple[Number, Number]
 class FleetErrors(Entry):
     """RMS distances between measured and predicted points; nominal : base and markers fitted."""
 
-    nominal: NotNegative | None = None
-    fitted: NotNegative | None = None
-    heldout: NotNegative | None = None
+    nominal: Annotated[NotNegative | None, Shown(rule=MM, unit="mm RMS")] = None
+    fitted: Annotated[NotNegative | None, Shown("identified", MM, "mm RMS")] = None
+    heldout: Annotated[NotNegative | None, Shown("held out", MM, "mm RMS")] = None
 
 
 class NamedEntry(CauseEntry):
@@ -55,16 +56,16 @@ class SessionEntry(Entry):
 
     robot: str
     type: str
-    table: str
+    table: Annotated[str, Shown(detail=True)]
     day: str | None
-    fault: str | None
+    fault: Annotated[str | None, Shown("what is wrong")]
     status: Status | None
     poses: Count | None
     rms_mm: FleetErrors
-    sigma_mm: NotNegative | None
+    sigma_mm: Annotated[NotNegative | None, Shown("noise", detail=True)]
     verdict: Verdict | None
     causes: tuple[NamedEntry, ...]
-    results: tuple[str, ...]
+    results: Annotated[tuple[str, ...], Shown(detail=True)]
 
     @model_validator(mode="after")
     def _has_errors(self) -> Self:
@@ -103,13 +104,13 @@ class OffEntry(Entry):
 
     robot: str
     type: str
-    what: str
+    what: Annotated[str, Shown("figure")]
     unit: str
     value: Number
     typical: Number
     spread: NotNegative
-    deviation: NotNegative
-    limit: Positive
+    deviation: Annotated[NotNegative, Shown("off by", TENTH, unit="spreads")]
+    limit: Annotated[Positive, Shown(rule=TENTH, unit="spreads")]
 
 
 class RobotTrend(Entry):
@@ -125,7 +126,7 @@ class RobotTrend(Entry):
     days: tuple[int, ...] | None
     nominal_mm: tuple[NotNegative, ...] = Field(min_length=2)
     fitted_mm: tuple[NotNegative, ...]
-    p: Maybe
+    p: Annotated[Maybe, Shown("p of a trend")]
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:

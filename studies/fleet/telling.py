@@ -76,30 +76,19 @@ def _robots(record: FleetRecord) -> Iterator[doc.Part]:
         yield doc.Figure(lambda: errors_by_robot(record), numbers=False)
 
 
-_TABLE: tuple[doc.Column[SessionEntry], ...] = (
-    doc.Column("robot", lambda row: row.robot),
-    doc.Column("type", lambda row: row.type),
-    doc.Column("table", lambda row: row.table, detail=True),
+_TABLE = doc.columns(SessionEntry, "robot type table")
+_DAY = doc.columns(SessionEntry, "day")
+_IDENTIFIED = doc.columns(
+    SessionEntry, "status poses rms_mm.nominal rms_mm.fitted rms_mm.heldout sigma_mm"
 )
-_DAY: tuple[doc.Column[SessionEntry], ...] = (doc.Column("day", lambda row: row.day, doc.TEXT),)
-_IDENTIFIED: tuple[doc.Column[SessionEntry], ...] = (
-    doc.Column("status", lambda row: row.status, doc.TEXT),
-    doc.Column("poses", lambda row: row.poses, doc.COUNT),
-    doc.Column("nominal", lambda row: row.rms_mm.nominal, doc.MM, "mm RMS"),
-    doc.Column("identified", lambda row: row.rms_mm.fitted, doc.MM, "mm RMS"),
-    doc.Column("held out", lambda row: row.rms_mm.heldout, doc.MM, "mm RMS"),
-    doc.Column("noise", lambda row: row.sigma_mm, doc.MM, "mm", detail=True),
-)
-_DIAGNOSED: tuple[doc.Column[SessionEntry], ...] = (
-    doc.Column("verdict", lambda row: row.verdict, doc.TEXT),
+_DIAGNOSED = doc.columns(
+    SessionEntry,
+    "verdict",
     doc.Column("causes", lambda row: [cause.key for cause in row.causes], doc.NAMES),
 )
-_FILES: tuple[doc.Column[SessionEntry], ...] = (
-    doc.Column("results", lambda row: row.results, doc.NAMES, detail=True),
-)
-_FAULTS: tuple[doc.Column[SessionEntry], ...] = (
-    doc.Column("table with a fault", lambda row: row.robot),
-    doc.Column("what is wrong", lambda row: row.fault, doc.TEXT),
+_FILES = doc.columns(SessionEntry, "results")
+_FAULTS = doc.columns(
+    SessionEntry, doc.Column("table with a fault", lambda row: row.robot), "fault"
 )
 
 
@@ -113,17 +102,7 @@ def _off(record: FleetRecord) -> Iterator[doc.Part]:
     yield doc.Table(_OFF, record.off, "Figures that differ", most=_MOST)
 
 
-_OFF: tuple[doc.Column[OffEntry], ...] = (
-    doc.Column("robot", lambda row: row.robot),
-    doc.Column("type", lambda row: row.type),
-    doc.Column("figure", lambda row: row.what),
-    doc.Column("value", lambda row: row.value, doc.FOUR),
-    doc.Column("typical", lambda row: row.typical, doc.FOUR),
-    doc.Column("spread", lambda row: row.spread, doc.FOUR),
-    doc.Column("unit", lambda row: row.unit),
-    doc.Column("off by", lambda row: row.deviation, doc.TENTH, "spreads"),
-    doc.Column("limit", lambda row: row.limit, doc.TENTH, "spreads"),
-)
+_OFF = doc.columns(OffEntry, "robot type what value typical spread unit deviation limit")
 
 
 @dataclass(frozen=True)
@@ -149,17 +128,11 @@ def _types(record: FleetRecord) -> Iterator[doc.Part]:
     yield doc.Table(_CAUSES, rows, "Causes by type", most=_MOST)
 
 
-_TYPES: tuple[doc.Column[TypeEntry], ...] = (
-    doc.Column("type", lambda row: row.type),
-    doc.Column("robots", lambda row: row.robots, doc.COUNT),
-)
-_OF_ERRORS: tuple[doc.Column[TypeEntry], ...] = (
-    doc.Column("nominal", lambda row: row.rms_mm.nominal, doc.MM, "mm RMS"),
-    doc.Column("identified", lambda row: row.rms_mm.fitted, doc.MM, "mm RMS"),
-    doc.Column("held out", lambda row: row.rms_mm.heldout, doc.MM, "mm RMS"),
-)
-_OF_VERDICTS: tuple[doc.Column[TypeEntry], ...] = (
-    doc.Column("diagnosed", lambda row: row.diagnosed, doc.COUNT),
+_TYPES = doc.columns(TypeEntry, "type robots")
+_OF_ERRORS = doc.columns(TypeEntry, "rms_mm.nominal rms_mm.fitted rms_mm.heldout")
+_OF_VERDICTS = doc.columns(
+    TypeEntry,
+    "diagnosed",
     doc.Column(
         "verdicts", lambda row: [f"{n} {verdict}" for verdict, n in row.verdicts.items()], doc.NAMES
     ),
@@ -186,14 +159,14 @@ def _days(record: FleetRecord) -> Iterator[doc.Part]:
     yield doc.Figure(lambda: over_days(record), numbers=False)
 
 
-_TRENDS: tuple[doc.Column[RobotTrend], ...] = (
-    doc.Column("robot", lambda row: row.robot),
+_TRENDS = doc.columns(
+    RobotTrend,
+    "robot",
     doc.Column("tables", lambda row: len(row.tables), doc.COUNT),
     doc.Column("days", lambda row: None if row.days is None else row.days[-1], doc.COUNT),
     doc.Column("nominal at first", lambda row: row.nominal_mm[0], doc.MM, "mm RMS"),
     doc.Column("at last", lambda row: row.nominal_mm[-1], doc.MM, "mm RMS"),
-    doc.Column("change", lambda row: row.change_mm, doc.MM, "mm"),
-    doc.Column("p of a trend", lambda row: row.p, doc.P),
+    "change_mm p",
 )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from studies import document as doc
-from studies.document import Mood, Sentence, labelled, listed, mm, plural
+from studies.document import STD, WHOLE, Mood, Rule, Sentence, Shown, labelled, listed, mm, plural
 from studies.record import Count, Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _MM = 1e3
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
+_OWN = Rule(STD.show, absent="")
 
 
 class BudgetRow(Entry):
@@ -36,19 +37,19 @@ class BudgetRow(Entry):
     """
 
     source: str
-    instrument: str
-    evaluation: Literal["A", "B"]
+    instrument: Annotated[str, Shown("of")]
+    evaluation: Annotated[Literal["A", "B"], Shown("type")]
     part_of: Literal["calibration", "arm", "model", "trend"]
     distribution: str
     divisor: Positive
-    stated: Maybe
-    standard_uncertainty: Maybe
-    unit: str
-    sensitivity_mm: Maybe
-    degrees_of_freedom: Maybe
-    at_one_reading_mm: Maybe
-    at_targets_mm: NotNegative
-    base_placed_anew_mm: NotNegative
+    stated: Annotated[Maybe, Shown(rule=_OWN)]
+    standard_uncertainty: Annotated[Maybe, Shown("u", _OWN)]
+    unit: Annotated[str, Shown(rule=Rule(str, absent=""))]
+    sensitivity_mm: Annotated[Maybe, Shown(rule=_OWN, unit="mm/unit")]
+    degrees_of_freedom: Annotated[Maybe, Shown("degrees of\nfreedom", Rule(WHOLE.show, "known"))]
+    at_one_reading_mm: Annotated[Maybe, Shown("one reading")]
+    at_targets_mm: Annotated[NotNegative, Shown("targets")]
+    base_placed_anew_mm: Annotated[NotNegative, Shown("base measured\nagain")]
     share: NotNegative
     poses: Literal["average", "base", "stays"] | None
 
@@ -137,32 +138,16 @@ _FATES = {
     "base": ("go into the base", "mostly a shift or turn of the whole frame"),
     "stays": ("do not help", "more poses do not lower"),
 }
-_FREEDOM = doc.Rule(lambda value: doc.WHOLE(value), absent="known")
-_OWN = doc.Rule(lambda value: doc.STD(value), absent="")
-_UNIT = doc.Rule(str, absent="")
-_SOURCE: doc.Column[BudgetRow] = doc.Column("source", lambda row: row.source)
-_TYPE: doc.Column[BudgetRow] = doc.Column("type", lambda row: row.evaluation)
-_ROWS: tuple[doc.Column[BudgetRow], ...] = (
-    _SOURCE,
-    _TYPE,
-    doc.Column("u", lambda row: row.standard_uncertainty, _OWN),
-    doc.Column("unit", lambda row: row.unit, _UNIT),
-    doc.Column("targets", lambda row: row.at_targets_mm, doc.MM, "mm"),
-    doc.Column("base measured\nagain", lambda row: row.base_placed_anew_mm, doc.MM, "mm"),
-    doc.Column("degrees of\nfreedom", lambda row: row.degrees_of_freedom, _FREEDOM),
-    doc.Column("share", lambda row: row.share, doc.SHARE),
+_ROWS = doc.columns(
+    BudgetRow,
+    "source evaluation standard_uncertainty unit at_targets_mm base_placed_anew_mm",
+    "degrees_of_freedom share",
     doc.Column("more poses", lambda row: _FATES[row.poses][0] if row.poses else "", doc.TEXT),
 )
-_EVALUATED: tuple[doc.Column[BudgetRow], ...] = (
-    _SOURCE,
-    doc.Column("of", lambda row: row.instrument),
-    _TYPE,
-    doc.Column("distribution", lambda row: row.distribution),
-    doc.Column("stated", lambda row: row.stated, _OWN),
-    doc.Column("divisor", lambda row: row.divisor, doc.FOUR),
-    doc.Column("unit", lambda row: row.unit, _UNIT),
-    doc.Column("sensitivity", lambda row: row.sensitivity_mm, _OWN, "mm/unit"),
-    doc.Column("one reading", lambda row: row.at_one_reading_mm, doc.MM, "mm"),
+_EVALUATED = doc.columns(
+    BudgetRow,
+    "source instrument evaluation distribution stated divisor unit sensitivity_mm",
+    "at_one_reading_mm",
 )
 _CAPTION = (
     "What one standard uncertainty of each source does to the points at the targets, RMS. Also "

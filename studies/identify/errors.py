@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from operator import itemgetter
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import computed_field, model_validator
 
 from studies import document as doc
-from studies.document import mm
+from studies.document import MRAD, Shown, mm
 from studies.identify.outliers import told_outliers
 from studies.identify.pictures import (
     distances,
@@ -53,10 +53,10 @@ class OfInstrument(Entry):
 
     instrument: str
     unit: Literal["mm", "mrad", "px"]
-    nominal: NotNegative | None = None
-    fitted_all: NotNegative | None = None
+    nominal: Annotated[NotNegative | None, Shown(rule=MRAD)] = None
+    fitted_all: Annotated[NotNegative | None, Shown("identified", MRAD)] = None
     fitted: NotNegative | None = None
-    heldout: NotNegative | None = None
+    heldout: Annotated[NotNegative | None, Shown("held out", MRAD)] = None
     heldout_trimmed: NotNegative | None = None
 
     @model_validator(mode="before")
@@ -181,13 +181,7 @@ _PAIRS = (
     *_FIGURES,
     doc.Column("pairs", itemgetter(4), doc.COUNT),
 )
-_OF_INSTRUMENTS: tuple[doc.Column[OfInstrument], ...] = (
-    doc.Column("instrument", attrgetter("instrument")),
-    doc.Column("unit", attrgetter("unit")),
-    doc.Column("nominal", attrgetter("nominal"), doc.MRAD),
-    doc.Column("identified", attrgetter("fitted_all"), doc.MRAD),
-    doc.Column("held out", attrgetter("heldout"), doc.MRAD),
-)
+_OF_INSTRUMENTS = doc.columns(OfInstrument, "instrument unit nominal fitted_all heldout")
 
 
 def told_errors(record: IdentifyRecord) -> Iterator[doc.Part]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from studies import document as doc
-from studies.document import listed, plural
+from studies.document import FOUR, TENTH, Shown, listed, plural
 from studies.record import Count, Entry, Maybe, NotNegative, Number, Positive
 
 if TYPE_CHECKING:
@@ -26,9 +25,9 @@ class ParameterOfType(Entry):
 
     id: str
     value: Number
-    mean: Number
-    std: Positive
-    score: Maybe
+    mean: Annotated[Number, Shown("mean of the type")]
+    std: Annotated[Positive, Shown("spread of the type", FOUR)]
+    score: Annotated[Maybe, Shown(rule=TENTH)]
     released: bool
     unit: str
 
@@ -92,12 +91,9 @@ def told_of_type(found: OfType) -> Iterator[doc.Part]:
     yield doc.Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
 
 
-_LEFT: tuple[doc.Column[ParameterOfType], ...] = (
-    doc.Column("parameter", attrgetter("id")),
-    doc.Column("value", attrgetter("value"), doc.FOUR),
-    doc.Column("mean of the type", attrgetter("mean"), doc.FOUR),
-    doc.Column("spread of the type", attrgetter("std"), doc.FOUR),
-    doc.Column("score", attrgetter("score"), doc.TENTH),
+_LEFT = doc.columns(
+    ParameterOfType,
+    "id value mean std score",
     doc.Column("type", lambda own: "not used" if own.released else "", detail=True),
-    doc.Column("unit", attrgetter("unit")),
+    "unit",
 )

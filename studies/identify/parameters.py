@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from studies import document as doc
-from studies.document import listed, plural
+from studies.document import Shown, listed, plural
 from studies.identify.pictures import correlation
 from studies.noise import noise_words
 from studies.record import Entry, Maybe, MaybePositive, Number, Positive
@@ -30,7 +30,7 @@ class IdentifiedParameter(Entry):
     """
 
     id: str
-    name: str
+    name: Annotated[str, Shown("parameter")]
     effect: str
     where: str
     value: Number
@@ -50,7 +50,7 @@ class IdentifiedParameter(Entry):
 class Absorbed(Entry):
     """A constant that others stand for at any pose."""
 
-    id: str
+    id: Annotated[str, Shown("constant error")]
     absorbed_by: tuple[str, ...]
 
 
@@ -117,25 +117,23 @@ _METHODS = {"joint": "all parameters at once", "two-step": "base and tool in tur
 _TOGETHER = 0.9  # correlation worth a line
 _BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
 _INTERVAL = doc.Rule(doc.TO_STD.show, absent="")
-_PARAMETERS: tuple[doc.Column[IdentifiedParameter], ...] = (
-    doc.Column("effect", lambda row: row.effect),
-    doc.Column("where", lambda row: row.where),
-    doc.Column("parameter", lambda row: row.name),
+_PARAMETERS = doc.columns(
+    IdentifiedParameter,
+    "effect where name",
     doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
     doc.Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), doc.TO_STD),
     doc.Column(
         "95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True
     ),
-    doc.Column("unit", lambda row: row.unit),
+    "unit",
 )
 _CORRELATED: tuple[doc.Column[tuple[str, str, float]], ...] = (
     doc.Column("parameter", lambda row: row[0]),
     doc.Column("parameter", lambda row: row[1]),
     doc.Column("correlation", lambda row: row[2], doc.CORRELATION),
 )
-_ABSORBED: tuple[doc.Column[Absorbed], ...] = (
-    doc.Column("constant error", lambda row: row.id),
-    doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by)),
+_ABSORBED = doc.columns(
+    Absorbed, "id", doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by))
 )
 
 

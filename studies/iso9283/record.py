@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from studies.document import MM, MRAD, Column, Rule, Shown
 from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Record, Three, three
 
 if TYPE_CHECKING:
@@ -22,6 +24,11 @@ if TYPE_CHECKING:
 
 _MM = 1e3  # and milliradians
 
+FIGURE = Rule(lambda f: MM(f.value))
+"""The value of a criterion, mm."""
+_END = Rule(MM.show, absent="open")
+_RANGE = Rule(lambda f: f"{_END(f.low)} to {_END(f.high)}", absent="")
+_ANGLES = Rule(lambda values: " ".join(MRAD(value) for value in values))
 How = Literal["measured", "predicted"]
 
 
@@ -43,31 +50,31 @@ class PoseEntry(Entry):
     """
 
     pose: str
-    approach: str
+    approach: Annotated[str, Shown("from")]
     how: How
     cycles: Count
     ap_mm: CriterionEntry
     ap_xyz_mm: Three
-    ap_identified_mm: CriterionEntry | None
+    ap_identified_mm: Annotated[CriterionEntry | None, Shown("AP identified", FIGURE)]
     rp_mm: CriterionEntry | None
-    ap_angles_mrad: Three | None
-    rp_angles_mrad: Three | None
-    drift_mm: NotNegative | None
+    ap_angles_mrad: Annotated[Three | None, Shown("AP a, b, c", _ANGLES)]
+    rp_angles_mrad: Annotated[Three | None, Shown("RP a, b, c", _ANGLES)]
+    drift_mm: Annotated[NotNegative | None, Shown("dAP")]
 
 
 class Several(Entry):
     """vAP: the largest distance between the mean points of several ways of coming."""
 
     pose: str
-    ways: Count
-    vap_mm: NotNegative
+    ways: Annotated[Count, Shown("approach directions")]
+    vap_mm: Annotated[NotNegative, Shown("vAP")]
 
 
 class DistanceEntry(Entry):
     """AD and RD between two poses."""
 
-    first: str
-    second: str
+    first: Annotated[str, Shown("from")]
+    second: Annotated[str, Shown("to")]
     cycles: Count
     commanded_mm: NotNegative
     ad_mm: CriterionEntry
@@ -78,10 +85,16 @@ class ComplianceEntry(Entry):
     """Displacement along a force of the base's axes, by that force."""
 
     pose: str
-    direction: str
+    direction: Annotated[str, Shown("force along")]
     how: How
     readings: Count
     mm_per_n: CriterionEntry = Field(alias="mm_per_N")
+
+
+def interval_columns(title: str, of: str) -> tuple[Column[PoseEntry | DistanceEntry], ...]:
+    """A criterion and its interval."""
+    value = attrgetter(of)
+    return Column(title, value, FIGURE, "mm"), Column("95 %", value, _RANGE, "mm")
 
 
 class Iso9283Record(Record):

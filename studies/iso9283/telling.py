@@ -9,74 +9,46 @@ import numpy as np
 
 from studies import document as doc
 from studies.document import mm, plural
-from studies.iso9283.record import ComplianceEntry, DistanceEntry, Iso9283Record, PoseEntry, Several
+from studies.iso9283.record import (
+    ComplianceEntry,
+    DistanceEntry,
+    Iso9283Record,
+    PoseEntry,
+    Several,
+    interval_columns,
+)
 from studies.plots import style
 from studies.plots.errors import over_poses
 
 if TYPE_CHECKING:
-    from studies.iso9283.record import CriterionEntry
+    from studies.iso9283.record import CriterionEntry, interval_columns
 
 
 _MOST = 8
 _CYCLES = 30  # that the standard asks for
 _SHARE = 0.25  # of a criterion that the measurement's own uncertainty may take (ISO 9283, 6.6)
-_FIGURE = doc.Rule(lambda f: doc.MM(f.value))
-_RANGE = doc.Rule(lambda f: f"{_end(f.low)} to {_end(f.high)}", absent="")
-_ANGLES = doc.Rule(lambda values: " ".join(f"{value:.3f}" for value in values))
 _SOFT = doc.Rule(lambda f: f"{1e3 * f.value:.4g}")
 _SOFT_RANGE = doc.Rule(
     lambda f: "open" if None in (f.low, f.high) else f"{1e3 * f.low:.3g} to {1e3 * f.high:.3g}"
 )
 
 
-def _end(value: float | None) -> str:
-    return "open" if value is None else doc.MM(value)
-
-
-_POSE: doc.Column[PoseEntry] = doc.Column("pose", lambda row: row.pose)
-_AP: tuple[doc.Column[PoseEntry], ...] = (
-    doc.Column("AP", lambda row: row.ap_mm, _FIGURE, "mm"),
-    doc.Column("95 %", lambda row: row.ap_mm, _RANGE, "mm"),
+_AP, _RP = interval_columns("AP", "ap_mm"), interval_columns("RP", "rp_mm")
+_MEASURED = doc.columns(
+    PoseEntry, "pose approach cycles", *_AP, "ap_identified_mm", *_RP, "drift_mm"
 )
-_RP: tuple[doc.Column[PoseEntry], ...] = (
-    doc.Column("RP", lambda row: row.rp_mm, _FIGURE, "mm"),
-    doc.Column("95 %", lambda row: row.rp_mm, _RANGE, "mm"),
+_TURNED = doc.columns(PoseEntry, "pose approach ap_angles_mrad rp_angles_mrad")
+_PREDICTED = doc.columns(PoseEntry, "pose", *_AP, *_RP)
+_DISTANCES = doc.columns(
+    DistanceEntry,
+    "first second cycles commanded_mm",
+    *interval_columns("AD", "ad_mm"),
+    *interval_columns("RD", "rd_mm"),
 )
-_MEASURED: tuple[doc.Column[PoseEntry], ...] = (
-    _POSE,
-    doc.Column("from", lambda row: row.approach),
-    doc.Column("cycles", lambda row: row.cycles, doc.COUNT),
-    *_AP,
-    doc.Column("AP identified", lambda row: row.ap_identified_mm, _FIGURE, "mm"),
-    *_RP,
-    doc.Column("dAP", lambda row: row.drift_mm, doc.MM, "mm"),
-)
-_TURNED: tuple[doc.Column[PoseEntry], ...] = (
-    _POSE,
-    doc.Column("from", lambda row: row.approach),
-    doc.Column("AP a, b, c", lambda row: row.ap_angles_mrad, _ANGLES, "mrad"),
-    doc.Column("RP a, b, c", lambda row: row.rp_angles_mrad, _ANGLES, "mrad"),
-)
-_DISTANCES: tuple[doc.Column[DistanceEntry], ...] = (
-    doc.Column("from", lambda row: row.first),
-    doc.Column("to", lambda row: row.second),
-    doc.Column("cycles", lambda row: row.cycles, doc.COUNT),
-    doc.Column("commanded", lambda row: row.commanded_mm, doc.MM, "mm"),
-    doc.Column("AD", lambda row: row.ad_mm, _FIGURE, "mm"),
-    doc.Column("95 %", lambda row: row.ad_mm, _RANGE, "mm"),
-    doc.Column("RD", lambda row: row.rd_mm, _FIGURE, "mm"),
-    doc.Column("95 %", lambda row: row.rd_mm, _RANGE, "mm"),
-)
-_SEVERAL: tuple[doc.Column[Several], ...] = (
-    doc.Column("pose", lambda row: row.pose),
-    doc.Column("approach directions", lambda row: row.ways, doc.COUNT),
-    doc.Column("vAP", lambda row: row.vap_mm, doc.MM, "mm"),
-)
-_COMPLIANCE: tuple[doc.Column[ComplianceEntry], ...] = (
-    doc.Column("pose", lambda row: row.pose),
-    doc.Column("force along", lambda row: row.direction),
-    doc.Column("how", lambda row: row.how),
-    doc.Column("readings", lambda row: row.readings, doc.COUNT),
+_SEVERAL = doc.columns(Several, "pose ways vap_mm")
+_COMPLIANCE = doc.columns(
+    ComplianceEntry,
+    "pose direction how readings",
     doc.Column("compliance", lambda row: row.mm_per_n, _SOFT, "um/N"),
     doc.Column("95 %", lambda row: row.mm_per_n, _SOFT_RANGE, "um/N"),
 )
@@ -146,7 +118,7 @@ def _parts(record: Iso9283Record) -> Iterator[doc.Part]:
             "Predicted for nominal commands by the identified arm. RP follows from the arm's "
             "repeatability where the data or the cell tell it. Drift and vAP are not predicted"
         )
-        yield doc.Table((_POSE, *_AP, *_RP), expected, "Predicted", caption, True, _MOST)
+        yield doc.Table(_PREDICTED, expected, "Predicted", caption, True, _MOST)
     if record.compliance:
         caption = "Static compliance: displacement along the force by it, in axes of the base"
         yield doc.Table(_COMPLIANCE, record.compliance, "Static compliance", caption, True, _MOST)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
 
 from studies import document as doc
-from studies.document import listed, mm, plural
+from studies.document import PROBABILITY, Shown, listed, mm, plural
 from studies.joints import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
 
@@ -44,8 +44,8 @@ class RivalPair(Entry):
     """Two rivals, and how likely the true one is preferred: now, and with the poses read."""
 
     rivals: tuple[str, str]
-    now: Number
-    after: Number
+    now: Annotated[Number, Shown("right choice now", PROBABILITY)]
+    after: Annotated[Number, Shown("with these poses", PROBABILITY)]
 
 
 class NextShares(Entry):
@@ -200,13 +200,12 @@ def _parts(record: NextRecord) -> Iterator[doc.Part]:
 _SERVES_BOTH = {"both": ("causes", "task")}
 _POSE: doc.Column[ProposedPose] = doc.Column("next pose", lambda row: row.pose)
 _SERVES: doc.Column[ProposedPose] = doc.Column("for", lambda row: row.serves)
-_DOUBTS: tuple[doc.Column[RivalPair], ...] = (
-    doc.Column("causes to tell apart", lambda row: " or ".join(row.rivals)),
-    doc.Column("right choice now", lambda row: row.now, doc.PROBABILITY),
-    doc.Column("with these poses", lambda row: row.after, doc.PROBABILITY),
+_DOUBTS = doc.columns(
+    RivalPair, doc.Column("causes to tell apart", lambda row: " or ".join(row.rivals)), "now after"
 )
-_FORMS: tuple[doc.Column[RivalPair], ...] = (
+_FORMS = doc.columns(
+    RivalPair,
     doc.Column("cause found", lambda row: row.rivals[0]),
     doc.Column("form checked now", lambda row: row.now, doc.PROBABILITY),
-    doc.Column("with these poses", lambda row: row.after, doc.PROBABILITY),
+    "after",
 )

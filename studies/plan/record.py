@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry, NotAskedEntry, Sought
+from studies.document import CORRELATION, STD, Shown
 from studies.record import (
     Count,
     Entry,
@@ -44,8 +45,8 @@ class SeenCause(Sought):
     noncentrality : of the smallest size, in so many directions
     """
 
-    parameter: str
-    plausible: Positive
+    parameter: Annotated[str, Shown("of")]
+    plausible: Annotated[Positive, Shown("usual", STD, detail=True)]
     rms_um: Maybe
     noncentrality: Annotated[float, Field(gt=0, lt=_TOLD)] | None
     directions: Count
@@ -78,7 +79,7 @@ class LookAlike(CauseEntry):
     """
 
     like: CauseEntry
-    rho: Number
+    rho: Annotated[Number, Shown(rule=CORRELATION)]
     rho_worst: Maybe
     probability_at_minimum: Number
     told_apart_times: Positive | None

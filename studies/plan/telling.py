@@ -127,12 +127,8 @@ def _by_joint(joints: Sequence[str]) -> tuple[doc.Column[_Effect], ...]:
     )
 
 
-_CAUSES: tuple[doc.Column[SeenCause], ...] = (
-    doc.Column("cause", lambda row: row.key),
-    doc.Column("of", lambda row: row.parameter),
-    doc.Column("limit", lambda row: row, _SIZE),
-    doc.Column("usual", lambda row: row.plausible, doc.STD, detail=True),
-    doc.Column("unit", lambda row: row.unit, doc.TEXT),
+_CAUSES = doc.columns(
+    SeenCause, "key parameter", doc.Column("limit", lambda row: row, _SIZE), "plausible unit"
 )
 
 
@@ -154,10 +150,11 @@ def _twins(group: EquivalentCauses) -> str:
     return f"{names}: observationally equivalent, at any poses, loads and stations"
 
 
-_ALIKE: tuple[doc.Column[LookAlike], ...] = (
-    doc.Column("cause", lambda row: row.key),
+_ALIKE = doc.columns(
+    LookAlike,
+    "key",
     doc.Column("looks like", lambda row: row.like.key),
-    doc.Column("rho", lambda row: row.rho, doc.CORRELATION),
+    "rho",
     doc.Column("told apart\nabove", lambda row: row.told_apart_from, _NEVER),
     doc.Column("unit", lambda row: row.unit if row.told_apart_times else None, doc.TEXT),
     doc.Column(

@@ -17,8 +17,13 @@ import numpy as np
 from calib.arm.se3 import inverse, nearest_rotation
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
-from calib.files.exports.points import MeasuredPoint, PointList
+from calib.files.exports.points import (
+    PointList,
+    body_list,
+    body_point,
+    is_rotation,
+    quaternion_frame,
+)
 from calib.files.exports.sheet import ExportTable, made_sheet
 from calib.files.yaml_text import Node, Scalar, number_at, read_yaml
 
@@ -60,15 +65,11 @@ def read_hand_eye(path: Path, body: str | None, eye: Eye | None) -> PointList:
     where = eye or told
     if where == "in-hand":
         frames = [inverse(T) for T in frames]
-    points = [
-        MeasuredPoint(k, "", str(k), body, pose_texts(T), "", "") for k, T in enumerate(frames, 1)
-    ]
+    points = [body_point(k, str(k), body, T) for k, T in enumerate(frames, 1)]
     whose = "camera in the board's frame" if where == "in-hand" else "board in the camera's frame"
     columns = ("sample", "position", "quaternion")
-    return PointList(
-        path, points, columns, "m", "as ROS counts", (), WRITTEN, NAMES,
-        notes=(f"{path}: poses of the {whose}, as the body {body}",),
-    )  # fmt: skip
+    note = f"poses of the {whose}, as the body {body}"
+    return body_list(path, points, columns, ("m", "as ROS counts"), note)
 
 
 def joint_states(path: Path) -> ExportTable:
@@ -124,44 +125,29 @@ def _frame(path: Path, number: int, sample: Node) -> Array:
     key = next((k for k in _OPTICAL if isinstance(sample, dict) and k in sample), None)
     node = sample[key] if key is not None and isinstance(sample, dict) else sample
     if isinstance(node, list):
-        T = _of_numbers(path, where, [number_at(path, own) for own in _flat(node)])
+        values = [number_at(path, own) for own in _flat(node)]
     else:
         inner = node.get("transform", node) if isinstance(node, dict) else node
-        parts = [_parts(path, where, inner, *own) for own in _PARTS]
-        T = _posed(path, where, parts[0], parts[1])
+        values = []
+        for name, keys in (("translation", "xyz"), ("rotation", "xyzw")):
+            own = inner.get(name) if isinstance(inner, dict) else None
+            if not isinstance(own, dict) or any(axis not in own for axis in keys):
+                raise InputError(path, where, f"has no {name} of {', '.join(keys)}")
+            values += [number_at(path, own[axis]) for axis in keys]
+    if len(values) == 7:  # position and quaternion, else a matrix by rows
+        found = quaternion_frame(values[:3], values[3:])
+        if found is None:
+            what = f"has a quaternion of length {math.hypot(*values[3:]):.4g}"
+            raise InputError(path, where, what, "a rotation has a length of one")
+        T = found
+    else:
+        T = np.array(values).reshape(4, 4) if len(values) == 16 else np.full((4, 4), np.nan)
+        if not is_rotation(T[:3, :3]) or T[3].tolist() != [0, 0, 0, 1]:
+            raise InputError(path, where, "is no transform of 4 x 4 numbers by rows")
+        T[:3, :3] = nearest_rotation(T[:3, :3])
     if not np.abs(T[:3, 3]).max() < _FARTHEST:
         raise InputError(path, where, "lies farther than 100 m", "samples count metres")
     return T
-
-
-_PARTS = (("translation", "xyz"), ("rotation", "xyzw"))
-
-
-def _parts(path: Path, where: str, node: Node, name: str, keys: str) -> list[float]:
-    own = node.get(name) if isinstance(node, dict) else None
-    if not isinstance(own, dict) or any(key not in own for key in keys):
-        raise InputError(path, where, f"has no {name} of {', '.join(keys)}")
-    return [number_at(path, own[key]) for key in keys]
-
-
-def _of_numbers(path: Path, where: str, numbers: list[float]) -> Array:
-    """A matrix by rows, or position and quaternion."""
-    if len(numbers) == 7:
-        return _posed(path, where, numbers[:3], numbers[3:])
-    T = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.full((4, 4), np.nan)
-    off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
-    if not off < OFF_UNIT or np.linalg.det(T[:3, :3]) < 0.0 or T[3].tolist() != [0, 0, 0, 1]:
-        raise InputError(path, where, "is no transform of 4 x 4 numbers by rows")
-    T[:3, :3] = nearest_rotation(T[:3, :3])
-    return T
-
-
-def _posed(path: Path, where: str, position: list[float], xyzw: list[float]) -> Array:
-    if not abs(math.hypot(*xyzw) - 1.0) < OFF_UNIT:
-        what = f"has a quaternion of length {math.hypot(*xyzw):.4g}"
-        raise InputError(path, where, what, "a rotation has a length of one")
-    x, y, z, w = xyzw
-    return frame_of(position, [w, x, y, z])
 
 
 def _flat(node: Node) -> list[Node]:

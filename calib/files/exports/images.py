@@ -7,40 +7,32 @@ and meet in the corner.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.cell_table import cell_table
-from calib.files.exports.bodies import NAMES
 from calib.files.exports.points import MeasuredPoint, PointList
 from calib.files.read import read_bytes
-
-_MM = 1e-3
+from calib.files.values import MM, BoardTable
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What is printed on a board.
+    """What is printed on a board: its table in a cell, of squares or of tags with a dictionary.
 
-    size : squares or tags across and down; pitch : m, from one to the next
-    marker : m, of a marker in a white square, or of a tag; 0 for a plain chessboard
-    dictionary : of the markers or tags, "" for a plain chessboard
     names : of the points, in the order of those in its frame, ndarray, shape (n, 3), m
     """
 
     name: str
-    size: tuple[int, int]
-    pitch: float
-    marker: float
-    dictionary: str
-    tags: bool
-    first_tag: int
+    table: BoardTable
     names: tuple[str, ...]
     points: Array
 
@@ -52,28 +44,19 @@ def pattern_of(cell_path: Path, name: str) -> Pattern:
         known = f"boards are {', '.join(table.boards)}" if table.boards else "it has no [boards]"
         raise InputError("--board", "", f"{name!r} is not in {cell_path}", known)
     board = table.boards[name]
-    names, points = board.shape()
+    what = remedy = ""
     if board.tags is not None and board.dictionary is None:
-        what = "has tags and no dictionary"
-        raise InputError(cell_path, f"boards.{name}", what, "name it, as apriltag_36h11")
-    if board.tags is not None and board.tag_mm and board.gap_mm and board.dictionary:
-        pitch = (board.tag_mm + board.gap_mm) * _MM
-        own = (board.tags, pitch, board.tag_mm * _MM, board.dictionary, True, board.first_tag)
-        return Pattern(name, *own, names, points)
-    if board.squares is None or board.pitch_mm is None:
+        what, remedy = "has tags and no dictionary", "name it, as apriltag_36h11"
+    elif board.tags is None and board.squares is None:
         what = "has points_mm alone, which no picture shows"
         remedy = "give squares and pitch_mm, or tags, tag_mm and gap_mm"
-        raise InputError(cell_path, f"boards.{name}", what, remedy)
-    if board.dictionary is None and sum(board.squares) % 2 == 0:
-        what = (
-            f"of {board.squares[0]} x {board.squares[1]} squares looks the same turned by 180 deg"
-        )
+    elif board.squares is not None and board.dictionary is None and sum(board.squares) % 2 == 0:
+        across, down = board.squares
+        what = f"of {across} x {down} squares looks the same turned by 180 deg"
         remedy = "use an even and an odd number, or ChArUco (dictionary, marker_mm)"
+    if what:
         raise InputError(cell_path, f"boards.{name}", what, remedy)
-    marker, words = (board.marker_mm or 0.0) * _MM, board.dictionary or ""
-    return Pattern(
-        name, board.squares, board.pitch_mm * _MM, marker, words, False, 0, names, points
-    )
+    return Pattern(name, board, *board.shape())
 
 
 _BLUR = 1.0  # px: sharp edges are stairs, between which gradients point anywhere
@@ -131,7 +114,8 @@ def _line(pixels: Array, a: Array, b: Array, cells: int) -> tuple[Array, float]:
     across = np.arange(-reach, reach + _STEP, _STEP)
     middle = a + np.outer(_ALONG, b - a)
     at = middle[:, None] + across[:, None] * normal
-    slope = np.maximum(np.diff(_sampled(pixels, at), axis=1), 0.0)
+    sampled = map_coordinates(pixels, np.moveaxis(at, -1, 0)[::-1], order=1, mode="nearest")
+    slope = np.maximum(np.diff(sampled, axis=1), 0.0)
     weight = slope.sum(axis=1)
     plain = weight > 0.5 * np.median(weight)
     if not weight.any() or plain.sum() < 5:
@@ -141,18 +125,6 @@ def _line(pixels: Array, a: Array, b: Array, cells: int) -> tuple[Array, float]:
     centre = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - centre)
     return axes[1], float(axes[1] @ centre)
-
-
-def _sampled(pixels: Array, at: Array) -> Array:
-    """Linear between pixels, whose centres have whole numbers."""
-    height, width = pixels.shape
-    x = np.clip(at[..., 0], 0.0, width - 1.001)
-    y = np.clip(at[..., 1], 0.0, height - 1.001)
-    i, j = y.astype(int), x.astype(int)
-    v, u = y - i, x - j
-    upper = pixels[i, j] * (1.0 - u) + pixels[i, j + 1] * u
-    lower = pixels[i + 1, j] * (1.0 - u) + pixels[i + 1, j + 1] * u
-    return np.asarray(upper * (1.0 - v) + lower * v)
 
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
@@ -183,7 +155,7 @@ def read_images(
             found, at = search.found(image)
             points += [
                 MeasuredPoint(k, "", pose, f"{search.pattern.name}:{search.pattern.names[i]}",
-                              (f"{u:.4f}", f"{v:.4f}"), "", "")
+                              (f"{u:.4f}", f"{v:.4f}"))
                 for i, (u, v) in zip(found.tolist(), at.tolist(), strict=True)
             ]  # fmt: skip
         if len(points) == before:
@@ -197,10 +169,11 @@ def read_images(
     some = ", ".join(blank[:_SHOWN]) + (" .." if blank[_SHOWN:] else "")
     notes = (f"no board in {len(blank)} of {len(paths)} images ({some})",) if blank else ()
     columns = ("image", "board", "point", "u", "v")
+    written, names = ("u_px", "v_px"), "{pose}::{marker}"
     read = PointList(
-        paths[0].parent, points, columns, "px", "of images", (), ("u_px", "v_px"), NAMES
+        paths[0].parent, points, columns, "px", "of images", (), written, names, notes=notes
     )
-    return replace(read, notes=notes), tuple(blank)
+    return read, tuple(blank)
 
 
 def _opencv() -> Any:
@@ -225,45 +198,41 @@ class _Detector:
     """A pattern with OpenCV's detector for it."""
 
     def __init__(self, cv2: Any, pattern: Pattern) -> None:
-        self.cv2, self.pattern = cv2, pattern
-        self.cells = 0
+        self.cv2, self.pattern, self.table = cv2, pattern, pattern.table
         self.charuco: list[Any] = []
-        if not pattern.dictionary:
+        if self.table.dictionary is None:
             return
-        words = _dictionary(cv2, pattern)
+        words = _dictionary(cv2, pattern.name, self.table.dictionary)
         self.cells = int(words.markerSize) + 2
-        if pattern.tags:
+        if self.table.tags is not None:
             self.detector = cv2.aruco.ArucoDetector(words)
             return
-        sizes = [pattern.size, pattern.pitch, pattern.marker, words]
-        for older in (
-            False,
-            True,
-        ):  # boards of before 4.6 begin with a white square if rows are even
-            board = cv2.aruco.CharucoBoard(*sizes)
+        lengths = (self.table.pitch_mm or 0.0) * MM, (self.table.marker_mm or 0.0) * MM
+        # Boards of before 4.6 begin with a white square if rows are even.
+        for older in (False, True):
+            board = cv2.aruco.CharucoBoard(self.table.squares, *lengths, words)
             board.setLegacyPattern(older)
             self.charuco.append(cv2.aruco.CharucoDetector(board))
 
     def found(self, image: Any) -> tuple[IntArray, Array]:
         """Numbers (n,) of the points seen, and where, (n, 2), px."""
-        if self.pattern.tags:
-            ids, at = self._tags(image)
-        elif self.pattern.dictionary:
+        if self.table.tags is not None:
+            ids, at = self._tags(image, math.prod(self.table.tags))
+        elif self.charuco:
             ids, at = self._charuco(image)
         else:
             ids, at = self._chessboard(image)
         if len(ids) < _FEWEST:
             return np.zeros(0, dtype=int), np.zeros((0, 2))
-        if not self.pattern.tags:
+        if self.table.tags is None:
             at = saddles(self.cv2, smooth(self.cv2, image), at, self._free(ids, at))
         height, width = image.shape
         inside = ((at >= 0.0) & (at <= [width - 1.0, height - 1.0])).all(axis=1)
         return ids[inside], at[inside]
 
-    def _tags(self, image: Any) -> tuple[IntArray, Array]:
+    def _tags(self, image: Any, count: int) -> tuple[IntArray, Array]:
         corners, ids, _ = self.detector.detectMarkers(image)
-        count = self.pattern.size[0] * self.pattern.size[1]
-        numbers = np.zeros(0, int) if ids is None else ids.ravel() - self.pattern.first_tag
+        numbers = np.zeros(0, int) if ids is None else ids.ravel() - self.table.first_tag
         own = [k for k, n in enumerate(numbers) if 0 <= n < count and (numbers == n).sum() == 1]
         if not own:
             return np.zeros(0, dtype=int), np.zeros((0, 2))
@@ -286,7 +255,7 @@ class _Detector:
 
     def _chessboard(self, image: Any) -> tuple[IntArray, Array]:
         """The first square is dark, rows go down to the left of the columns that go right."""
-        across, down = (n - 1 for n in self.pattern.size)
+        across, down = (n - 1 for n in self.table.squares or (1, 1))
         flags = self.cv2.CALIB_CB_EXHAUSTIVE | self.cv2.CALIB_CB_NORMALIZE_IMAGE
         done, at = self.cv2.findChessboardCornersSB(image, (across, down), flags=flags)
         if not done:
@@ -301,11 +270,11 @@ class _Detector:
 
     def _free(self, ids: IntArray, at: Array) -> Array:
         """Pixels (n,) around each corner in which nothing else is printed."""
-        pattern, shape = self.pattern, self.pattern.points[ids, :2]
+        shape, pitch = self.pattern.points[ids, :2], (self.table.pitch_mm or 0.0) * MM
         H, _ = self.cv2.findHomography(shape, at, 0)
-        margin = _BETWEEN * pattern.pitch
-        if pattern.marker:
-            margin = _BESIDE * (pattern.pitch - pattern.marker) / 2.0
+        margin = _BETWEEN * pitch
+        if self.table.marker_mm is not None:
+            margin = _BESIDE * (pitch - self.table.marker_mm * MM) / 2.0
         around = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * margin
         near = np.c_[(shape[:, None] + around).reshape(-1, 2), np.ones(4 * len(shape))] @ H.T
         middle = np.c_[shape, np.ones(len(shape))] @ H.T
@@ -315,14 +284,14 @@ class _Detector:
         )
 
 
-def _dictionary(cv2: Any, pattern: Pattern) -> Any:
+def _dictionary(cv2: Any, board: str, given: str) -> Any:
     """OpenCV's by its name, with or without ``DICT_``, in capitals or not. Raises InputError."""
     known = {n.upper().removeprefix("DICT_"): n for n in dir(cv2.aruco) if n.startswith("DICT_")}
-    name = pattern.dictionary.upper().removeprefix("DICT_")
+    name = given.upper().removeprefix("DICT_")
     if name not in known:
-        few = "4x4_50, 5x5_100, 6x6_250, apriltag_36h11"
-        what = f"OpenCV has no dictionary {pattern.dictionary[:40]!r}"
-        raise InputError("--board", f"boards.{pattern.name}.dictionary", what, f"as {few}")
+        what = f"OpenCV has no dictionary {given[:40]!r}"
+        remedy = "as 4x4_50, 5x5_100, 6x6_250, apriltag_36h11"
+        raise InputError("--board", f"boards.{board}.dictionary", what, remedy)
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[name]))
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
-from calib.arm.se3 import inverse, nearest_rotation, so3_log
+from calib.arm.se3 import inverse, nearest_rotation, so3_log, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.bodies import pose_of_texts, pose_texts
 from calib.files.exports.joints import JointRow, JointTable
-from calib.files.exports.matching import BY_FILE, Matching, NamedPoint, matched
-from calib.files.exports.points import PointList
+from calib.files.exports.matching import BY_FILE, Exports, Matching, NamedPoint
+from calib.files.exports.points import PointList, body_frame, body_texts
 from calib.files.exports.sheet import NUMBER
 
 
@@ -29,10 +28,13 @@ def averaged(points: Sequence[NamedPoint]) -> tuple[list[NamedPoint], list[str]]
         return list(points), []
     found, apart = [], []
     for group in groups.values():
-        mean, *scatter = _mean(np.array([pose_of_texts(own.point.values) for own in group]))
-        point = replace(group[0].point, values=pose_texts(mean))
+        frames = np.array([body_frame(own.point.values) for own in group])
+        R = nearest_rotation(frames[:, :3, :3].mean(axis=0))
+        mean = transform(R, frames[:, :3, 3].mean(axis=0))
+        off = inverse(mean) @ frames
+        point = replace(group[0].point, values=body_texts(mean))
         found.append(replace(group[0], point=point))
-        apart.append(scatter)
+        apart.append([_rms(off[:, :3, 3]), _rms(so3_log(off[:, :3, :3]))])
     mm, mrad = 1e3 * np.array(apart).T
     worst = found[
         int(np.argmax(mm / mm.max() + mrad / mrad.max() if mm.max() * mrad.max() else mm))
@@ -41,15 +43,6 @@ def averaged(points: Sequence[NamedPoint]) -> tuple[list[NamedPoint], list[str]]
     few = f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else f"{max(counts)}"
     typical = f"{np.median(mm):.2g} mm and {np.median(mrad):.2g} mrad (RMS, median of the poses)"
     return found, [f"{few} frames of a pose are averaged; they scatter by {typical}; {most}"]
-
-
-def _mean(frames: Array) -> tuple[Array, float, float]:
-    """The mean of frames (n, 4, 4), and their RMS distance from it, m and rad."""
-    mean = np.eye(4)
-    mean[:3, :3] = nearest_rotation(frames[:, :3, :3].mean(axis=0))
-    mean[:3, 3] = frames[:, :3, 3].mean(axis=0)
-    off = inverse(mean) @ frames
-    return mean, _rms(off[:, :3, 3]), _rms(so3_log(off[:, :3, :3]))
 
 
 def _rms(vectors: Array) -> float:
@@ -108,32 +101,47 @@ def join(
     Raises InputError where names do not fit, a pose has a marker twice, or counterparts are missing.
     """
     if not by_order and not joints.named:
-        raise InputError(
-            joints.path, "header", "names no poses", "add a column pose, or give --by-order"
-        )
+        remedy = "add a column pose, or give --by-order"
+        raise InputError(joints.path, "header", "names no poses", remedy)
+    first = lists[0]
     if len({own.written for own in lists}) > 1:
-        what = f"holds {lists[-1].written[0]} .., {lists[0].path} holds {lists[0].written[0]} .."
+        what = f"holds {lists[-1].written[0]} .., {first.path} holds {first.written[0]} .."
         raise InputError(lists[-1].path, "", what, "import each kind for itself")
-    if names is None and lists[0].names:
-        named = len(lists) > 1 or lists[0].path.stem in {row.pose for row in joints.rows}
-        names = BY_FILE[0] if lists[0].frames and named else lists[0].names
-    found = matched(lists, joints, names=names, marker=marker, by_order=by_order, markers=markers)
+    if names is None and first.names:
+        named = len(lists) > 1 or first.path.stem in {row.pose for row in joints.rows}
+        names = BY_FILE[0] if first.frames and named else first.names
+    exports = Exports(lists, joints, marker, by_order, markers)
+    found = exports.matched(names)
     at = _rows_at(found, joints, by_order)
     poses = {own.pose for own in found.points}
     missing = tuple(name for name in at if name not in poses)
     orphans = Counter(own.pose for own in found.points if own.pose not in at)
     if not partial:
-        _refuse(found, joints, missing, list(orphans), markers, lists[0].frames)
+        _refuse(exports, found, missing, list(orphans))
     kept = [own for own in found.points if own.pose in at]
     if not kept:
         raise InputError(joints.path, "", "shares no pose with the points", "check --names")
-    kept, said = averaged(kept) if lists[0].frames else (kept, [])
-    _check_once(kept)
+    kept, said = averaged(kept) if first.frames else (kept, [])
+    by_pose = _by_pose(kept)
     times, notes = _times(kept, joints)
     read_by = () if instrument is None else (instrument,)
     return Joined(
-        _columns(joints, lists[0].written, kept, bool(times), bool(read_by)),
-        list(_rows(at, kept, times, read_by)),
+        (
+            "pose",
+            "marker",
+            *("instrument",) * len(read_by),
+            *joints.joints,
+            *joints.carried,
+            *first.written,
+            *("time_s",) * bool(times),
+            *("sigma_mm",) * _have_sigma(kept),
+        ),
+        [
+            [pose, own.marker, *read_by, *row.values, *own.point.values]
+            + [text for text in (times.get(pose, ""), own.point.sigma) if text]
+            for pose, row in at.items()
+            for own in by_pose.get(pose, {}).values()
+        ],
         found.pattern,
         found.tried,
         tuple(name for name in at if name in poses),
@@ -151,33 +159,24 @@ def _rows_at(found: Matching, joints: JointTable, by_order: bool) -> dict[str, J
     order = list(dict.fromkeys(own.pose for own in found.points))
     if len(order) != len(joints.rows):
         what = f"has {len(joints.rows)} rows where the points have {len(order)} poses"
-        raise InputError(
-            joints.path,
-            "",
-            f"{what} (names read as {found.pattern!r})",
-            "by order, each pose needs its row",
-        )
+        what += f" (names read as {found.pattern!r})"
+        raise InputError(joints.path, "", what, "by order, each pose needs its row")
     return dict(zip(order, joints.rows, strict=True))
 
 
 def _refuse(
-    found: Matching,
-    joints: JointTable,
-    missing: Sequence[str],
-    orphans: Sequence[str],
-    markers: Sequence[str] | None,
-    frames: bool,
+    exports: Exports, found: Matching, missing: Sequence[str], orphans: Sequence[str]
 ) -> None:
     """Raise InputError for whatever has no counterpart."""
     read = f"(names read as {found.pattern!r})"
     remedy = "check --names and both files, or leave it out with --partial"
-    if frames:
+    if exports.lists[0].frames:
         remedy = (
             "name each recording as its pose, or its frames in the joint file; or give --partial"
         )
     if found.strays:
         own = found.strays[0]
-        known = "" if markers is None else f" of {', '.join(markers)}"
+        known = "" if exports.markers is None else f" of {', '.join(exports.markers)}"
         count = f", as {len(found.strays)} points in all" if len(found.strays) > 1 else ""
         what = f"{own.pose[:80]!r} names no pose and marker{known} {read}{count}"
         if own.marker:
@@ -185,7 +184,7 @@ def _refuse(
         raise own.fault(what, remedy)
     for names, what in ((missing, "of the joint file without points"), (orphans, "without joints")):
         if names:
-            raise InputError(joints.path, "", f"{some(names)} {what} {read}", remedy)
+            raise InputError(exports.joints.path, "", f"{some(names)} {what} {read}", remedy)
 
 
 def some(names: Sequence[str]) -> str:
@@ -195,17 +194,26 @@ def some(names: Sequence[str]) -> str:
     return f"{len(names)} pose{'s' * (len(names) > 1)} ({shown}{more})"
 
 
-def _check_once(points: Sequence[NamedPoint]) -> None:
-    seen: dict[tuple[str, str], NamedPoint] = {}
+def _by_pose(points: Sequence[NamedPoint]) -> dict[str, dict[str, NamedPoint]]:
+    """Points by pose and marker. Raises InputError where a pose has a marker twice."""
+    found: dict[str, dict[str, NamedPoint]] = {}
     for own in points:
-        first = seen.setdefault((own.pose, own.marker), own)
+        first = found.setdefault(own.pose, {}).setdefault(own.marker, own)
         if first is not own:
             place = "" if first.path == own.path else f" of {first.path}"
-            raise own.fault(
-                f"pose {own.pose!r} has marker {own.marker!r} in line {first.point.line}{place} "
-                "already",
-                "delete one, or name repeated readings as poses of their own",
-            )
+            where = f"in line {first.point.line}{place} already"
+            what = f"pose {own.pose!r} has marker {own.marker!r} {where}"
+            raise own.fault(what, "delete one, or name repeated readings as poses of their own")
+    return found
+
+
+def _have_sigma(points: Sequence[NamedPoint]) -> bool:
+    """Whether points have uncertainties. Raises InputError where only some have."""
+    bare = [own for own in points if not own.point.sigma]
+    if bare and len(bare) < len(points):
+        what = "has no uncertainties where another list has them"
+        raise InputError(bare[0].path, "", what, "export all lists alike")
+    return not bare
 
 
 def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, str], list[str]]:
@@ -228,43 +236,3 @@ def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, 
         return {}, [f"times such as {shown!r} left out: neither seconds nor ISO 8601"]
     seconds = {pose: (stamp - start).total_seconds() for pose, stamp in stamps.items()}
     return {pose: f"{value:.15g}" for pose, value in seconds.items()}, []
-
-
-def _columns(
-    joints: JointTable,
-    written: tuple[str, ...],
-    points: Sequence[NamedPoint],
-    timed: bool,
-    named: bool,
-) -> tuple[str, ...]:
-    bare = [own for own in points if not own.point.sigma]
-    if bare and len(bare) < len(points):
-        what = "has no uncertainties where another list has them"
-        raise InputError(bare[0].path, "", what, "export all lists alike")
-    time, sigma = ("time_s",) * timed, ("sigma_mm",) * (not bare)
-    return (
-        "pose",
-        "marker",
-        *("instrument",) * named,
-        *joints.joints,
-        *joints.carried,
-        *written,
-        *time,
-        *sigma,
-    )
-
-
-def _rows(
-    at: dict[str, JointRow],
-    points: Sequence[NamedPoint],
-    times: dict[str, str],
-    read_by: tuple[str, ...],
-) -> Iterator[list[str]]:
-    by_pose: dict[str, list[NamedPoint]] = {}
-    for own in points:
-        by_pose.setdefault(own.pose, []).append(own)
-    for pose, row in at.items():
-        for own in by_pose.get(pose, ()):
-            time = [times[pose]] if times else []
-            sigma = [own.point.sigma] if own.point.sigma else []
-            yield [pose, own.marker, *read_by, *row.values, *own.point.values, *time, *sigma]

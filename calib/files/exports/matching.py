@@ -39,14 +39,6 @@ class NamePattern:
     file: re.Pattern[str] | None
     parts: tuple[re.Pattern[str], ...]
 
-    @property
-    def names_marker(self) -> bool:
-        return "{marker}" in self.text
-
-    @property
-    def names_pose(self) -> bool:
-        return "{pose}" in self.text
-
     def read(self, path: Path, point: MeasuredPoint) -> tuple[str, str] | None:
         """(pose, marker), "" for the one that the pattern does not name; None if it does not fit."""
         whole = (point.collection, point.group, point.point)
@@ -74,12 +66,8 @@ def name_pattern(text: str) -> NamePattern:
     parts = name.split("::")
     plain = _PART.sub("", text)
     if not _PART.search(text.replace("*", "")) or "/" in file or len(parts) > 3 or "{" in plain:
-        raise InputError(
-            "--names",
-            "",
-            f"{text!r} is no pattern of names",
-            "write {pose} and {marker}, as in '{pose}::{marker}' or '{pose}_{marker}'",
-        )
+        remedy = "write {pose} and {marker}, as in '{pose}::{marker}' or '{pose}_{marker}'"
+        raise InputError("--names", "", f"{text!r} is no pattern of names", remedy)
     return NamePattern(
         text, _expression(file) if slash else None, tuple(_expression(part) for part in parts)
     )
@@ -93,22 +81,6 @@ def _expression(part: str) -> re.Pattern[str]:
         out += ".*" if field[0] == "*" else f"(?P<{field[0][1:-1]}>.+)"
         at = field.end()
     return re.compile(out + re.escape(part[at:]))
-
-
-def rounds_of(markers: Sequence[str]) -> list[int | None]:
-    """Number of the round of each point where the same markers are measured over and over.
-
-    None for what breaks the round: a marker out of turn, or all of a last round that is cut short.
-
-    >>> rounds_of(["a", "b", "a", "b"]), rounds_of(["a", "b", "b"])
-    ([0, 0, 1, 1], [0, 0, None])
-    """
-    order = list(dict.fromkeys(markers))
-    whole = len(markers) - len(markers) % max(len(order), 1)
-    return [
-        i // len(order) if marker == order[i % len(order)] and i < whole else None
-        for i, marker in enumerate(markers)
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,109 +110,101 @@ class Matching:
     tried: dict[str, int]
 
 
-def matched(
-    lists: Sequence[PointList],
-    joints: JointTable,
-    *,
-    names: str | None,
-    marker: str | None,
-    by_order: bool,
-    markers: Sequence[str] | None,
-) -> Matching:
-    """Read the names of all points; arguments as in :func:`calib.files.exports.join.join`.
+@dataclass(frozen=True)
+class Exports:
+    """Lists of readings and the joint file of their poses, and what the user says of them.
 
-    Raises InputError where no usual pattern finds a pose, or several do equally well.
+    marker : the only marker, where names tell only the pose
+    by_order : the k-th pose of the lists stands in the k-th row of the joint file
+    markers : the ones that the cell knows
     """
-    if names is not None:
-        pattern = name_pattern(names)
-        _check_fields(pattern, marker, by_order)
-        return _read(lists, pattern, marker, markers)
-    tried: dict[str, int] = {}
-    chosen: list[str] = []
-    for usual in (USUAL, BY_FILE) if marker is None else (("{pose}",),):
-        for text in usual:
-            own = _read(lists, name_pattern(text), marker, markers)
-            tried[text] = _poses_found(own, joints, by_order)
-        best = max(tried[text] for text in usual)
-        chosen = [text for text in usual if tried[text] == best]
-        if best and len(chosen) == 1:
-            return replace(_read(lists, name_pattern(chosen[0]), marker, markers), tried=tried)
-        if best:
-            break
-    raise _undecided(lists, joints, chosen if best else [], by_order)
 
+    lists: Sequence[PointList]
+    joints: JointTable
+    marker: str | None
+    by_order: bool
+    markers: Sequence[str] | None
 
-def _undecided(
-    lists: Sequence[PointList], joints: JointTable, alike: Sequence[str], by_order: bool
-) -> InputError:
-    if alike:
-        fault = f"names can be read as {' and as '.join(alike)} alike"
-    elif by_order:
-        fault = (
-            f"no usual way to read the names gives the {len(joints.rows)} poses of {joints.path}"
-        )
-    else:
-        first, pose = _whole_name(lists[0].points[0])[:80], joints.rows[0].pose[:80]
-        fault = (
-            f"names such as {first!r} tell no pose of {joints.path}, where the first is {pose!r}"
-        )
-    return InputError(
-        lists[0].path,
-        "",
-        fault,
-        "say how pose and marker stand in the names, as in --names '{pose}_{marker}'",
-    )
+    def matched(self, names: str | None) -> Matching:
+        """Read the names of all points by a pattern, or by the usual one that finds most poses.
 
+        Raises InputError where no usual pattern finds a pose, or several do equally well.
+        """
+        if names is not None:
+            pattern = name_pattern(names)
+            self._check_fields(pattern)
+            return self._read(pattern)
+        tried: dict[str, int] = {}
+        alike: list[str] = []
+        for usual in (USUAL, BY_FILE) if self.marker is None else (("{pose}",),):
+            found = {text: self._read(name_pattern(text)) for text in usual}
+            tried |= {text: self._poses_found(own) for text, own in found.items()}
+            best = max(tried[text] for text in usual)
+            alike = [text for text in usual if tried[text] == best] if best else []
+            if len(alike) == 1:
+                return replace(found[alike[0]], tried=tried)
+            if alike:
+                break
+        raise self._undecided(alike)
 
-def _poses_found(own: Matching, joints: JointTable, by_order: bool) -> int:
-    if by_order:
-        poses = {point.pose for point in own.points}
-        return len(own.points) if len(poses) == len(joints.rows) else 0
-    known = {row.pose for row in joints.rows}
-    return sum(point.pose in known for point in own.points)
+    def _undecided(self, alike: Sequence[str]) -> InputError:
+        count, file = len(self.joints.rows), self.joints.path
+        if alike:
+            what = f"names can be read as {' and as '.join(alike)} alike"
+        elif self.by_order:
+            what = f"no usual way to read the names gives the {count} poses of {file}"
+        else:
+            first, pose = self.lists[0].points[0].whole_name, self.joints.rows[0].pose
+            what = (
+                f"names such as {first[:80]!r} tell no pose of {file}, where the first is "
+                f"{pose[:80]!r}"
+            )
+        remedy = "say how pose and marker stand in the names, as in --names '{pose}_{marker}'"
+        return InputError(self.lists[0].path, "", what, remedy)
 
+    def _poses_found(self, own: Matching) -> int:
+        """Points whose pose the joint file has."""
+        if self.by_order:
+            poses = {point.pose for point in own.points}
+            return len(own.points) if len(poses) == len(self.joints.rows) else 0
+        known = {row.pose for row in self.joints.rows}
+        return sum(point.pose in known for point in own.points)
 
-def _check_fields(pattern: NamePattern, marker: str | None, by_order: bool) -> None:
-    if pattern.names_marker == (marker is not None):
-        told = "tells" if pattern.names_marker else "does not tell"
-        remedy = "leave --marker out" if pattern.names_marker else "give --marker NAME"
-        raise InputError("--names", "", f"{pattern.text!r} {told} the marker", remedy)
-    if not pattern.names_pose and not by_order:
-        remedy = "give --by-order if the points stand in the order of the joint file"
-        raise InputError("--names", "", f"{pattern.text!r} does not tell the pose", remedy)
+    def _check_fields(self, pattern: NamePattern) -> None:
+        told = "{marker}" in pattern.text
+        if told == (self.marker is not None):
+            what = f"{pattern.text!r} {'tells' if told else 'does not tell'} the marker"
+            remedy = "leave --marker out" if told else "give --marker NAME"
+            raise InputError("--names", "", what, remedy)
+        if "{pose}" not in pattern.text and not self.by_order:
+            what = f"{pattern.text!r} does not tell the pose"
+            remedy = "give --by-order if the points stand in the order of the joint file"
+            raise InputError("--names", "", what, remedy)
 
-
-def _read(
-    lists: Sequence[PointList],
-    pattern: NamePattern,
-    marker: str | None,
-    markers: Sequence[str] | None,
-) -> Matching:
-    points: list[NamedPoint] = []
-    strays: list[NamedPoint] = []
-    for own in lists:
-        for point in own.points:
-            read = pattern.read(own.path, point)
-            pose, told = read or (_whole_name(point), "")
-            named = NamedPoint(own.path, point, pose, told or marker or "")
-            known = markers is None or named.marker in markers
-            (points if read is not None and known else strays).append(named)
-    if not pattern.names_pose:
-        points = _in_rounds(points)
-    return Matching(pattern.text, points, strays, {})
-
-
-def _whole_name(point: MeasuredPoint) -> str:
-    return "::".join(filter(None, (point.collection, point.group, point.point)))
+    def _read(self, pattern: NamePattern) -> Matching:
+        points: list[NamedPoint] = []
+        strays: list[NamedPoint] = []
+        for own in self.lists:
+            for point in own.points:
+                read = pattern.read(own.path, point)
+                pose, told = read or (point.whole_name, "")
+                named = NamedPoint(own.path, point, pose, told or self.marker or "")
+                known = self.markers is None or named.marker in self.markers
+                (points if read is not None and known else strays).append(named)
+        if "{pose}" not in pattern.text:
+            points = _in_rounds(points)
+        return Matching(pattern.text, points, strays, {})
 
 
 def _in_rounds(points: list[NamedPoint]) -> list[NamedPoint]:
-    """Poses numbered by the rounds of markers. Raises InputError where a round is broken."""
-    rounds = rounds_of([own.marker for own in points])
-    for own, number in zip(points, rounds, strict=True):
-        if number is None:
-            raise own.fault(
-                f"marker {own.marker!r} breaks the round of markers that tells the poses apart",
-                "name the poses in the points' names",
-            )
-    return [replace(own, pose=f"p{n:04d}") for own, n in zip(points, rounds, strict=True)]
+    """Poses numbered by the rounds in which the same markers are measured over and over.
+
+    Raises InputError at a marker out of turn, and where the last round is cut short.
+    """
+    order = list(dict.fromkeys(own.marker for own in points))
+    whole = len(points) - len(points) % max(len(order), 1)
+    for i, own in enumerate(points):
+        if own.marker != order[i % len(order)] or i >= whole:
+            what = f"marker {own.marker!r} breaks the round of markers that tells the poses apart"
+            raise own.fault(what, "name the poses in the points' names")
+    return [replace(own, pose=f"p{i // len(order):04d}") for i, own in enumerate(points)]

@@ -15,16 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.se3 import so3_exp
+from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.bodies import NAMES, OFF_UNIT, WRITTEN, frame_of, pose_texts
-from calib.files.exports.points import MeasuredPoint, PointList
+from calib.files.exports.points import PointList, body_list, body_point, quaternion_frame
 from calib.files.exports.sheet import text_lines
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 RADIANS = {"deg": math.pi / 180.0, "rad": 1.0}
-_TURN = 2.0 * math.pi
 Row = tuple[int, list[str]]
 """A line's number and its fields."""
 
@@ -48,9 +46,7 @@ class Layout:
     angle: str = "rad"
 
 
-def body_frame(
-    path: Path, row: Row, body: RigidBody, layout: Layout, pointed: bool
-) -> Array | None:
+def _frame(path: Path, row: Row, body: RigidBody, layout: Layout, pointed: bool) -> Array | None:
     """The frame (4, 4), m, of a body in a row; None where it was not seen.
 
     pointed : whether decimals follow a point, not a comma
@@ -61,33 +57,28 @@ def body_frame(
     texts = [fields[k] if k < len(fields) else "" for k in (*body.rotation, *body.place)]
     if not any(texts):
         return None
-    numbers = [_number(text if pointed else text.replace(",", ".")) for text in texts]
-    for text, number in zip(texts, numbers, strict=True):
-        if not math.isfinite(number):
+    numbers = []
+    for text in texts:
+        try:
+            numbers.append(float(text if pointed else text.replace(",", ".")))
+        except ValueError:
+            numbers.append(math.nan)
+        if not math.isfinite(numbers[-1]):
             what = f"{text[:40]!r} of {body.name} is no number"
             raise InputError(path, line, what, "export it again")
     turn = numbers[: len(body.rotation)]
     place = [METRES[layout.unit] * v for v in numbers[len(body.rotation) :]]
     if len(turn) == 3:
         vector = np.array(turn) * RADIANS[layout.angle]
-        if np.linalg.norm(vector) > _TURN:
+        if np.linalg.norm(vector) > 2.0 * math.pi:
             what = f"{body.name} turns by more than a whole turn: no rotation vector"
             raise InputError(path, line, what, "export quaternions")
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = so3_exp(vector), place
-        return T
-    if not abs(math.hypot(*turn) - 1.0) < OFF_UNIT:
+        return transform(so3_exp(vector), np.array(place))
+    found = quaternion_frame(place, turn)
+    if found is None:
         what = f"the quaternion of {body.name} has a length of {math.hypot(*turn):.4g}"
         raise InputError(path, line, what, "export it again")
-    x, y, z, w = turn
-    return frame_of(place, [w, x, y, z])
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+    return found
 
 
 _UNITS = {
@@ -114,9 +105,8 @@ def motive_layout(path: Path, rows: list[Row]) -> Layout:
     for name, own in columns.items():
         wanted = [("rotation", axis) for axis in "xyzw"], [("position", axis) for axis in "xyz"]
         if not {*wanted[0], *wanted[1]} <= own.keys():
-            raise InputError(
-                path, f"body {name}", "has not all of rotation X Y Z W and position X Y Z"
-            )
+            what = "has not all of rotation X Y Z W and position X Y Z"
+            raise InputError(path, f"body {name}", what)
         found.append(RigidBody(name, *(tuple(own[key] for key in keys) for keys in wanted)))
     if not found:
         raise InputError(path, "", "holds no rigid body", "export with Rigid Bodies")
@@ -155,12 +145,14 @@ def vicon_layout(path: Path, rows: list[Row]) -> Layout:
         part = tuple(head[k : k + len(wanted)])
         if part != wanted:
             what = f"has the columns {' '.join(part)}, where {' '.join(wanted)} are read"
-            raise InputError(
-                path, f"line {rows[titles][0]}", what, "export the segments, or objects"
-            )
+            line = f"line {rows[titles][0]}"
+            raise InputError(path, line, what, "export the segments, or objects")
         name = names[k] if k < len(names) and names[k] else f"body{len(found) + 1}"
         columns = tuple(range(k, k + len(wanted)))
-        found.append(RigidBody(_single(name), columns[:-3], columns[-3:]))
+        # An object is a subject with one segment of the same name.
+        subject, _, segment = name.partition(":")
+        name = subject if subject == segment else name
+        found.append(RigidBody(name, columns[:-3], columns[-3:]))
     angle = _unit_of(path, rows[titles + 1][0], units, found, "rotation")
     unit = _unit_of(path, rows[titles + 1][0], units, found, "place")
     return Layout(found, titles + 2, unit, angle or "rad")
@@ -168,12 +160,6 @@ def vicon_layout(path: Path, rows: list[Row]) -> Layout:
 
 SECTIONS = ("segments", "objects")
 _SIX = ("RX", "RY", "RZ", "TX", "TY", "TZ")
-
-
-def _single(name: str) -> str:
-    """An object is a subject with one segment of the same name."""
-    subject, _, segment = name.partition(":")
-    return subject if subject == segment else name
 
 
 def _unit_of(
@@ -220,23 +206,19 @@ def read_motion_capture(path: Path, body: str | None) -> PointList:
     if body is not None and len(bodies) > 1:
         known = ", ".join(own.name for own in bodies[:5])
         raise InputError(path, "", f"holds {len(bodies)} bodies, {known}", "leave --marker out")
-    points: list[MeasuredPoint] = []
+    points = []
     for row in rows[layout.first :]:
         if not row[1][0].isdigit():
             break  # the next section
         for own in bodies:
-            T = body_frame(path, row, own, layout, mark == ",")
+            T = _frame(path, row, own, layout, mark == ",")
             if T is not None:
-                name = body or own.name
-                points.append(MeasuredPoint(row[0], "", row[1][0], name, pose_texts(T), "", ""))
+                points.append(body_point(row[0], row[1][0], body or own.name, T))
     if not points:
         raise InputError(path, "", "holds no frame that saw a body", "export a range that does")
-    notes = (f"{path}: {_VECTOR_NOTE}",) if len(bodies[0].rotation) == 3 else ()
-    columns = ("frame", "body", "position", "rotation")
-    stated = "stated in the file"
-    return PointList(
-        path, points, columns, layout.unit, stated, (), WRITTEN, NAMES, frames=True, notes=notes
-    )
+    note = _VECTOR_NOTE if len(bodies[0].rotation) == 3 else ""
+    columns, unit = ("frame", "body", "position", "rotation"), (layout.unit, "stated in the file")
+    return body_list(path, points, columns, unit, note, frames=True)
 
 
 def _fields(path: Path, number: int, line: str, mark: str) -> list[str]:

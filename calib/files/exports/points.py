@@ -14,6 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.arm.se3 import transform
+from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.sheet import ExportTable, in_mm, known_unit, read_sheet, stated_units
 
@@ -51,8 +56,13 @@ class MeasuredPoint:
     group: str
     point: str
     values: tuple[str, ...]
-    sigma: str
-    time: str
+    sigma: str = ""
+    time: str = ""
+
+    @property
+    def whole_name(self) -> str:
+        """All that the operator called it."""
+        return "::".join(filter(None, (self.collection, self.group, self.point)))
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,9 @@ def read_points(
     Raises InputError, with the line, for what is missing, contradictory or no number.
     """
     sheet = read_sheet(path)
-    _check_cartesian(sheet)
+    for found in filter(None, map(_ROUND.search, sheet.comments)):
+        what = f"holds {found[0].lower()} coordinates"
+        raise InputError(path, "header", what, "export Cartesian ones")
     titles = _titles(sheet, columns)
     roles, units = _roles(titles)
     index = _index(sheet, roles)
@@ -98,25 +110,13 @@ def read_points(
     return PointList(path, points, tuple(role for role in roles if role), unit, unit_from, ignored)
 
 
-def _check_cartesian(sheet: ExportTable) -> None:
-    for line in sheet.comments:
-        if found := _ROUND.search(line):
-            raise InputError(
-                sheet.path,
-                "header",
-                f"holds {found[0].lower()} coordinates",
-                "export Cartesian ones",
-            )
-
-
 def _titles(sheet: ExportTable, columns: Sequence[str] | None) -> tuple[str, ...]:
     """Names of the columns: given, from the header, from a comment that holds it, or by number."""
     width = len(sheet.rows[0])
     if columns is not None:
         if sheet.header is not None:
-            raise InputError(
-                sheet.path, "line 1", "names its columns itself", "leave --columns out"
-            )
+            what = "names its columns itself"
+            raise InputError(sheet.path, "line 1", what, "leave --columns out")
         if len(columns) != width:
             what = f"lines have {width} fields where --columns names {len(columns)}"
             raise InputError(sheet.path, "", what, "name every column, - for one to leave out")
@@ -139,16 +139,14 @@ def _by_position(sheet: ExportTable) -> tuple[str, ...]:
     titles = _BY_WIDTH.get(width)
     names = width - 3
     if titles is None or not all(first[names:]) or (names > 1 and all(first)):
-        raise InputError(
-            sheet.path,
-            "",
-            f"has {width} columns without a header, and their order does not show",
-            "name them, as in --columns collection,group,point,x,y,z,ux,uy,uz (- leaves one out)",
+        what = f"has {width} columns without a header, and their order does not show"
+        remedy = (
+            "name them, as in --columns collection,group,point,x,y,z,ux,uy,uz (- leaves one out)"
         )
+        raise InputError(sheet.path, "", what, remedy)
     if names == 1 and first[0] and re.search(r"\D", sheet.rows[0][0]):
-        raise InputError(
-            sheet.path, "", "its first column holds no names", "name the columns with --columns"
-        )
+        what = "its first column holds no names"
+        raise InputError(sheet.path, "", what, "name the columns with --columns")
     return titles
 
 
@@ -173,12 +171,8 @@ def _index(sheet: ExportTable, roles: Sequence[str]) -> dict[str, int]:
             index[role] = column
     for role in ("point", *_XYZ):
         if role not in index:
-            raise InputError(
-                sheet.path,
-                "header",
-                f"no column is the {role}",
-                "name the columns point (or group and point), X, Y, Z",
-            )
+            remedy = "name the columns point (or group and point), X, Y, Z"
+            raise InputError(sheet.path, "header", f"no column is the {role}", remedy)
     if 0 < sum(role in index for role in _UNCERTAINTY) < 3:
         raise InputError(sheet.path, "header", "has not all of Ux, Uy and Uz", "export all three")
     return index
@@ -188,9 +182,8 @@ def _unit(sheet: ExportTable, units: Sequence[str], given: str | None) -> tuple[
     """The unit of length and who said so. Raises InputError where nobody did, or two differ."""
     unknown = [unit for unit in units if unit and unit != "s" and known_unit(unit) is None]
     if unknown:
-        raise InputError(
-            sheet.path, "header", f"unit {unknown[0]!r} is not known", "export in mm, m or in"
-        )
+        what = f"unit {unknown[0]!r} is not known"
+        raise InputError(sheet.path, "header", what, "export in mm, m or in")
     stated = {known for unit in units if (known := known_unit(unit)) is not None}
     stated |= stated_units(sheet.comments)
     if len(stated) > 1:
@@ -198,15 +191,13 @@ def _unit(sheet: ExportTable, units: Sequence[str], given: str | None) -> tuple[
         raise InputError(sheet.path, "header", what, "export in one unit")
     if not stated:
         if given is None:
-            raise InputError(
-                sheet.path, "", "states no unit of length", "give --unit mm, --unit m or --unit in"
-            )
+            remedy = "give --unit mm, --unit m or --unit in"
+            raise InputError(sheet.path, "", "states no unit of length", remedy)
         return given, "as given"
     own = stated.pop()
     if given is not None and given != own:
-        raise InputError(
-            sheet.path, "header", f"states {own}, --unit says {given}", "leave --unit out"
-        )
+        what = f"states {own}, --unit says {given}"
+        raise InputError(sheet.path, "header", what, "leave --unit out")
     return own, "stated in the file"
 
 
@@ -218,23 +209,63 @@ def _point(sheet: ExportTable, row: int, index: dict[str, int], unit: str) -> Me
 
     if not text("point"):
         raise sheet.fault(row, "the point has no name")
-    x, y, z = (in_mm(sheet.number(row, index[role]), unit) for role in _XYZ)
-    sigma = _sigma(sheet, row, index, unit) if "ux" in index else ""
-    return MeasuredPoint(
-        sheet.lines[row],
-        text("collection"),
-        text("group"),
-        text("point"),
-        (x, y, z),
-        sigma,
-        text("time"),
-    )
+    xyz = tuple(in_mm(sheet.number(row, index[role]), unit) for role in _XYZ)
+    sigma = ""
+    if "ux" in index:
+        u = [float(in_mm(sheet.number(row, index[role]), unit)) for role in _UNCERTAINTY]
+        if min(u) < 0.0 or not max(u) > 0.0:
+            what = "its uncertainty is not above zero"
+            raise sheet.fault(row, what, "export without uncertainties, or mend them")
+        sigma = f"{math.hypot(*u) / math.sqrt(3.0):.6g}"
+    names = (text("collection"), text("group"), text("point"))
+    return MeasuredPoint(sheet.lines[row], *names, xyz, sigma, text("time"))
 
 
-def _sigma(sheet: ExportTable, row: int, index: dict[str, int], unit: str) -> str:
-    values = [float(in_mm(sheet.number(row, index[role]), unit)) for role in _UNCERTAINTY]
-    if min(values) < 0.0 or not max(values) > 0.0:
-        raise sheet.fault(
-            row, "its uncertainty is not above zero", "export without uncertainties, or mend them"
-        )
-    return f"{math.hypot(*values) / math.sqrt(3.0):.6g}"
+# -- readings of bodies: position in millimetres, and unit quaternion ----------------------------
+
+_BODY = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+_OFF_UNIT = 1e-3  # how far a quaternion's length may be from one: files round to a few digits
+
+
+def body_point(line: int, pose: str, body: str, T: Array) -> MeasuredPoint:
+    """The reading of a body's frame (4, 4), m; the group tells the pose."""
+    return MeasuredPoint(line, "", pose, body, body_texts(T))
+
+
+def body_texts(T: Array) -> tuple[str, ...]:
+    """The text of a frame (4, 4), m, in the columns of a body."""
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    place = (f"{1e3 * v:.6f}" for v in T[:3, 3])
+    return (*place, *(f"{v + 0.0:.10f}" for v in (w, x, y, z)))
+
+
+def body_frame(values: Sequence[str]) -> Array:
+    """The frame (4, 4), m, of such a text."""
+    x, y, z, w, *v = (float(value) for value in values)
+    return transform(Rotation.from_quat([*v, w]).as_matrix(), np.array([x, y, z]) * 1e-3)
+
+
+def quaternion_frame(position: Sequence[float], xyzw: Sequence[float]) -> Array | None:
+    """A frame (4, 4) from a position and a quaternion; None where its length is far from one."""
+    if not abs(math.hypot(*xyzw) - 1.0) < _OFF_UNIT:
+        return None
+    return transform(Rotation.from_quat(xyzw).as_matrix(), np.array(position))
+
+
+def is_rotation(R: Array) -> bool:
+    """Whether a matrix (3, 3) is a rotation, as far as files round."""
+    off = np.abs(R @ R.T - np.eye(3)).max()
+    return bool(off < _OFF_UNIT and np.linalg.det(R) > 0.0)
+
+
+def body_list(
+    path: Path,
+    points: list[MeasuredPoint],
+    columns: tuple[str, ...],
+    unit: tuple[str, str],
+    note: str = "",
+    frames: bool = False,
+) -> PointList:
+    """Readings of bodies as a list whose groups are the poses; unit : and where it is stated."""
+    notes = (f"{path}: {note}",) * bool(note)
+    return PointList(path, points, columns, *unit, (), _BODY, "{pose}::{marker}", frames, notes)

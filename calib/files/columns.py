@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,45 +121,37 @@ def check_known(
 
     readings : columns that hold what the instruments read
     """
-    units = ("deg", "rad", "mm", "m")
-    known = {*OTHERS, *WRENCH, *readings}
     joints = dict.fromkeys((*robot.joints, *robot.told))
-    known |= {f"{j}_{u}" for j in joints for u in units}
-    known |= {f"approach_{j}" for j in joints} | set(torque_columns(robot))
+    known = {*OTHERS, *readings, *shared_columns(robot)}
     ignored = []
     for name in columns:
         unit = name.rpartition("_")[2]
         if name in known or not name:
             continue
         if unit in ("deg", "rad") or name.startswith("approach_"):
-            raise InputError(
-                path,
-                "line 1",
-                f"column {name!r} names no joint of the robot",
-                _meant(name, {f"{j}_{unit}" for j in joints} - {*columns}, joints),
-            )
+            what = f"column {name!r} names no joint of the robot"
+            absent = sorted({f"{j}_{unit}" for j in joints} - {*columns})
+            alike = {column.casefold(): column for column in absent}
+            close = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
+            meant = f"did you mean {alike[close[0]]!r}? " if close else ""
+            raise InputError(path, "line 1", what, f"{meant}joints are {', '.join(joints)}")
         if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
-            close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
-            raise InputError(
-                path,
-                "line 1",
-                f"column {name!r} has no known unit",
-                f"name it {(close or ['?'])[0]}",
-            )
-        meant = difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=0.8)
-        if meant:
-            what, remedy = f"column {name!r} is not known", f"did you mean {meant[0]!r}?"
+            close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1) or ["?"]
+            what = f"column {name!r} has no known unit"
+            raise InputError(path, "line 1", what, f"name it {close[0]}")
+        if close := difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=0.8):
+            what, remedy = f"column {name!r} is not known", f"did you mean {close[0]!r}?"
             raise InputError(path, "line 1", what, remedy)
         ignored.append(name)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
 
 
-def _meant(name: str, columns: set[str], joints: Iterable[str]) -> str:
-    """The column that is spelt almost so and is not there, and the joints that there are."""
-    alike = {column.casefold(): column for column in sorted(columns)}
-    close = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
-    meant = f"did you mean {alike[close[0]]!r}? " if close else ""
-    return f"{meant}joints are {', '.join(joints)}"
+def shared_columns(robot: Robot) -> set[str]:
+    """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
+    joints = (*robot.joints, *robot.told)
+    shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
+    shared |= {f"{j}_{unit}" for j in joints for unit in (*ANGLES, *LENGTHS)}
+    return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
 def torque_columns(robot: Robot) -> tuple[str, ...]:
@@ -178,12 +169,11 @@ def joint_values(table: CsvTable, robot: Robot) -> Array:
     q = np.column_stack([column.joint(table.numbers(column.name)) for column in told])
     turns = np.abs(q) / (2.0 * math.pi)
     for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
-        raise table.fault(
-            row,
-            told[j].name,
-            f"is an angle of {turns[row, j]:.0f} turns",
-            "check its unit: counts of an encoder and angles of the motor are none of the joint",
+        what = f"is an angle of {turns[row, j]:.0f} turns"
+        remedy = (
+            "check its unit: counts of an encoder and angles of the motor are none of the joint"
         )
+        raise table.fault(row, told[j].name, what, remedy)
     return q
 
 
@@ -226,7 +216,11 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     torques = torque_columns(robot)
     if _every_joint(table, torques):
         found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])
-    sided = [_sided(own, table.columns) for own in robot.sources]
+    # A joint tells itself from which side it came, else its master does.
+    sided = [
+        next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])
+        for own in robot.sources
+    ]
     signs = tuple(f"approach_{source.master}" for source in sided)
     if _every_joint(table, signs):
         approach = np.column_stack([table.numbers(name) for name in signs])
@@ -244,20 +238,11 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     return found
 
 
-def _sided(sources: tuple[Mimic, ...], columns: tuple[str, ...]) -> Mimic:
-    """What tells from which side a joint came: itself, else its master."""
-    return next((s for s in sources if f"approach_{s.master}" in columns), sources[-1])
-
-
 def _every_joint(table: CsvTable, names: tuple[str, ...]) -> bool:
     """Whether the columns of all joints are there. Raises InputError where only some are."""
     present = [name for name in names if name in table.columns]
     if present and len(present) < len(names):
         missing = next(name for name in names if name not in present)
-        raise InputError(
-            table.path,
-            "line 1",
-            f"column {missing!r} is missing beside {present[0]!r}",
-            "give every joint's, or none",
-        )
+        what = f"column {missing!r} is missing beside {present[0]!r}"
+        raise InputError(table.path, "line 1", what, "give every joint's, or none")
     return bool(present)

@@ -50,6 +50,14 @@ class CsvTable:
                 raise self.fault(row, column, faults[name], "give it a short, plain name")
         return found
 
+    def refuse_twice(self, column: str, remedy: str) -> None:
+        """Raises InputError where two rows have the same name."""
+        found: set[str] = set()
+        for row, name in enumerate(self.text(column)):
+            if name in found:
+                raise self.fault(row, column, f"{name!r} stands twice", remedy)
+            found.add(name)
+
     def numbers(self, column: str, rows: IntArray | None = None, remedy: str = "") -> Array:
         """A column of finite numbers, of some rows; raises InputError naming line and column."""
         i = self.columns.index(column)

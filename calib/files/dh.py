@@ -55,7 +55,14 @@ def read_dh(path: Path, convention: Convention) -> DhFile:
         if unit is not None:
             values[name] = _checked(found, name, unit) * known[unit]
             units[name] = unit
-    return DhFile(DhTable(convention, _joints(found), _prismatic(found), **values), units)
+    found.refuse_twice("joint", "name each joint once")
+    kinds = found.text("kind") if "kind" in found.columns else n * ["revolute"]
+    for row, kind in enumerate(kinds):
+        if kind not in KINDS:
+            what = f"{kind[:40]!r} is not known"
+            raise found.fault(row, "kind", what, f"use {' or '.join(KINDS)}")
+    prismatic = np.array([kind == "prismatic" for kind in kinds])
+    return DhFile(DhTable(convention, tuple(found.names("joint")), prismatic, **values), units)
 
 
 def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
@@ -91,9 +98,8 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             bare = COLUMNS.get(column)
             if bare is not None:
                 names = " or ".join(f"{column}_{unit}" for unit in bare)
-                raise InputError(
-                    path, "line 1", f"column {column!r} has no unit", f"name it {names}"
-                )
+                what = f"column {column!r} has no unit"
+                raise InputError(path, "line 1", what, f"name it {names}")
             remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
             raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
     for name, own in COLUMNS.items():
@@ -124,26 +130,6 @@ def _checked(found: CsvTable, name: str, unit: str) -> Array:
         what = f"{values[row]:.10g} looks like {other}"
         raise found.fault(row, column, what, f"name the column {name}_{right}")
     return values
-
-
-def _joints(found: CsvTable) -> tuple[str, ...]:
-    names = found.names("joint")
-    for row, name in enumerate(names):
-        if name in names[:row]:
-            raise found.fault(row, "joint", f"{name!r} stands twice", "name each joint once")
-    return tuple(names)
-
-
-def _prismatic(found: CsvTable) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    if "kind" not in found.columns:
-        return np.zeros(len(found.rows), dtype=bool)
-    kinds = found.text("kind")
-    for row, kind in enumerate(kinds):
-        if kind not in KINDS:
-            raise found.fault(
-                row, "kind", f"{kind[:40]!r} is not known", f"use {' or '.join(KINDS)}"
-            )
-    return np.array([kind == "prismatic" for kind in kinds])
 
 
 _SAME = 1e-9  # m or rad

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Sequence
@@ -52,15 +51,14 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     Raises InputError: no such result, or parameters that this cell's robot has not.
     """
     path = Path(path)
-    result = _read(path)
+    result = _json_object(path)
+    if result.get("command") not in ("identify", "diagnose"):
+        what = "is not a result of posecal identify or diagnose"
+        raise InputError(path, "", what, "write one with --json")
     entry = result.get("estimate")
     if not isinstance(entry, dict):
-        raise InputError(
-            path,
-            "",
-            "holds no estimate",
-            "write it with identify --json or diagnose --json of this version",
-        )
+        remedy = "write it with identify --json or diagnose --json of this version"
+        raise InputError(path, "", "holds no estimate", remedy)
     try:
         keys = [tuple(str(p[key]) for key in _KEY) for p in entry["parameters"]]
         values = _numbers([p["value_SI"] for p in entry["parameters"]])
@@ -73,18 +71,14 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         variances, rest_of = _variances(cell, entry.get("scatter_SI"))
         trend = _trend(entry.get("trend"), len(values))
         converged = entry["converged"] is True
-        undetermined, notes = (
-            tuple(map(str, entry["undetermined"])),
-            tuple(map(str, entry["notes"])),
-        )
+        undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(path, "estimate", "is damaged", "write the result again") from None
     try:
         model = _model(cell, keys, values, clock)
     except CalibError as error:
-        raise InputError(
-            path, "estimate", f"is not of this cell: {error}", "give the cell that it was made with"
-        ) from None
+        what = f"is not of this cell: {error}"
+        raise InputError(path, "estimate", what, "give the cell that it was made with") from None
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
         model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock,
@@ -92,23 +86,13 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     )  # fmt: skip
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _json_object(path: Path) -> dict[str, Any]:
+    """What a file holds; nothing where it is no object of JSON. Raises InputError."""
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(path, "", "is too large for a result of posecal")
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+        found = json.loads(read_text(path, _LARGEST_FILE))
     except (ValueError, RecursionError):
-        result = None
-    if not isinstance(result, dict) or result.get("command") not in ("identify", "diagnose"):
-        raise InputError(
-            path,
-            "",
-            "is not a result of posecal identify or diagnose",
-            "write one with --json",
-        )
-    return result
+        found = None
+    return found if isinstance(found, dict) else {}
 
 
 def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
@@ -167,10 +151,8 @@ def _context(cell: Cell, keys: list[Key]) -> Context:
     knots: dict[str, list[float]] = {}
     for kind, where, name in keys:
         if kind == "stiffness_vs_angle":
-            slides = (
-                where in cell.robot.joints and cell.robot.prismatic[cell.robot.joints.index(where)]
-            )
-            shown = _number(name.removeprefix(_KNOT))
+            joints = dict(zip(cell.robot.joints, cell.robot.prismatic, strict=True))
+            shown, slides = _number(name.removeprefix(_KNOT)), joints.get(where, False)
             knots.setdefault(where, []).append(shown * 1e-3 if slides else math.radians(shown))
     still = {instrument.name for instrument in cell.instruments if not instrument.stationed}
     placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
@@ -208,11 +190,8 @@ def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
     return [
         f"{file} changed since {path} was written: its values hold for the cell as it was"
         for file in (cell.path, *cell.robot_files)
-        if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() not in known
+        if file.is_file() and sha256(file) not in known
     ]
-
-
-_LARGEST_NUMBER = 1e12  # in any unit
 
 
 def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]:
@@ -222,29 +201,22 @@ def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]
 
     Raises InputError.
     """
-    text = read_text(path, _LARGEST_FILE)
     try:
-        result = json.loads(text)
-        found = {entry["id"]: (entry["value"], entry["unit"]) for entry in result["parameters"]}
-    except (ValueError, TypeError, KeyError, RecursionError):
-        raise InputError(
-            path, "", "is not a result of posecal identify", "write one with identify --json"
-        ) from None
+        rows = _json_object(path)["parameters"]
+        found = {row["id"]: (row["value"], row["unit"]) for row in rows}
+    except (TypeError, KeyError):
+        what = "is not a result of posecal identify"
+        raise InputError(path, "", what, "write one with identify --json") from None
     values = {}
     for p in parameters:
         value, unit = found.get(p.id, (None, None))
-        if type(value) not in (int, float) or not abs(value) < _LARGEST_NUMBER or unit != p.unit:
-            raise InputError(
-                path,
-                f"parameter {p.id}",
-                f"has no value in {p.unit}",
-                "identify with the same [model], knots included",
-            )
+        if type(value) not in (int, float) or not abs(value) < _LARGEST_VALUE or unit != p.unit:
+            remedy = "identify with the same [model], knots included"
+            raise InputError(path, f"parameter {p.id}", f"has no value in {p.unit}", remedy)
         values[p.id] = value * p.scale
     return values
 
 
-_LARGEST = 1e12  # SI
 _LEARN = "learn one with posecal fleet --prior"
 
 
@@ -253,7 +225,13 @@ def load_prior(path: Path, cell: Cell) -> Prior:
 
     Raises InputError: no such file, nothing of this nominal model in it, figures that are damaged.
     """
-    entries = _types(path)
+    found = _json_object(path)
+    entries = found.get("types")
+    if not isinstance(entries, list) or found.get("command") != "prior":
+        raise InputError(path, "", "is nothing that a type knows", _LEARN)
+    if found.get("schema") != 1:
+        raise InputError(path, "schema", "is not 1", _LEARN)
+    entries = [entry for entry in entries if isinstance(entry, dict)]
     own = [sha256(file) for file in cell.robot_files]
     for k, entry in enumerate(entries):
         if entry.get("nominal_sha256") == own:
@@ -262,39 +240,25 @@ def load_prior(path: Path, cell: Cell) -> Prior:
             except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError):
                 raise InputError(path, f"types[{k}]", "is damaged", _LEARN) from None
     names = ", ".join(dict.fromkeys(str(entry.get("type"))[:40] for entry in entries))
+    nominal = f"the {cell.robot.source} {cell.robot_files[0]} as it stands"
+    remedy = f"{_LEARN} from robots of this one, or take [model.prior] out"
     raise InputError(
         path,
         "types",
-        f"holds {names or 'none'}, and none with the {cell.robot.source} {cell.robot_files[0]} as it "
-        "stands",
-        f"values count from one nominal model; {_LEARN} from robots of this one, or take "
-        "[model.prior] out",
+        f"holds {names or 'none'}, and none with {nominal}",
+        f"values count from one nominal model; {remedy}",
     )
-
-
-def _types(path: Path) -> list[dict[str, Any]]:
-    try:
-        found = json.loads(read_text(path, _LARGEST_FILE))
-    except (ValueError, RecursionError):
-        found = None
-    entries = found.get("types") if isinstance(found, dict) else None
-    if not isinstance(entries, list) or found.get("command") != "prior":
-        raise InputError(path, "", "is nothing that a type knows", _LEARN)
-    if found.get("schema") != 1:
-        raise InputError(path, "schema", "is not 1", _LEARN)
-    return [entry for entry in entries if isinstance(entry, dict)]
 
 
 def _prior(entry: dict[str, Any]) -> Prior:
     """Raises KeyError, TypeError, ValueError, LinAlgError."""
     rows = entry["parameters"]
     keys = tuple((str(p["effect"]), str(p["where"]), str(p["name"])) for p in rows)
-    mean = np.array([p["mean_SI"] for p in rows], dtype=float)
-    cov = np.array(entry["covariance_SI"], dtype=float)
+    mean = _numbers([p["mean_SI"] for p in rows])
+    cov = _numbers(entry["covariance_SI"], _LARGEST_SQUARE)
     robots = entry["robots"]
     right = cov.shape == 2 * mean.shape and len(set(keys)) == len(keys) > 0
-    small = (np.abs(mean) <= _LARGEST).all() and (np.abs(cov) <= _LARGEST**2).all()
-    if not (right and small and isinstance(robots, int) and robots >= 1):
+    if not (right and isinstance(robots, int) and robots >= 1):
         raise ValueError
     if not np.allclose(cov, cov.T, rtol=1e-6, atol=0.0) or not (np.diag(cov) > 0.0).all():
         raise ValueError

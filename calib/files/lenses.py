@@ -65,7 +65,10 @@ def read_lens(path: Path) -> LensFile:
         raise InputError(path, "camera matrix", f"has a skew of {K[1]:g}", "calibrate without one")
     _refuse_parts(path, root)
     model = _word(root.get("distortionmodel"))
-    _refuse_model(path, "fisheye" if _word(root.get("fisheyemodel")) in ("1", "true") else model)
+    bending = "fisheye" if _word(root.get("fisheyemodel")) in ("1", "true") else model
+    if bending not in (*_PLAIN, "rational_polynomial"):
+        what = f"has the distortion model {bending[:40]!r}, where plumb_bob is read"
+        raise InputError(path, "distortion_model", what, _REMEDY)
     D = _numbers(path, "distortion", _of(root, _DISTORTION))
     if D is None:
         what = "names no distortion (distortion_coefficients, distCoeffs or D)"
@@ -136,12 +139,6 @@ def _scalars(node: Node) -> list[Scalar]:
     if isinstance(node, list):
         return [own for part in node for own in _scalars(part)]
     return [node] if isinstance(node, Scalar) else []
-
-
-def _refuse_model(path: Path, model: str) -> None:
-    if model not in (*_PLAIN, "rational_polynomial"):
-        what = f"has the distortion model {model[:40]!r}, where plumb_bob is read"
-        raise InputError(path, "distortion_model", what, _REMEDY)
 
 
 def _five(path: Path, D: Array, model: str) -> Array:
@@ -236,11 +233,7 @@ def lens_found(cell: Cell, result: Identification, camera: Camera) -> str:
     by = np.zeros(9)
     by[camera.free] = result.values[own[0]][-len(camera.free) :]
     values = camera.lens.moved(by).values
-    return lens_yaml(camera.name, _form(cell, camera.name), values, camera.image)
-
-
-def _form(cell: Cell, name: str) -> LensForm:
-    """That of the file that the cell names for the camera."""
     tables = tomllib.loads(read_text(cell.path, _LARGEST_FILE))["instruments"]
-    named = tables[name].get("calibration")
-    return "opencv" if named is None else read_lens(cell.path.parent / named).form
+    named = tables[camera.name].get("calibration")
+    form: LensForm = "opencv" if named is None else read_lens(cell.path.parent / named).form
+    return lens_yaml(camera.name, form, values, camera.image)

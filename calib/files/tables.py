@@ -13,15 +13,13 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import QUATERNION, cartesian_columns, is_cartesian, tip_joints
 from calib.files.columns import (
-    OTHERS,
-    SIGMAS,
     WRENCH,
     check_known,
     covariates,
     joint_columns,
     joint_values,
     joint_warnings,
-    torque_columns,
+    shared_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
 from calib.files.duplicates import refuse_payload_twice, without_copies
@@ -51,7 +49,9 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     table = read_table(path, ("pose", "marker"), check)
     q_rows = joint_values(table, cell.robot)
     warnings.extend(joint_warnings(table, cell.robot, q_rows))
-    pose_names, pose_of_row = _number_in_order(table.names("pose"))
+    named = table.names("pose")
+    order = {name: i for i, name in enumerate(dict.fromkeys(named))}
+    pose_names, pose_of_row = tuple(order), np.array([order[name] for name in named])
     _, first = np.unique(pose_of_row, return_index=True)
     given = covariates(table, cell.robot, first)
     poses = with_moves(poses_at(q_rows[first], pose_names, **given))
@@ -65,12 +65,8 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     alone = [n for n in cell.read_names if n in cell.marker_names and n.partition(":")[0] == n]
     for name in (n for n in alone if n not in shown):
         table_of = "bodies" if name in cell.bodies else "markers_mm"
-        raise InputError(
-            path,
-            f"marker {name}",
-            f"is in the cell's [{table_of}] and never measured",
-            "measure it or take it out of the cell",
-        )
+        what = f"is in the cell's [{table_of}] and never measured"
+        raise InputError(path, f"marker {name}", what, "measure it or take it out of the cell")
     if cell.load is not None and not poses.wrench.any() and poses.configuration.max() + 1 < m:
         warnings.append(
             f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
@@ -80,49 +76,25 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     return without_copies(table, cell, data, path)
 
 
-def _number_in_order(
-    names: list[str],
-) -> tuple[tuple[str, ...], IntArray]:
-    """Distinct names in order of appearance, and the position of each row's name."""
-    order = {name: i for i, name in enumerate(dict.fromkeys(names))}
-    return tuple(order), np.array([order[name] for name in names])
-
-
-def _check_poses_agree(
-    table: CsvTable,
-    cell: Cell,
-    pose_of_row: IntArray,
-    first: IntArray,
-) -> None:
+def _check_poses_agree(table: CsvTable, cell: Cell, pose_of_row: IntArray, first: IntArray) -> None:
     """Rows of one pose must share joints, wrench, time and heat."""
-    robot, own = cell.robot, {"marker", "instrument", *SIGMAS, *reading_names(cell.instruments)}
-    units = ("deg", "rad", "mm", "m")
-    joints = (*robot.joints, *robot.told)
-    shared = {*OTHERS, *WRENCH, *(f"{j}_{u}" for j in joints for u in units)}
-    shared |= {f"approach_{j}" for j in joints} | set(torque_columns(robot))
-    for name in table.columns:
-        if name in shared - own - {"pose"}:
-            text = name in ("station", "session", "pose")
-            values = np.array(table.text(name)) if text else table.numbers(name)
-            bad = np.flatnonzero(values != values[first][pose_of_row])
-            if len(bad):
-                row = int(bad[0])
-                pose = table.text("pose")[row]
-                raise table.fault(
-                    row, name, f"differs from the other rows of pose {pose!r}", "rename the pose"
-                )
+    shared = shared_columns(cell.robot) - reading_names(cell.instruments)
+    for name in (name for name in table.columns if name in shared):
+        text = name in ("station", "session")
+        values = np.array(table.text(name)) if text else table.numbers(name)
+        for row in np.flatnonzero(values != values[first][pose_of_row])[:1].tolist():
+            what = f"differs from the other rows of pose {table.text('pose')[row]!r}"
+            raise table.fault(row, name, what, "rename the pose")
 
 
 def _load_poses(
     cell: Cell, path: Path, required: Sequence[str], *, tips: bool = False
 ) -> tuple[Poses, CsvTable]:
     """Poses of a table; tips : whether they may be given as poses of the tip."""
-    warnings: list[str] = []
 
     def check(columns: tuple[str, ...]) -> None:
-        more = {*QUATERNION} if tips else set()
-        names = {*reading_names(cell.instruments), *more}
-        warnings.extend(check_known(path, cell.robot, columns, names))
+        more = QUATERNION if tips else ()
+        check_known(path, cell.robot, columns, {*reading_names(cell.instruments), *more})
         if tips and is_cartesian(cell.robot, columns):
             cartesian_columns(path, columns)
         else:
@@ -136,11 +108,7 @@ def _load_poses(
     given = covariates(table, cell.robot, np.arange(len(q)))
     if "pose" in table.columns:
         names = table.names("pose")
-        known: set[str] = set()
-        for row, name in enumerate(names):
-            if name in known:
-                raise table.fault(row, "pose", f"{name!r} stands twice", "rename one of them")
-            known.add(name)
+        table.refuse_twice("pose", "rename one of them")
         given["names"] = tuple(names)
     given["site"] = sites_of(table, cell, np.arange(len(q)), np.arange(len(q)))
     return poses_at(q, **given), table

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,16 +17,7 @@ from calib.arm.robot import Place, Robot, weights_of
 from calib.arm.se3 import so3_about, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf_tree import (
-    WORLD,
-    Chain,
-    chain_of,
-    joints_of,
-    label,
-    mesh_files,
-    read_mjcf,
-    strip,
-)
+from calib.files.mjcf_tree import WORLD, Chain, chain_of, joints_of, label, part_of, read_mjcf
 
 
 @contextmanager
@@ -158,17 +148,13 @@ def mjcf_files(path: Path) -> tuple[Path, ...]:
 def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     """The chain of a file, which stays as it is. Raises InputError."""
     tree = chain_of(path, root, base, tip)
-    part = copy.deepcopy(root)
-    original = dict(zip(part.iter(), root.iter(), strict=True))
-    stripped = chain_of(path, part, base, tip)
-    frames = strip(path, stripped)
-    meshes = mesh_files(path, root, stripped)
+    part = part_of(path, tree)
     with mujoco_for(path) as mujoco:
-        text = ElementTree.tostring(part, encoding="unicode")
-        model = mujoco.MjModel.from_xml_string(text, meshes)
+        text = ElementTree.tostring(part.root, encoding="unicode")
+        model = mujoco.MjModel.from_xml_string(text, part.meshes)
     if not any(joints_of(body) for body in tree.bodies):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    own = [int(model.body(element.get("name")).id) for element in stripped.bodies]
+    own = [int(model.body(part.names[body]).id) for body in tree.bodies]
     bodies = [
         MjcfBody(
             element,
@@ -177,16 +163,17 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
         )
         for element, b in zip(tree.bodies, own, strict=True)
     ]
-    sites = {f: model.site(name) for f, name in frames.items()}
+    sites = {e: model.site(name) for e, name in part.names.items() if e.tag == "frame"}
+    frames = {frame: placed(site.pos, site.quat) for frame, site in sites.items()}
+    T_tip = np.eye(4)
     if tree.site is not None:
-        sites[tree.site] = model.site(tip)
-    at = {element: placed(site.pos, site.quat) for element, site in sites.items()}
+        T_tip = placed(model.site(tip).pos, model.site(tip).quat)
     places = places_of(model, 0 if base == WORLD else int(model.body(base).id), own)
     return MjcfChain(
         tree,
         bodies,
-        np.eye(4) if tree.site is None else at[tree.site],
-        {original[f]: at[f] for f in frames},
+        T_tip,
+        frames,
         [(place, float(model.body_mass[i]), model.body_ipos[i]) for i, place in places.items()],
     )
 

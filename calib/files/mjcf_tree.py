@@ -13,6 +13,7 @@ from calib.files.read import read_xml
 WORLD = "world"
 JOINTS = ("joint", "freejoint")
 _DEEPEST = 200  # elements inside one another
+_WRITE_DOWN = "write its bodies down, as MuJoCo does when it saves the model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +94,8 @@ def _included(files: list[Path], here: Path, name: str) -> Path:
     except (OSError, ValueError) as error:
         raise InputError(here, where, f"cannot be read ({error})") from None
     if not whole.is_relative_to(folder):
-        raise InputError(
-            here, where, "leaves the folder of the model", "copy the file into that folder"
-        )
+        remedy = "copy the file into that folder"
+        raise InputError(here, where, "leaves the folder of the model", remedy)
     if not found:
         raise InputError(here, where, "names no file", "check its path")
     if any(whole == other.resolve() for other in files):
@@ -115,12 +115,9 @@ def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
         raise InputError(path, "", f"has no body {base!r}", f"set [robot] base to one of: {known}")
     here = next((e for e in [*bodies, *sites] if e.get("name") == tip), None)
     if here is None:
-        raise InputError(
-            path,
-            "",
-            f"has no body or site {tip!r}",
-            f"set [robot] tip to a site, or to one of: {', '.join(named[:12]) or 'none'}",
-        )
+        known = ", ".join(named[:12]) or "none"
+        remedy = f"set [robot] tip to a site, or to one of: {known}"
+        raise InputError(path, "", f"has no body or site {tip!r}", remedy)
     site = here if here.tag == "site" else None
     chain: list[Element] = []
     on_path = {here}
@@ -132,78 +129,96 @@ def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
         here = parents[here]
         on_path.add(here)
     if not found and base != WORLD:
-        raise InputError(
-            path,
-            f"tip {tip!r}",
-            f"no chain of bodies leads from {base!r} to it",
-            "check [robot] base and tip",
-        )
+        what = f"no chain of bodies leads from {base!r} to it"
+        raise InputError(path, f"tip {tip!r}", what, "check [robot] base and tip")
     for element in on_path - {root, site, *worlds}:
         if element.tag not in ("frame", "body"):
-            raise InputError(
-                path,
-                f"tip {tip!r}",
-                f"stands in <{element.tag}>, which is not supported",
-                "write its bodies down, as MuJoCo does when it saves the model",
-            )
+            what = f"stands in <{element.tag}>, which is not supported"
+            raise InputError(path, f"tip {tip!r}", what, _WRITE_DOWN)
     return Chain(root, chain[::-1], site, on_path)
 
 
-_SECTIONS = ("compiler", "default", "asset", "worldbody")
 _DEFAULTS = ("default", "joint", "geom", "site", "mesh")
-_CONTENT = (*JOINTS, "inertial", "geom", "site")
+_CONTENT = ("inertial", "site")
 # These make bodies that the file does not list.
 _BY_RULE = ("attach", "replicate", "composite", "flexcomp")
 _ENDS = {f"{tag}{n}": tag for tag in ("joint", "body", "site") for n in (1, 2)}
 _NOT_USED = ("settotalmass", "discardvisual", "strippath", "meshdir", "texturedir", "assetdir")
 
 
-def strip(path: Path, chain: Chain) -> dict[Element, str]:
-    """Take everything else out, in place, and name what has to be found again.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What of a file MuJoCo is given: the chain and what gives it mass.
+
+    root : Element, a file of its own; meshes : dict, contents of the files that it names
+    names : dict, body of the chain -> its name there, frame on it -> name of a site in its origin
+    """
+
+    root: Element
+    meshes: dict[str, bytes]
+    names: dict[Element, str]
+
+
+def part_of(path: Path, chain: Chain) -> Part:
+    """A copy of the chain and of what hangs on it.
 
     What hangs on the chain by joints of its own loses them: it is carried as it is drawn.
 
-    The chain's bodies get a name where they have none, and every frame of the chain a site in its
-    origin: (frame -> name of that site) is returned.
-
-    Raises InputError for what makes no serial chain of independent joints.
+    Raises InputError for what makes no serial chain of independent joints, and where a mesh is missing
+    that gives a body its mass.
     """
     carried, branches = _attached(path, chain)
     _refuse_coupled(path, chain.root, [*chain.bodies, *carried], branches)
-    links = [*chain.bodies, *carried, *branches]
-    for body in branches:
-        _drop(body, JOINTS)
     settings = compiler_settings(chain.root)
     if not settings.get("settotalmass", "-1").strip().startswith("-"):
-        raise InputError(
-            path,
-            "compiler settotalmass",
-            "scales the masses of everything in the file",
-            "give each body its own mass and remove it",
-        )
-    for section in list(chain.root):
-        if section.tag not in _SECTIONS or section.tag == "compiler":
-            chain.root.remove(section)
-        elif section.tag == "default":
-            _keep(section, _DEFAULTS)
-    for world in chain.root.findall("worldbody"):
-        _prune(world, chain.path | set(links), chain, moves=False)
+        what = "scales the masses of everything in the file"
+        remedy = "give each body its own mass and remove it"
+        raise InputError(path, "compiler settotalmass", what, remedy)
+    kept = chain.path | {*carried, *branches}
     from_geoms = settings.get("inertiafromgeom", "auto")
-    for body in links:
-        weighed = body.find("inertial") is not None
-        if from_geoms == "false" or (weighed and from_geoms == "auto"):
-            _drop(body, ("geom",))
-    for element in chain.root.iter():
-        element.attrib.pop("material", None)
+    names: dict[Element, str] = {}
+
+    def copied(element: Element, content: tuple[str, ...]) -> Element:
+        """A body, frame or world with those of its elements that count; none before the chain."""
+        copy = _bare(element)
+        for child in element:
+            if child.tag == "body" and child in kept:
+                own: tuple[str, ...] = ()
+                if content or child in chain.bodies:
+                    weighed = child.find("inertial") is not None
+                    massive = from_geoms != "false" and not (weighed and from_geoms == "auto")
+                    own = _CONTENT + (() if child in branches else JOINTS)
+                    own += ("geom",) if massive else ()
+                copy.append(copied(child, own))
+            elif child.tag == "frame" and (content or child in kept):
+                copy.append(copied(child, content))
+            elif child.tag in content:
+                copy.append(_bare(child))
+        if element in chain.bodies:
+            names[element] = element.get("name") or f"body {len(names)} of the chain"
+            copy.set("name", names[element])
+        elif element.tag == "frame":
+            names[element] = f"frame {len(names)} of the chain"
+            SubElement(copy, "site", name=names[element])
+        return copy
+
+    root = _bare(chain.root)
     used = {key: value for key, value in settings.items() if key not in _NOT_USED}
-    chain.root.insert(0, Element("compiler", used | {"fusestatic": "false"}))
-    for number, body in enumerate(chain.bodies, 1):
-        body.set("name", body.get("name") or f"body {number} of the chain")
-    found = [f for world in chain.root.findall("worldbody") for f in world.iter("frame")]
-    frames = {frame: f"frame {number} of the chain" for number, frame in enumerate(found, 1)}
-    for frame, name in frames.items():
-        SubElement(frame, "site", name=name)
-    return frames
+    SubElement(root, "compiler", used | {"fusestatic": "false"})
+    root.extend(_defaults(own) for own in chain.root.findall("default"))
+    root.extend(copied(world, ()) for world in chain.root.findall("worldbody"))
+    return Part(root, _meshes(path, settings, chain.root, root), names)
+
+
+def _bare(element: Element) -> Element:
+    """The element alone; materials give no mass."""
+    return Element(element.tag, {k: v for k, v in element.items() if k != "material"})
+
+
+def _defaults(element: Element) -> Element:
+    copy = _bare(element)
+    copy.extend(_defaults(child) for child in element if child.tag in _DEFAULTS)
+    return copy
 
 
 def _attached(path: Path, chain: Chain) -> tuple[list[Element], list[Element]]:
@@ -215,12 +230,8 @@ def _attached(path: Path, chain: Chain) -> tuple[list[Element], list[Element]]:
         body = pending.pop()
         for child in inside(body):
             if child.tag in _BY_RULE:
-                raise InputError(
-                    path,
-                    label(body),
-                    f"holds <{child.tag}>, which is not supported",
-                    "write its bodies down, as MuJoCo does when it saves the model",
-                )
+                what = f"holds <{child.tag}>, which is not supported"
+                raise InputError(path, label(body), what, _WRITE_DOWN)
             if child.tag == "body" and child not in chain.path:
                 beside = bool(joints_of(child)) or body in branches
                 (branches if beside else carried).append(child)
@@ -247,84 +258,39 @@ def _refuse_coupled(
         on_joints = any(tag == "joint" for tag, _ in ends)
         if ends & ours and (on_joints or not ends & theirs):
             names = " and ".join(sorted(f"{tag} {name!r}" for tag, name in ends & ours))
-            raise InputError(
-                path,
-                f"equality <{equality.tag}>",
-                f"constrains {names}",
-                'closed loops and coupled joints are not supported; remove it or set active="false"',
-            )
-
-
-def _keep(element: Element, tags: tuple[str, ...]) -> None:
-    for child in list(element):
-        if child.tag in tags:
-            _keep(child, tags)
-        else:
-            element.remove(child)
-
-
-def _prune(element: Element, kept: set[Element], chain: Chain, moves: bool) -> None:
-    """Take out bodies that are not kept, and what stands in the base and before it."""
-    for child in list(element):
-        if child.tag == "body" and child in kept:
-            _prune(child, kept, chain, moves or child in chain.bodies)
-        elif child.tag == "frame" and (moves or child in kept):
-            _prune(child, kept, chain, moves)
-        elif child.tag not in _CONTENT or not moves:
-            element.remove(child)
-        else:
-            _keep(child, ())
-
-
-def _drop(element: Element, tags: tuple[str, ...]) -> None:
-    """Take out of a body, frames opened, what has one of these tags."""
-    for child in list(element):
-        if child.tag in tags:
-            element.remove(child)
-        elif child.tag == "frame":
-            _drop(child, tags)
+            remedy = "closed loops and coupled joints are not supported"
+            remedy += '; remove it or set active="false"'
+            where = f"equality <{equality.tag}>"
+            raise InputError(path, where, f"constrains {names}", remedy)
 
 
 _LARGEST_FILE = 200_000_000  # bytes
 
 
-def mesh_files(path: Path, root: Element, stripped: Chain) -> dict[str, bytes]:
-    """Contents by the names that the stripped file then has for them; other assets are taken out.
-
-    Raises InputError where a mesh is missing that gives a body its mass.
-    """
-    settings = compiler_settings(root)
+def _meshes(path: Path, settings: dict[str, str], root: Element, part: Element) -> dict[str, bytes]:
+    """Contents of the meshes that a part of a file uses, by the names that it then has for them."""
     folder = path.parent / settings.get("meshdir", settings.get("assetdir", ""))
-    used = {geom.get("mesh") for geom in stripped.root.iter("geom")}
+    users = {e.get("mesh"): body for body in part.iter("body") for e in inside(body)}
     contents: dict[str, bytes] = {}
-    for section in stripped.root.findall("asset"):
-        for asset in list(section):
-            given = asset.get("file", "")
-            name = asset.get("name", Path(given.replace("\\", "/")).stem)
-            if asset.tag != "mesh" or name not in used:
-                section.remove(asset)
-            elif given:
-                stands = Path(given).name if settings.get("strippath") == "true" else given
-                key = f"{len(contents)}{Path(given).suffix}"
-                contents[key] = _content(path, folder / stands, name, stripped)
-                asset.set("name", name)
-                asset.set("file", key)
+    assets = SubElement(part, "asset")
+    for asset in root.findall("asset/mesh"):
+        given = asset.get("file", "")
+        name = asset.get("name", Path(given.replace("\\", "/")).stem)
+        if name not in users:
+            continue
+        copy = _bare(asset)
+        copy.extend(asset)
+        assets.append(copy)
+        if given:
+            file = folder / (Path(given).name if settings.get("strippath") == "true" else given)
+            key = f"{len(contents)}{Path(given).suffix}"
+            copy.attrib |= {"name": name, "file": key}
+            try:
+                if not file.is_file() or file.stat().st_size > _LARGEST_FILE:
+                    raise OSError
+                contents[key] = file.read_bytes()
+            except (OSError, ValueError):
+                what = f"takes its mass from mesh {name!r}, and {file} cannot be read"
+                remedy = "bring the file, or give the body an <inertial>"
+                raise InputError(path, label(users[name]), what, remedy) from None
     return contents
-
-
-def _content(path: Path, file: Path, name: str, stripped: Chain) -> bytes:
-    try:
-        if not file.is_file() or file.stat().st_size > _LARGEST_FILE:
-            raise OSError
-        return file.read_bytes()
-    except (OSError, ValueError):
-        bodies = (
-            body for world in stripped.root.findall("worldbody") for body in world.iter("body")
-        )
-        user = next(b for b in bodies if any(e.get("mesh") == name for e in inside(b)))
-        raise InputError(
-            path,
-            label(user),
-            f"takes its mass from mesh {name!r}, and {file} cannot be read",
-            "bring the file, or give the body an <inertial>",
-        ) from None

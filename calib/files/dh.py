@@ -160,9 +160,9 @@ def dh_lacks(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> list[str]:
     markers : dict, name -> ndarray, shape (3,), m, tip frame
     """
     lacks = []
-    if not _is_identity(fit.T_base):
+    if np.abs(fit.T_base - np.eye(4)).max() >= _SAME:
         lacks.append(f"its first frame stands in {robot.base} at {_pose(fit.T_base)}")
-    if not _is_identity(fit.T_tip):
+    if np.abs(fit.T_tip - np.eye(4)).max() >= _SAME:
         places = {name: _mm(transformed(fit.T_tip, p)) for name, p in markers.items()}
         listed = "".join(f"; {name} is at {place} there" for name, place in places.items())
         lacks.append(f"{robot.tip} stands in its last frame at {_pose(fit.T_tip)}{listed}")
@@ -185,10 +185,6 @@ def _without_beta(fit: DhFit, robot: Robot, markers: dict[str, Array]) -> str:
         tip_points(robot_of_dh(table, "", "base", "tip"), q, tool) for table in (fit.table, plain)
     ]
     return f"{np.linalg.norm(points[1] - points[0], axis=-1).max() * 1e3:.3g} mm at the markers"
-
-
-def _is_identity(T: Array) -> bool:
-    return bool(np.abs(T - np.eye(4)).max() < _SAME)
 
 
 def _pose(T: Array) -> str:

@@ -70,12 +70,8 @@ def maker_of(path: Path, file: YamlText) -> Maker:
         return UR
     if "joint1" in file.root:
         return FRANKA
-    raise InputError(
-        path,
-        "",
-        "is no kinematics file of Universal Robots (kinematics: shoulder: ..) or Franka (joint1: ..)",
-        "is it the right file?",
-    )
+    makers = "Universal Robots (kinematics: shoulder: ..) or Franka (joint1: ..)"
+    raise InputError(path, "", f"is no kinematics file of {makers}", "is it the right file?")
 
 
 def load_kinematics(path: Path, base: str, tip: str) -> Robot:
@@ -85,13 +81,17 @@ def load_kinematics(path: Path, base: str, tip: str) -> Robot:
     """
     file = read_yaml(path)
     maker = maker_of(path, file)
-    turned = _turned(path, maker, base)
+    base = base or next(iter(maker.bases))
+    if maker is UR and base not in maker.bases:
+        remedy = f"set [robot] base to one of: {', '.join(maker.bases)}"
+        raise InputError(path, "", f"has no frame {base!r}", remedy)
+    turned = maker.bases.get(base, False)
     origins = [_origin(path, scalars) for scalars in _scalars(path, file, maker)]
     origins[0] = (_HALF_TURN if turned else np.eye(4)) @ origins[0]
     n = len(maker.joints)
     return Robot(
         name=path.stem,
-        base=base or next(iter(maker.bases)),
+        base=base,
         tip=tip or maker.tip,
         joints=maker.joints,
         prismatic=np.zeros(n, dtype=bool),
@@ -134,8 +134,7 @@ def kinematics_of(robot: Robot, corrections: Array) -> str:
         origins[0] = inverse(_HALF_TURN) @ origins[0]
     lines = ["kinematics:"] if maker is UR else []
     for key, T in zip(maker.keys, origins, strict=False):
-        indent = "  " if maker is UR else ""
-        lines += [f"{indent}{key}:"] + ([] if maker is UR else ["  kinematic:"])
+        lines += [f"  {key}:"] if maker is UR else [f"{key}:", "  kinematic:"]
         lines += [f"    {name}: {text}" for name, text in zip(_KEYS, _texts(T), strict=True)]
     return "\n".join([*lines, ""])
 
@@ -147,9 +146,8 @@ def kinematics_lacks(robot: Robot, corrections: Array, own: bool) -> list[str]:
     if maker is UR and corrections[robot.tip_frame].any():
         lacks.append(f"has no place for {robot.tip}: its displacement is left out")
     if maker is UR and not own:
-        lacks.append(
-            "has no hash: the driver wants that of this very arm, copy it from its own file"
-        )
+        remedy = "the driver wants that of this very arm, copy it from its own file"
+        lacks.append(f"has no hash: {remedy}")
     return lacks
 
 
@@ -160,53 +158,36 @@ def _maker_of_joints(robot: Robot) -> Maker:
         if len(robot.joints) == len(maker.joints) and all(j.endswith(k) for j, k in pairs):
             if straight:
                 return maker
-            raise InputError(
-                "--kinematics", "", f"the axes of this {maker.name} are not all +z in their frames",
-                "take the maker's own URDF",
-            )  # fmt: skip
-    raise InputError(
-        "--kinematics",
-        f"joints {', '.join(robot.joints)}",
-        "are neither those of Universal Robots (shoulder_pan_joint ..) nor of Franka (joint1 ..)",
-        "write a URDF (--urdf) or a DH table (--dh)",
-    )
+            what = f"the axes of this {maker.name} are not all +z in their frames"
+            raise InputError("--kinematics", "", what, "take the maker's own URDF")
+    joints, remedy = ", ".join(robot.joints), "write a URDF (--urdf) or a DH table (--dh)"
+    what = "are neither those of Universal Robots (shoulder_pan_joint ..) nor of Franka (joint1 ..)"
+    raise InputError("--kinematics", f"joints {joints}", what, remedy)
 
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
-def _turned(path: Path, maker: Maker, base: str) -> bool:
-    if maker is FRANKA or not base:
-        return next(iter(maker.bases.values()))
-    if base not in maker.bases:
-        known = ", ".join(maker.bases)
-        raise InputError(path, "", f"has no frame {base!r}", f"set [robot] base to one of: {known}")
-    return maker.bases[base]
-
-
 def _scalars(path: Path, file: YamlText, maker: Maker) -> list[dict[str, Scalar]]:
     """x .. yaw of every joint. Raises InputError where one is missing."""
     found = []
-    above = file.root["kinematics"] if maker is UR else file.root
     for key in maker.keys:
-        own = _below(path, above, key, "")
-        if maker is FRANKA:
-            own = _below(path, own, "kinematic", key)
-        scalars = {}
-        for name in _KEYS:
-            value = _below(path, own, name, key)
+        own: Node = file.root
+        places = (("kinematics", ""), (key, "")) if maker is UR else ((key, ""), ("kinematic", key))
+        for name, where in places:
+            own = _below(path, own, name, where)
+        scalars = {name: _below(path, own, name, key) for name in _KEYS}
+        for name, value in scalars.items():
             if not isinstance(value, Scalar):
                 raise InputError(path, key, f"{name} is no number")
-            scalars[name] = value
-        found.append(scalars)
+        found.append({n: value for n, value in scalars.items() if isinstance(value, Scalar)})
     return found
 
 
 def _below(path: Path, node: Node, key: str, where: str) -> Node:
     if not isinstance(node, dict) or key not in node:
-        raise InputError(
-            path, where, f"{key!r} is missing", "complete it from the maker's own file"
-        )
+        remedy = "complete it from the maker's own file"
+        raise InputError(path, where, f"{key!r} is missing", remedy)
     return node[key]
 
 
@@ -262,8 +243,7 @@ def read_ur_calibration(path: Path, model: str) -> DhTable:
     """The calibrated table of an arm, its numbers near the nominal ones. Raises InputError."""
     nominal = nominal_ur(model)
     deltas = _deltas(path)
-    names = ("theta", "a", "d", "alpha")
-    exact = replace(nominal, **{name: getattr(nominal, name) + deltas[name] for name in names})
+    exact = replace(nominal, **{k: getattr(nominal, k) + own for k, own in deltas.items()})
     robot = robot_of_dh(exact, model, "base", "tool0")
     return dh_of_robot(robot, np.zeros((robot.dof + 2, 6)), nominal).table
 
@@ -275,21 +255,18 @@ def _deltas(path: Path) -> dict[str, Array]:
     except configparser.Error:
         parser.clear()
     if not parser.has_section(_SECTION):
-        raise InputError(
-            path, "", f"has no [{_SECTION}]", "is it the calibration.conf of a UR controller?"
-        )
-    return {
-        name: _six(path, f"delta_{name}", parser.get(_SECTION, f"delta_{name}", fallback=""))
-        for name in ("theta", "a", "d", "alpha")
-    }
-
-
-def _six(path: Path, key: str, text: str) -> Array:
-    try:
-        values: Array = np.array(json.loads(text.split("#")[0]), dtype=float)
-    except (ValueError, TypeError, RecursionError):
-        values = np.array([])
-    if values.shape != (6,) or not (np.abs(values) < _FARTHEST).all():
-        what = f"is missing in [{_SECTION}]" if not text else "is no list of six numbers"
-        raise InputError(path, key, what, "copy the file from the controller again")
-    return values
+        remedy = "is it the calibration.conf of a UR controller?"
+        raise InputError(path, "", f"has no [{_SECTION}]", remedy)
+    found = {}
+    for name in ("theta", "a", "d", "alpha"):
+        key = f"delta_{name}"
+        text = parser.get(_SECTION, key, fallback="")
+        try:
+            values = np.array(json.loads(text.split("#")[0]), dtype=float)
+        except (ValueError, TypeError, RecursionError):
+            values = np.array([])
+        if values.shape != (6,) or not (np.abs(values) < _FARTHEST).all():
+            what = f"is missing in [{_SECTION}]" if not text else "is no list of six numbers"
+            raise InputError(path, key, what, "copy the file from the controller again")
+        found[name] = values
+    return found

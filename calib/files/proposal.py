@@ -144,7 +144,7 @@ def _arm_of(row: list[Node]) -> list[Node]:
         return row[: gripping.index(True)]
     if len(row) > 1:
         beside = [own for own in _rigid(row[-2]) if row[-1] not in _all(own)]
-        if any(_named_like_tool(own.name) for own in beside):
+        if any(_has_word(own.name, word) for own in beside for word in _TIPS):
             return row[:-1]
     return row
 
@@ -161,8 +161,8 @@ def _named_of_gripper(name: str) -> bool:
     return not turns and any(word.rstrip("s") in _GRIPS for word in lower)
 
 
-def _named_like_tool(name: str) -> bool:
-    return any(re.search(rf"(^|[_-]){word}($|[_-])", name.lower()) for word in _TIPS)
+def _has_word(name: str, word: str) -> bool:
+    return re.search(rf"(^|[_-]){word}($|[_-])", name.lower()) is not None
 
 
 def _rigid(node: Node) -> list[Node]:
@@ -191,7 +191,7 @@ def _tip(path: Path, last: Node) -> str:
     rigid = _rigid(last)
     for word in _TIPS:
         for node in rigid:
-            if re.search(rf"(^|[_-]){word}($|[_-])", node.name.lower()):
+            if _has_word(node.name, word):
                 return node.name
     while len(last.children) == 1 and last.children[0] in rigid and last.children[0].name:
         last = last.children[0]
@@ -270,15 +270,12 @@ def _of_xml(path: Path) -> tuple[Form, Ends]:
     if root.tag != "robot":
         what = "is neither a URDF (<robot>) nor an MJCF (<mujoco>)"
         raise InputError(path, f"<{str(root.tag)[:40]}>", what)
-    if any(_is_xacro(element) for element in root.iter()):
+    tags = [e.tag for e in root.iter() if isinstance(e.tag, str)]
+    expressions = any("${" in value for e in root.iter() for value in e.attrib.values())
+    if expressions or any(tag.startswith("{") and "xacro" in tag for tag in tags):
         what = "is a xacro file, which makes a URDF but is none"
         raise InputError(path, "", what, f"expand it first: xacro {path.name} > robot.urdf")
     return "urdf", urdf_ends(path, root)
-
-
-def _is_xacro(element: Element) -> bool:
-    own = isinstance(element.tag, str) and element.tag.startswith("{") and "xacro" in element.tag
-    return own or any("${" in value for value in element.attrib.values())
 
 
 def _of_calibration(path: Path, base: str, tip: str, model: str) -> Proposal:
@@ -312,10 +309,9 @@ def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
     open_ended = ~np.isfinite(robot.limits).all(axis=1)
     if open_ended.any():
         names = ", ".join(np.array(robot.joints)[open_ended])
-        lacks.append(
-            f"no limits of {names} in the {source}: poses are planned within +-180 deg (+-1 m); give "
-            "them in [robot.limits_deg] (or limits_mm)"
-        )
+        planned = "poses are planned within +-180 deg (+-1 m)"
+        remedy = "give them in [robot.limits_deg] (or limits_mm)"
+        lacks.append(f"no limits of {names} in the {source}: {planned}; {remedy}")
     lacks += odd_limits(robot)
     still = robot.limits[:, 0] == robot.limits[:, 1]
     if still.any():

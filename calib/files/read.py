@@ -32,12 +32,9 @@ def check_file(path: Path, largest: float = math.inf, remedy: str = "check the p
     if not stat.S_ISREG(found.st_mode):
         raise InputError(path, "", "is a pipe or a device", "write its content to a file first")
     if found.st_size > largest:
-        raise InputError(
-            path,
-            "",
-            f"is {found.st_size / 1e6:.0f} MB, too large (at most {largest / 1e6:.0f} MB)",
-            "is it the right file?",
-        )
+        size, most = (f"{count / 1e6:.0f} MB" for count in (found.st_size, largest))
+        what = f"is {size}, too large (at most {most})"
+        raise InputError(path, "", what, "is it the right file?")
 
 
 def read_bytes(path: Path, largest: int, remedy: str = "check the path") -> bytes:
@@ -96,27 +93,17 @@ def read_xml(path: Path, kind: str) -> ElementTree.Element:
         root: ElementTree.Element = parser.close()
     except ElementTree.ParseError as error:
         line = error.position[0]
-        raise InputError(
-            path, f"line {line}", f"is not well-formed XML ({error})", f"export the {kind} again"
-        ) from None
+        what = f"is not well-formed XML ({error})"
+        raise InputError(path, f"line {line}", what, f"export the {kind} again") from None
     except DefusedXmlException as error:
-        raise InputError(
-            path,
-            "",
-            f"uses XML that is refused for safety ({type(error).__name__})",
-            "remove the DOCTYPE and its entities",
-        ) from None
+        what = f"uses XML that is refused for safety ({type(error).__name__})"
+        raise InputError(path, "", what, "remove the DOCTYPE and its entities") from None
     except (LookupError, ValueError):
         what = "names an encoding that cannot be read"
         raise InputError(path, "line 1", what, "save it as UTF-8") from None
-    if _depth(root) > _DEEPEST:
+    level = [root]
+    for _ in range(_DEEPEST):
+        level = [child for element in level for child in element]
+    if level:
         raise InputError(path, "", "is nested too deeply", f"export the {kind} again")
     return root
-
-
-def _depth(root: ElementTree.Element) -> int:
-    """Levels of elements, up to one more than any robot needs."""
-    level, depth = [root], 0
-    while level and depth <= _DEEPEST:
-        level, depth = [child for element in level for child in element], depth + 1
-    return depth

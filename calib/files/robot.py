@@ -49,25 +49,18 @@ def load_robot(
         robot = load_dh(path, convention, base or "base", tip or "tip")
     else:
         robot = READERS[form](path, base, tip)
-    _refuse_far_origins(path, robot)
+    lengths = np.linalg.norm(robot.origins[:, :3, 3], axis=1)
+    for name, length in zip((*robot.joints, robot.tip), lengths, strict=True):
+        if length > _FARTHEST:
+            what = f"is {length:.4g} m from the frame before"
+            remedy = f"if these are millimetres, write {length / 1e3:.4g}"
+            where = f"origin of {name}"
+            raise InputError(path, where, what, f"the file counts metres: {remedy}")
     robot = replace(robot, source=Source(form, robot_files(form, path), convention))
     if form not in _SHAPES:
         return robot
     shapes = _SHAPES[form](path, robot.base, robot.tip)
     return replace(robot, shapes=replace(shapes, own=bool(shapes.capsules)))
-
-
-def _refuse_far_origins(path: Path, robot: Robot) -> None:
-    """A link of a hundred metres is one of millimetres."""
-    lengths = np.linalg.norm(robot.origins[:, :3, 3], axis=1)
-    for name, length in zip((*robot.joints, robot.tip), lengths, strict=True):
-        if length > _FARTHEST:
-            raise InputError(
-                path,
-                f"origin of {name}",
-                f"is {length:.4g} m from the frame before",
-                f"the file counts metres: if these are millimetres, write {length / 1e3:.4g}",
-            )
 
 
 def robot_files(form: Form, path: Path) -> tuple[Path, ...]:
@@ -134,24 +127,19 @@ def corrected_robot(
             else kinematics_of(cell.robot, corrections)
         )
         return Written(text, (*lacks, *kinematics_lacks(cell.robot, corrections, own)))
-    return Written(_tree(cell, form, corrections, markers, target), tuple(lacks))
-
-
-def _tree(
-    cell: Cell, form: Form, corrections: Array, markers: dict[str, Array], target: Path
-) -> str:
-    """The text of a URDF or an MJCF."""
-    source = cell.robot_files[0]
-    if cell.robot.source.form == "urdf":
-        text = corrected_urdf(source, cell.robot, corrections, markers)
-        return text if form == "urdf" else mjcf_of_urdf(source, text, cell.robot.tip)
-    if cell.robot.source.form == "mjcf":
-        if form == "mjcf":
-            return corrected_mjcf(source, cell.robot, corrections, markers, target)
-        whole = load_robot("mjcf", source, cell.robot.base, cell.robot.tip)  # limits as in the file
-        return chain_urdf(whole, corrections, markers)
-    text = chain_urdf(cell.robot, corrections, markers)
-    return text if form == "urdf" else mjcf_of_urdf(source, text, cell.robot.tip)
+    source, robot = cell.robot_files[0], cell.robot
+    if form == robot.source.form == "mjcf":
+        return Written(corrected_mjcf(source, robot, corrections, markers, target), ())
+    if robot.source.form == "urdf":
+        text = corrected_urdf(source, robot, corrections, markers)
+    elif robot.source.form == "mjcf":  # limits as in the file
+        whole = load_robot("mjcf", source, robot.base, robot.tip)
+        text = chain_urdf(whole, corrections, markers)
+    else:
+        text = chain_urdf(robot, corrections, markers)
+    if form == "mjcf":
+        text = mjcf_of_urdf(source, text, robot.tip)
+    return Written(text, tuple(lacks))
 
 
 def not_rigid(model: Model) -> list[str]:
@@ -188,8 +176,12 @@ def zero_offsets(robot: Robot, corrections: Array, markers: Array) -> ZeroOffset
     offsets = np.einsum("ki,ki->k", along, robot.axes)
     q = robot.sobol(_POSES)
     true = tip_points(robot, q, markers, corrections)
-    before, after = (_missed(true, tip_points(robot, p, markers)) for p in (q, q + offsets))
-    return ZeroOffsets(offsets, before, after)
+    missed = []
+    for tried in (q, q + offsets):
+        points = tip_points(robot, tried, markers)
+        off = transformed(fit_rigid(true.reshape(-1, 3), points.reshape(-1, 3)), points) - true
+        missed.append(float(np.sqrt(np.mean(np.sum(off**2, axis=-1)))))
+    return ZeroOffsets(offsets, *missed)
 
 
 def zero_offsets_csv(
@@ -207,27 +199,15 @@ def zero_offsets_csv(
     for name in counts:
         if name not in robot.joints or robot.prismatic[robot.joints.index(name)]:
             turning = [j for j, p in zip(robot.joints, robot.prismatic, strict=True) if not p]
-            raise InputError(
-                "--counts-per-deg", "", f"no joint {name!r} that turns", f"use {', '.join(turning)}"
-            )
+            what = f"no joint {name!r} that turns"
+            raise InputError("--counts-per-deg", "", what, f"use {', '.join(turning)}")
     header = ["joint", "offset", "reads_at_zero", "unit"]
     header += ["master_count_change"] if counts else []
     rows = []
-    for k, joint in enumerate(robot.joints):
-        shown = found.offsets[k] * 1e3 if robot.prismatic[k] else np.degrees(found.offsets[k])
-        row = [
-            joint,
-            f"{shown + 0.0:.9g}",
-            f"{-shown + 0.0:.9g}",
-            "mm" if robot.prismatic[k] else "deg",
-        ]
+    for joint, slides, offset in zip(robot.joints, robot.prismatic, found.offsets, strict=True):
+        shown, unit = (offset * 1e3, "mm") if slides else (np.degrees(offset), "deg")
+        row = [joint, f"{shown + 0.0:.9g}", f"{-shown + 0.0:.9g}", unit]
         if counts:
             row.append(f"{-shown * counts[joint]:.0f}" if joint in counts else "")
         rows.append(row)
     return csv_text(header, rows)
-
-
-def _missed(true: Array, points: Array) -> float:
-    T = fit_rigid(true.reshape(-1, 3), points.reshape(-1, 3))
-    missed = transformed(T, points) - true
-    return float(np.sqrt(np.mean(np.sum(missed**2, axis=-1))))

@@ -22,13 +22,11 @@ def check_target(path: Path) -> None:
         if path.is_dir():
             raise InputError(path, "", "cannot be written (is a folder)", "name a file in it")
         if not path.parent.is_dir():
-            raise InputError(
-                path, "", "cannot be written (no such folder)", "make the folder first"
-            )
+            what = "cannot be written (no such folder)"
+            raise InputError(path, "", what, "make the folder first")
     except OSError as error:  # a name too long
-        raise InputError(
-            path, "", f"cannot be written ({error.strerror})", "name another"
-        ) from None
+        what = f"cannot be written ({error.strerror})"
+        raise InputError(path, "", what, "name another") from None
 
 
 def make_folder(folder: Path) -> None:
@@ -70,9 +68,8 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
         for name, path in prepared:
             os.replace(name, path)
     except OSError as error:
-        raise InputError(
-            path, "", f"cannot be written ({error.strerror})", "choose another folder or free space"
-        ) from None
+        what = f"cannot be written ({error.strerror})"
+        raise InputError(path, "", what, "choose another folder or free space") from None
     finally:
         for name, _ in prepared:
             if os.path.exists(name):

@@ -31,7 +31,9 @@ def axis_sheet(path: Path, lines: list[tuple[int, str]]) -> ExportTable | None:
     rows: list[list[str]] = []
     axes: list[str] | None = None
     for _, line in lines:
-        start = _start(line)
+        # Where the list begins, in linear time; the end of the line where there is none.
+        first = _AXIS.search(line) if "{" not in line else None
+        start = line.find("{") if "{" in line else first.start() if first else len(line)
         if _LISTED.fullmatch(line, start) is None:
             return None
         pairs = _AXIS.findall(line, start)
@@ -48,15 +50,6 @@ def axis_sheet(path: Path, lines: list[tuple[int, str]]) -> ExportTable | None:
     rows = rows if named else [row[1:] for row in rows]
     numbers = [number for number, _ in lines]
     return made_sheet(path, [], [header, *rows], [numbers[0], *numbers], ",")
-
-
-def _start(line: str) -> int:
-    """Where the list begins, the end of the line where there is none. Takes linear time."""
-    brace = line.find("{")
-    if brace >= 0:
-        return brace
-    first = _AXIS.search(line)
-    return len(line) if first is None else first.start()
 
 
 UNITS = (*ANGLES, *LENGTHS)
@@ -106,11 +99,13 @@ def read_joints(
 
     Raises InputError.
     """
-    sheet = _sheet(path)
+    if path.suffix.lower() in YAML:
+        sheet = joint_states(path)
+    else:
+        sheet = axis_sheet(path, text_lines(path)) or read_sheet(path)
     if sheet.header is None:
-        raise InputError(
-            path, "line 1", "names no columns", "begin with a header, as in pose,A1_deg,A2_deg"
-        )
+        remedy = "begin with a header, as in pose,A1_deg,A2_deg"
+        raise InputError(path, "line 1", "names no columns", remedy)
     titles = [titled(text) for text in sheet.header]
     for title in titles:
         if titles.count(title) > 1:
@@ -119,22 +114,34 @@ def read_joints(
     carried = [i for i, t in enumerate(titles) if t in _CARRIED or _of_a_joint(t, titles)]
     rest = [i for i in range(len(titles)) if i != pose and i not in carried]
     wanted = None if robot is None or rename is not None else (*robot.joints, *robot.told)
-    joints = [i for i in rest if _is_joint(sheet, i, titles[i], wanted)]
+    if wanted is None:
+        joints = [i for i in rest if titles[i] not in _NOT_JOINTS and sheet.holds_numbers(i)]
+    else:
+        joints = [i for i in rest if _parted(titles[i])[0] in wanted or titles[i] in wanted]
     names = _joint_names(path, [titles[i] for i in joints], unit, rename, robot)
-    rows = [_row(sheet, row, pose, joints, carried, titles) for row in range(len(sheet.rows))]
-    _check_names(path, rows)
+    texts = [i for i in carried if titles[i] in ("station", "session")]
+    rows: dict[str, JointRow] = {}
+    for row, line in enumerate(sheet.lines):
+        name = "" if pose is None else sheet.rows[row][pose]
+        if pose is not None and not name:
+            raise sheet.fault(row, "the pose has no name")
+        if name and name in rows:
+            what = f"pose {name!r} stands in line {rows[name].line} already"
+            raise sheet.fault(row, what, "give each reading its own name")
+        values = [
+            sheet.rows[row][i] if i in texts else sheet.number(row, i) for i in (*joints, *carried)
+        ]
+        rows[name or str(row)] = JointRow(line, name, tuple(values))
     ignored = tuple(titles[i] for i in rest if i not in joints and titles[i])
     stems = [_parted(titles[i])[0] for i in joints]
     called = dict(zip(stems, (_parted(name)[0] for name in names), strict=True))
     return JointTable(
-        path, names, tuple(_following(titles[i], called) for i in carried), rows, ignored
+        path,
+        names,
+        tuple(_following(titles[i], called) for i in carried),
+        list(rows.values()),
+        ignored,
     )
-
-
-def _sheet(path: Path) -> ExportTable:
-    if path.suffix.lower() in YAML:
-        return joint_states(path)
-    return axis_sheet(path, text_lines(path)) or read_sheet(path)
 
 
 def titled(text: str) -> str:
@@ -166,12 +173,6 @@ def _following(title: str, called: Mapping[str, str]) -> str:
         return f"approach_{called.get(joint, joint)}"
     joint, _, unit = title.rpartition("_")
     return f"{called[joint]}_{unit}" if unit in TORQUES and joint in called else title
-
-
-def _is_joint(sheet: ExportTable, column: int, title: str, wanted: Sequence[str] | None) -> bool:
-    if wanted is not None:
-        return _parted(title)[0] in wanted or title in wanted
-    return title not in _NOT_JOINTS and sheet.holds_numbers(column)
 
 
 def _joint_names(
@@ -225,33 +226,6 @@ def _check_joints(path: Path, joints: Sequence[str], robot: Robot) -> None:
 
 def _renaming(robot: Robot) -> str:
     return f"rename the columns, or name them in order: --joint-names {','.join(robot.told)}"
-
-
-def _row(
-    sheet: ExportTable,
-    row: int,
-    pose: int | None,
-    joints: Sequence[int],
-    carried: Sequence[int],
-    titles: Sequence[str],
-) -> JointRow:
-    name = "" if pose is None else sheet.rows[row][pose]
-    if pose is not None and not name:
-        raise sheet.fault(row, "the pose has no name")
-    values = [sheet.number(row, i) for i in joints]
-    for i in carried:
-        text = titles[i] in ("station", "session")
-        values.append(sheet.rows[row][i] if text else sheet.number(row, i))
-    return JointRow(sheet.lines[row], name, tuple(values))
-
-
-def _check_names(path: Path, rows: Sequence[JointRow]) -> None:
-    seen: dict[str, int] = {}
-    for row in rows:
-        if row.pose and row.pose in seen:
-            what = f"pose {row.pose!r} stands in line {seen[row.pose]} already"
-            raise InputError(path, f"line {row.line}", what, "give each reading its own name")
-        seen[row.pose] = row.line
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.files.read import read_bytes
 
 _TO_MM = {"mm": Decimal(1), "m": Decimal("1E3"), "in": Decimal("25.4")}
 
@@ -164,18 +165,15 @@ def made_sheet(
             row.pop()
         if len(row) != width:
             what = f"has {len(row)} fields where line {lines[0]} has {width}"
-            raise InputError(
-                path, f"line {number}", what, "separate fields alike, quote names with blanks"
-            )
+            remedy = "separate fields alike, quote names with blanks"
+            raise InputError(path, f"line {number}", what, remedy)
     decimal = _decimal(path, rows, lines)  # between commas only a quoted field holds one
     sheet = ExportTable(path, tuple(comments), None, rows, lines, separator, decimal)
     if any(sheet._pointed(field) is not None for field in rows[0]):
         return sheet
     if len(rows) == 1:
         raise InputError(path, "", "has a header and no rows", "export it again")
-    return ExportTable(
-        path, tuple(comments), tuple(rows[0]), rows[1:], lines[1:], separator, decimal
-    )
+    return replace(sheet, header=tuple(rows[0]), rows=rows[1:], lines=lines[1:])
 
 
 def _below_titles(
@@ -219,13 +217,18 @@ def _numeric(field: str) -> bool:
 
 def text_lines(path: Path) -> list[tuple[int, str]]:
     """Lines that are not empty, stripped, with their numbers from 1. Raises InputError."""
+    data = read_bytes(path, _LARGEST_FILE)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(path, "", f"is larger than {_LARGEST_FILE / 1e6:.0f} MB", "split it")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
-    text = _decoded(path, data).replace("\r\n", "\n").replace("\r", "\n")
+        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            text = data.decode("utf-16")
+        else:
+            text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if error.encoding.startswith("utf-16"):
+            what = "is no text in UTF-16"
+            raise InputError(path, "", what, "export it as UTF-8") from None
+        text = data.decode("cp1252", errors="replace")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     found = []
     for number, line in enumerate(text.split("\n"), start=1):
         if "\0" in line or len(line) > _LONGEST_LINE:
@@ -235,31 +238,13 @@ def text_lines(path: Path) -> list[tuple[int, str]]:
     return found
 
 
-def _decoded(path: Path, data: bytes) -> str:
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        try:
-            return data.decode("utf-16")
-        except UnicodeDecodeError:
-            raise InputError(path, "", "is no text in UTF-16", "export it as UTF-8") from None
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
-
-
 def _separator(sample: list[str]) -> str:
     for mark in (";", "\t"):
         if all(mark in line for line in sample):
             return mark
-    if not all("," in line for line in sample) or _decimal_commas_between_blanks(sample[-1]):
-        return " "
-    return ","
-
-
-def _decimal_commas_between_blanks(line: str) -> bool:
-    """``P1 1975,57 -310,20 -257,87``: no comma stands next to a blank."""
-    words = line.split()
-    return sum(_COMMA_NUMBER.fullmatch(word) is not None for word in words) >= 3
+    # In ``P1 1975,57 -310,20 -257,87`` no comma stands next to a blank.
+    decimal = sum(_COMMA_NUMBER.fullmatch(word) is not None for word in sample[-1].split())
+    return "," if all("," in line for line in sample) and decimal < 3 else " "
 
 
 def _fields(line: str, separator: str) -> list[str]:
@@ -279,10 +264,7 @@ def _decimal(path: Path, rows: list[list[str]], lines: list[int]) -> str:
                     return ","
                 first = first or (number, field)
     if first is not None:
-        raise InputError(
-            path,
-            f"line {first[0]}",
-            f"the comma in {first[1]!r} may be a decimal mark or group thousands",
-            "export with decimal points, or with more decimals",
-        )
+        what = f"the comma in {first[1]!r} may be a decimal mark or group thousands"
+        remedy = "export with decimal points, or with more decimals"
+        raise InputError(path, f"line {first[0]}", what, remedy)
     return "."

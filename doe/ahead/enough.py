@@ -195,7 +195,7 @@ def enough(
     if unasked or any(e.uses for e in model.effects):
         return result
     whole = rows.equations(None, held, pull)
-    regressor = Regressor(cell, model, at.values, np.diag(sizes))
+    regressor = Regressor.nominal(cell, model, at.values)
     pool = pool_of(
         regressor, constraints_of(cell), None, drawn(cell, _CANDIDATES, None, seed), _CANDIDATES
     )

@@ -9,30 +9,28 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell.targets import targets_of
-from calib.effects.tool import Tool
 from calib.identification import Identification
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.covariance import (
-    at_points_read,
-    at_tip,
-    covariance,
-    identifiable,
-    ignorance,
-    task_error,
-)
+from calib.model.covariance import covariance, identifiable, ignorance, task_error
 from calib.poses import Measurements
 from calib.scatter import Variances
 from calib.scatter.poses import Mixing
 from calib.uncertainty.expanded import freedom
 from doe.ahead.lacking import Lacking
 from doe.criteria import Criterion, Question
-from doe.criteria.task import Task
+from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.linearisation import Linearisation, Regressor, at_targets, moved_rows
-from doe.problem.problem import target_rows
+from doe.problem.linearisation import (
+    Linearisation,
+    counted,
+    moved_rows,
+    target_rows,
+    target_shifts,
+    unknown_markers,
+)
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
@@ -123,9 +121,7 @@ class Forecast:
         Where poses err as a whole they count, not points: which variances they show is chosen as well.
         """
         model, (targets, weights) = at.model, targets_of(at.cell)
-        at_markers = any(isinstance(e, Tool) for e in model.effects)
-        regressor = Regressor(at.cell, model, at.values, np.diag(model.sizes))
-        counts = at_points_read(model) if at_markers else at_tip(model)
+        counts = counted(model, unknown_markers(model))
         dof = np.inf
         if found is not None:
             told = found.levels is not None and not len(found.levels.free)
@@ -133,11 +129,11 @@ class Forecast:
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
         return cls(
             model,
-            target_rows(regressor, targets, at_markers),
+            target_rows(counts, at.values, targets) * model.sizes,
             weights / weights.sum(),
             lacking,
             dof,
-            at_targets(model, counts, at.values, targets),
+            target_shifts(model, counts, at.values, targets),
         )
 
     @property

@@ -24,13 +24,11 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.causes import Cause
 from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
 from calib.diagnosis.stage import positions
-from calib.effects.tool import Tool
 from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
 from doe.ahead.situation import Offer, Situation
-from doe.problem.linearisation import Regressor
-from doe.problem.problem import target_rows
+from doe.problem.linearisation import counted, target_rows, unknown_markers
 
 _WAVES = 4  # of each angle
 _SURELY = 1e-12  # least probability, and greatest
@@ -170,12 +168,12 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     """At the targets of the cell, after the data with independent rows (N, p), for the user's model."""
     model = diagnosis.stage.model
     p, values = len(model.parameters), diagnosis.after.values[: len(model.parameters)]
-    regressor = Regressor(situation.cell, model, values, np.diag(model.sizes))
     targets, weights = targets_of(situation.cell)
-    at_markers = any(isinstance(e, Tool) for e in model.effects)
-    aims = target_rows(regressor, targets, at_markers)
+    counts = counted(model, unknown_markers(model))
+    aims = target_rows(counts, values, targets) * model.sizes
     aims = (aims * np.sqrt(weights / weights.sum())[:, None, None]).reshape(-1, p)
-    known = np.concatenate([rows[:, :p] * model.sizes, regressor.known, np.eye(p) / FREE])
+    held = model.beside(values)[1] * model.sizes
+    known = np.concatenate([rows[:, :p] * model.sizes, held, np.eye(p) / FREE])
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))
     # As many rows as parameters say the same of so many targets.
     root = np.asarray(np.linalg.qr(aims @ inverse, mode="r"))

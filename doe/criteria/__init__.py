@@ -14,8 +14,7 @@ from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.protocol import Conic, Criterion, Question
 from doe.criteria.rivals import Rivals
 from doe.criteria.smallest import WorstRegion, WorstTask
-from doe.criteria.task import Task
-from doe.criteria.trace import Average, Combination
+from doe.criteria.trace import Average, Combination, Task
 
 CRITERIA: dict[str, type[Criterion]] = {
     "task": Task,

@@ -8,7 +8,7 @@ instrument's actual noise over the stated one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,12 @@ from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
+from calib.effects.tool import Tool
 from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
+from calib.model.covariance import at_points_read, at_tip
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.uncertainty.considered import by_gravity, common_displacements
@@ -64,11 +66,6 @@ class Linearisation:
         sigma : m, standard deviation of every point, NaN for that of the cell
         """
         return self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
-
-    def levers(self, poses: Poses, seen: Mask, visit: Visits) -> Array:
-        """How such poses follow the tip, in the instrument's standard deviations, (m, R, 6)."""
-        W = self.foreseen(poses, self.model.predict(self.values, poses), seen, np.nan)
-        return weighted(W, self.scatter(poses, visit).levers[..., -6:])
 
     def scatter(self, poses: Poses, visit: Visits | None = None) -> Scatter:
         """How readings err together; visit : as above, as the poses say without it."""
@@ -146,19 +143,21 @@ def soft(model: Model, poses: Poses) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Regressor:
+class Regressor(Linearisation):
     """Candidates of a cell before anything is known, in the coordinates of the criteria.
 
-    values : ndarray, shape (p,), SI, where the model is linearised
     T : ndarray, shape (p, p), ``theta = T y``
-    silent : whether readings free of load carry nothing, and are left out
+    loaded_only : whether readings free of load carry nothing, and are left out
     """
 
-    cell: Cell
-    model: Model
-    values: Array
-    T: Array
-    silent: bool = False
+    T: Array = field(kw_only=True)
+    loaded_only: bool = field(default=False, kw_only=True)
+
+    @classmethod
+    def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
+        """Per plausible size of each parameter, with the noise as the cell says it."""
+        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+        return cls(cell, model, values, arm, T=np.diag(model.sizes))
 
     @cached_property
     def known(self) -> Array:
@@ -168,15 +167,9 @@ class Regressor:
     @property
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
-        readings_each = 1 if self.silent or self.cell.load is None else 2
+        readings_each = 1 if self.loaded_only or self.cell.load is None else 2
         numbers = int(self.model.readout.channels.rows.sum())
         return int(min(numbers * readings_each, self.T.shape[1]))
-
-    @cached_property
-    def linearisation(self) -> Linearisation:
-        """The noise as the cell says it."""
-        arm = Variances.of_arm(self.model.robot.dof, self.cell.repeatability)
-        return Linearisation(self.cell, self.model, self.values, arm)
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
@@ -186,11 +179,11 @@ class Regressor:
         """
         poses, visit = self._readings(q)
         # What carries nothing of the model still tells what the approach was off by.
-        first = len(q) if self.silent else 0
+        first = len(q) if self.loaded_only else 0
         if not self.cell.scatters:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
-        rows = self.linearisation.candidates(poses, seen, (visit, visit), np.nan).by_reading
+        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
         turned = stacked(rows[first:]) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
@@ -200,7 +193,10 @@ class Regressor:
         q : ndarray, shape (m, dof); visible : ndarray of bool, shape (m, M)
         """
         poses, visit = self._readings(q)
-        return _by_visit(self.linearisation.levers(poses, visible[visit], (visit, visit)), len(q))
+        points = self.model.predict(self.values, poses)
+        W = self.foreseen(poses, points, visible[visit], np.nan)
+        own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
+        return _by_visit(own, len(q))
 
     def crossed(self, q: Array, visible: Mask) -> Array:
         """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
@@ -210,11 +206,11 @@ class Regressor:
         """
         if not errors_of(self.model):
             return np.zeros((len(q), len(self.T), 0))
-        at, (poses, visit) = self.linearisation, self._readings(q)
+        poses, visit = self._readings(q)
         seen, points = visible[visit], self.model.predict(self.values, poses)
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-        rows = at.candidates(poses, seen, (visit, visit), np.nan)
-        moved = moved_rows(at, data, at.foreseen(poses, points, seen, np.nan), rows)
+        rows = self.candidates(poses, seen, (visit, visit), np.nan)
+        moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
         own, more = (_by_visit(r.by_reading, len(q)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
@@ -254,10 +250,30 @@ def moved_rows(
     return LinearProblem.of_rows(rows / scale, like.mixing)
 
 
-def at_targets(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
-    """How predictions themselves follow, (K, r, b), m, the mean over the points in it.
+def unknown_markers(model: Model) -> bool:
+    """Whether the markers are unknowns of a model: errors at the targets count there then."""
+    return any(isinstance(effect, Tool) for effect in model.effects)
 
-    model : that readings are of; counts : with the points at which the error counts
+
+def counted(model: Model, at_markers: bool) -> Model:
+    """The model with the points at which errors at the targets count: markers, or the tip's origin."""
+    return (at_points_read if at_markers else at_tip)(model)
+
+
+def target_rows(counts: Model, values: Array, targets: Poses) -> Array:
+    """``J`` at target poses, shape (K, r, p), m per SI unit, the mean over the points in it.
+
+    counts : Model, of :func:`counted`
+    """
+    # A model of its own: the last linearisation that a model remembers is no use to others.
+    _, J = replace(counts).jacobian_at_rest(values, targets)
+    return np.asarray(J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1]))
+
+
+def target_shifts(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
+    """How predictions at targets follow common errors themselves, (K, r, b), m, the mean as above.
+
+    model : that readings are of; counts : Model, of :func:`counted`
     """
     shape = counts.predict(values, targets).shape
     found = [np.zeros((*shape, 0))]

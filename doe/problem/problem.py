@@ -11,17 +11,22 @@ from calib.api import readings
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.targets import check_targets, targets_of
-from calib.effects.tool import Tool
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.covariance import at_points_read, at_tip
 from calib.poses import Poses, poses_at
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.problem.linearisation import Regressor, at_targets, nominal
+from doe.problem.linearisation import (
+    Regressor,
+    counted,
+    nominal,
+    target_rows,
+    target_shifts,
+    unknown_markers,
+)
 from doe.problem.pool import PROBE, Pool, check_identifiable, drawn, is_silent, probe_of, rounded
 from doe.problem.request import (
     CannotIdentify,
@@ -113,13 +118,14 @@ class Problem:
     @cached_property
     def target_rows(self) -> Array:
         """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
-        return target_rows(self.regressor, self.targets, self.at_markers)
+        at = self.regressor
+        return target_rows(counted(at.model, self.at_markers), at.values, self.targets) @ at.T
 
     @cached_property
     def common_at_targets(self) -> Array:
         """How predictions at the targets follow errors common to all readings, (K, r, b), m."""
-        counts = (at_points_read if self.at_markers else at_tip)(self.model)
-        return at_targets(self.model, counts, self.regressor.values, self.targets)
+        counts = counted(self.model, self.at_markers)
+        return target_shifts(self.model, counts, self.regressor.values, self.targets)
 
     @property
     def at_markers(self) -> bool:
@@ -129,18 +135,7 @@ class Problem:
 
 def counts_at_markers(model: Model, request: Request) -> bool:
     """As requested, else whether the markers are unknowns."""
-    known = not any(isinstance(e, Tool) for e in model.effects)
-    return not known if request.at_markers is None else request.at_markers
-
-
-def target_rows(regressor: Regressor, targets: Poses, at_markers: bool) -> Array:
-    """``J`` at target poses, shape (K, rows, p), m per y, the mean over the markers in it."""
-    model = (at_points_read if at_markers else at_tip)(regressor.model)
-    # A model of its own: the last linearisation that a model remembers is no use to others.
-    model = replace(model)
-    _, J = model.jacobian_at_rest(regressor.values, targets)
-    rows = J.reshape(len(targets), -1, J.shape[-1]) @ regressor.T
-    return np.asarray(rows / np.sqrt(J.shape[1]))
+    return unknown_markers(model) if request.at_markers is None else request.at_markers
 
 
 def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
@@ -155,7 +150,7 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     constraints = constraints_of(cell)
     angles = readings(cell, _angles(cell, request, seed))
     model = build(cell, angles).model
-    regressor = Regressor(cell, model, nominal(model, angles), np.diag(model.sizes))
+    regressor = Regressor.nominal(cell, model, nominal(model, angles))
     probe, seen = probe_of(regressor, constraints, request, seed)
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
@@ -163,7 +158,7 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
     check_identifiable(regressor, rows, request)
-    regressor = replace(regressor, silent=is_silent(cell, rows))
+    regressor = replace(regressor, loaded_only=is_silent(cell, rows))
     known = regressor.known.T @ regressor.known / request.poses
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)
     targets, weights = targets_of(cell)
@@ -173,12 +168,13 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
         where = cell.targets_source or cell.path
         raise InputError(where, "", str(error)) from None
     weights = weights / weights.sum()
+    counts = counted(model, counts_at_markers(model, request))
     question = Question(
         model,
         regressor.T,
         subset_of(model, request),
         direction_of(model, request),
-        lambda: target_rows(regressor, targets, counts_at_markers(model, request)),
+        lambda: target_rows(counts, regressor.values, targets) @ regressor.T,
         weights,
         regressor.information(probe[:_REGION], seen[:_REGION]),
         None if request.rivals is None else rival_rows(model, request.rivals),

@@ -12,8 +12,7 @@ from doe.criteria.determinant import Determinant, Subset
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.rivals import Rivals
 from doe.criteria.smallest import WorstTask
-from doe.criteria.task import Task
-from doe.criteria.trace import Average, Combination
+from doe.criteria.trace import Average, Combination, Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 

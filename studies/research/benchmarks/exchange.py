@@ -24,8 +24,7 @@ from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.criteria.eigenvalue import SmallestEigenvalue
-from doe.criteria.task import Task
-from doe.criteria.trace import Average
+from doe.criteria.trace import Average, Task
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan

@@ -7,7 +7,7 @@ import pytest
 
 from calib.arrays import Array
 from doe.criteria import Criterion
-from doe.criteria.task import Task
+from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.relax import bounded, relax

@@ -20,6 +20,7 @@ from calib.model import Model
 from calib.poses import poses_at
 from doe.assess import assess
 from doe.problem import problem_of
+from doe.problem.linearisation import Regressor
 from doe.problem.request import Request
 from studies.compare.compare import compare
 from studies.compare.experiment import FULL, POINTS
@@ -91,7 +92,9 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
     q = np.random.default_rng(3).uniform(*robot.sample_limits().T, (2, 6))
     seen = np.ones(3, dtype=bool)
     back = np.linalg.inv(problem.regressor.T)
-    alone = replace(problem.regressor, cell=replace(cell, repeatability=None)).information(q)
+    still = replace(cell, repeatability=None)
+    alone = Regressor.nominal(still, problem.model, problem.regressor.values)
+    alone = replace(alone, T=problem.regressor.T, loaded_only=True).information(q)
     for own, rows, M, ideal in zip(
         q, calib.observation(cell, q), problem.regressor.information(q), alone, strict=True
     ):

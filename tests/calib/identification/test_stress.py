@@ -78,12 +78,11 @@ def shifted(data: Measurements, poses: list[int], by: Array) -> Measurements:
     return replace(data, readings=points)
 
 
-@pytest.mark.parametrize("count", [15, 20, 28])
-@pytest.mark.parametrize("size", [2e-3, 1e-1, 2.0])
+@pytest.mark.parametrize(("count", "size"), [(15, 2e-3), (15, 2.0), (28, 1e-1)])
 def test_a_wrong_pose_among_few_is_found(kr270: Cell, count: int, size: float) -> None:
     rng = np.random.default_rng(count)
     cell = cell_of(kr270.robot, MARKERS, RIGID)
-    for _ in range(3):
+    for _ in range(2):
         data, _ = measured(cell, random_configurations(cell, rng, count), rng)
         bad = int(rng.integers(count))
         result = calib.identify(cell, shifted(data, [bad], rng.normal(size=3) * size))
@@ -96,14 +95,13 @@ def test_gross_errors_do_not_bend_an_elastic_arm(kr270: Cell) -> None:
     cell = with_effects(
         cell_of(kr270.robot, MARKERS, RIGID), *RIGID, "joint_compliance:A2,A3,A4,A5"
     )
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        data, _ = measured(cell, random_configurations(cell, rng, 60), rng, size=0.3)
-        bad = list(rng.choice(60, 6, replace=False))
-        result = calib.identify(cell, shifted(data, bad, rng.normal(size=(6, 1, 3)) * 3.0))
-        assert result.status == "converged"
-        assert set(bad) <= set(np.flatnonzero(result.fit.outlier))
-        assert result.rms("fitted") < 3e-5 * np.sqrt(3)
+    rng = np.random.default_rng(0)
+    data, _ = measured(cell, random_configurations(cell, rng, 60), rng, size=0.3)
+    bad = list(rng.choice(60, 6, replace=False))
+    result = calib.identify(cell, shifted(data, bad, rng.normal(size=(6, 1, 3)) * 3.0))
+    assert result.status == "converged"
+    assert set(bad) <= set(np.flatnonzero(result.fit.outlier))
+    assert result.rms("fitted") < 3e-5 * np.sqrt(3)
 
 
 def test_a_station_whose_only_pose_is_wrong(kr270: Cell) -> None:

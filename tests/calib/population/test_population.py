@@ -93,7 +93,7 @@ def test_intervals_hold_for_one_robot_more_and_few_are_called_strangers(robots: 
 def test_intervals_hold_at_the_edge_of_a_type(together: float) -> None:
     """One in twenty stands farther out; the type is known, so that no doubt about it helps."""
     rng, hits = np.random.default_rng(8), []
-    for _ in range(10):
+    for _ in range(5):
         signs = rng.choice([-1.0, 1.0], P)
         R = together * np.outer(signs, signs) + (1.0 - together) * np.eye(P)
         spread = SIZES * 10 ** rng.uniform(-1.0, 0.0, P)
@@ -125,7 +125,7 @@ def test_a_robot_that_is_not_of_the_type_is_said_and_not_absorbed() -> None:
     own = Type.drawn(rng)
     prior = learnt(own, 30, rng).prior
     hits, told = [], []
-    for k in range(200):
+    for k in range(100):
         theta = own.robot(rng)
         theta[k % P] += 8.0 * SIZES[k % P]
         hit, of_the_type = held(prior, theta, 30, rng)

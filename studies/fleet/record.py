@@ -7,7 +7,6 @@ from itertools import groupby
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from studies.causes import CauseEntry
@@ -208,7 +207,7 @@ def fleet_record(
         holdout=asked.holdout,
         sessions=tuple(map(_session, ordered)),
         types=tuple(_type(name, robots) for name, robots in groups.items()),
-        off=tuple(OffEntry(**row._asdict()) for own in groups.values() for row in spread.off(own)),
+        off=tuple(row for own in groups.values() for row in spread.off(own)),
         trends=tuple(_trends(ordered)),
     )
 
@@ -227,51 +226,22 @@ def _ordered(done: Sequence[Done]) -> list[Done]:
 
 
 def _session(own: Done) -> SessionEntry:
-    causes = (NamedEntry(effect=c.effect, where=c.where, alike=c.alike) for c in own.causes)
-    return SessionEntry.model_validate(
-        {
-            "robot": own.robot,
-            "type": own.type,
-            "table": own.table,
-            "day": own.day,
-            "fault": own.fault,
-            "status": own.status,
-            "poses": own.poses,
-            "rms_mm": FleetErrors(**own.rms_mm),
-            "sigma_mm": own.sigma_mm,
-            "verdict": own.verdict,
-            "causes": tuple(causes),
-            "results": tuple(file for file, _ in own.files),
-        }
-    )
+    results = [file for file, _ in own.files]
+    return SessionEntry.from_result(own, rms_mm=FleetErrors(**own.rms_mm), results=results)
 
 
 def _type(name: str, robots: Sequence[Done]) -> TypeEntry:
     from studies.fleet.spread import shared
 
     verdicts = [own.verdict for own in robots if own.verdict is not None]
-    middle = {
-        key: float(np.median(known)) if (known := _known(robots, key)) else None
-        for key in FleetErrors.model_fields
-    }
-    return TypeEntry.model_validate(
-        {
-            "type": name,
-            "robots": len(robots),
-            "diagnosed": len(verdicts),
-            "rms_mm": FleetErrors(**middle),
-            "verdicts": {verdict: verdicts.count(verdict) for verdict in sorted({*verdicts})},
-            "causes": tuple(
-                SharedEntry(
-                    effect=row.effect,
-                    where=row.where,
-                    robots=row.robots,
-                    possible=row.possible,
-                    share_ci95=row.ci95,
-                )
-                for row in shared(robots)
-            ),
-        }
+    known = {key: _known(robots, key) for key in FleetErrors.model_fields}
+    return TypeEntry.from_result(
+        type=name,
+        robots=len(robots),
+        diagnosed=len(verdicts),
+        rms_mm=FleetErrors(**{key: median(own) if own else None for key, own in known.items()}),
+        verdicts={verdict: verdicts.count(verdict) for verdict in sorted({*verdicts})},
+        causes=shared(robots),
     )
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from calib.arrays import Array
+from studies.fleet.record import OffEntry, SharedEntry
 from studies.fleet.tables import Done
 
 _FEWEST = 6
@@ -20,33 +20,6 @@ _MOST = 4
 
 
 _EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
-
-
-class StandingOut(NamedTuple):
-    """A figure by which a robot stands out of its type; limit : of the deviation, in spreads."""
-
-    robot: str
-    type: str
-    what: str
-    unit: str
-    value: float
-    typical: float
-    spread: float
-    deviation: float
-    limit: float
-
-
-class SharedCause(NamedTuple):
-    """A cause among the diagnosed robots of a type.
-
-    robots : in which it is named; possible : in which it is named or cannot be told from what is
-    """
-
-    effect: str
-    where: str
-    robots: int
-    possible: int
-    ci95: tuple[float, float]
 
 
 def latest(done: Sequence[Done]) -> list[Done]:
@@ -64,7 +37,7 @@ def by_type(done: Iterable[Done]) -> dict[str, list[Done]]:
     return dict(sorted(found.items()))
 
 
-def off(robots: Sequence[Done]) -> list[StandingOut]:
+def off(robots: Sequence[Done]) -> list[OffEntry]:
     """What stands out among robots of one type, the farthest first.
 
     Errors are compared by their logarithm, parameters with what their own standard deviations exceed
@@ -105,7 +78,7 @@ def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
 
 def _beyond(
     known: list[Done], what: str, unit: str, values: Array, std: Array, asked: int
-) -> Iterator[StandingOut]:
+) -> Iterator[OffEntry]:
     """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
 
     The farthest is taken out and compared with those that are left, then the next: all up to the last
@@ -123,16 +96,15 @@ def _beyond(
     for i in out:
         deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
         if deviation > limit:
-            yield StandingOut(
-                known[i].robot,
-                known[i].type,
-                what,
-                unit,
-                float(values[i]),
-                typical if len(std) else float(np.exp(typical)),
-                spread if len(std) else float(np.exp(typical) * spread),
-                deviation,
-                limit,
+            yield OffEntry.from_result(
+                known[i],
+                what=what,
+                unit=unit,
+                value=values[i],
+                typical=typical if len(std) else np.exp(typical),
+                spread=spread if len(std) else np.exp(typical) * spread,
+                deviation=deviation,
+                limit=limit,
             )
 
 
@@ -164,7 +136,7 @@ def _limit(rest: int, asked: int) -> float:
     return float(t.isf(_ALARM / (2 * asked), rest - 1))
 
 
-def shared(robots: Sequence[Done]) -> list[SharedCause]:
+def shared(robots: Sequence[Done]) -> list[SharedEntry]:
     """The causes named in robots of a type, the most frequent first."""
     diagnosed = [own for own in robots if own.verdict is not None]
     named, possible = Counter[tuple[str, str]](), Counter[str]()
@@ -172,8 +144,14 @@ def shared(robots: Sequence[Done]) -> list[SharedCause]:
         named.update({(cause.effect, cause.where) for cause in own.causes})
         possible.update({key for cause in own.causes for key in cause.alike})
     rows = [
-        SharedCause(*key, count, possible[":".join(key)], _interval(count, len(diagnosed)))
-        for key, count in named.items()
+        SharedEntry(
+            effect=effect,
+            where=where,
+            robots=count,
+            possible=possible[f"{effect}:{where}"],
+            share_ci95=_interval(count, len(diagnosed)),
+        )
+        for (effect, where), count in named.items()
     ]
     return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))
 

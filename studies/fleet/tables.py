@@ -18,6 +18,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.errors import CalibError, InputError, plain_line
 from calib.threads import one_blas_thread
+from studies.fleet.record import NamedEntry
 
 if TYPE_CHECKING:
     from studies.command.session import MeasuredTable
@@ -173,15 +174,6 @@ class Values:
     std: Array
 
 
-@dataclass(frozen=True)
-class NamedCause:
-    """A named cause, and what the data cannot tell from it, itself included."""
-
-    effect: str
-    where: str
-    alike: tuple[str, ...]
-
-
 @dataclass
 class Done:
     """What became of a table: ``fault`` is a line where something could not be done.
@@ -203,7 +195,7 @@ class Done:
     sigma_mm: float | None = None
     values: Values | None = None
     verdict: str | None = None
-    causes: tuple[NamedCause, ...] = ()
+    causes: tuple[NamedEntry, ...] = ()
     files: tuple[tuple[str, str], ...] = ()
     kept: int = 0
 
@@ -332,8 +324,6 @@ def _identified(record: IdentifyRecord, done: Done) -> None:
 def _diagnosed(record: DiagnoseRecord, done: Done) -> None:
     done.verdict = record.verdict
     done.causes = tuple(
-        NamedCause(
-            own.effect, own.where, tuple(dict.fromkeys((own.key, *(c.key for c in own.alike))))
-        )
+        NamedEntry.from_result(own, alike=dict.fromkeys((own.key, *(c.key for c in own.alike))))
         for own in record.effects
     )

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from studies.fleet.record import NamedEntry
 from studies.fleet.spread import latest, off, shared, trend_p
-from studies.fleet.tables import Done, Job, NamedCause, Values, find
+from studies.fleet.tables import Done, Job, Values, find
 
 NAMES = tuple((f"geometry:A{k}.x", "um") for k in range(12))
 
@@ -88,8 +89,8 @@ def test_too_few_to_say_and_the_last_table_of_each(rng: np.random.Generator) -> 
 
 def test_causes_are_counted_by_robot() -> None:
     lag, sag = (
-        NamedCause("backlash", "A3", ("backlash:A3", "sag:A3")),
-        NamedCause("sag", "A3", ("sag:A3",)),
+        NamedEntry(effect="backlash", where="A3", alike=("backlash:A3", "sag:A3")),
+        NamedEntry(effect="sag", where="A3", alike=("sag:A3",)),
     )
     robots = [Done(f"r{i}", "", verdict="explained", causes=(lag,)) for i in range(6)]
     robots += [Done("s", "", verdict="explained", causes=(sag,)), Done("t", "", verdict="no_gap")]
@@ -98,7 +99,7 @@ def test_causes_are_counted_by_robot() -> None:
     assert (first.effect, first.robots, first.possible) == ("backlash", 6, 6)
     assert (second.effect, second.robots, second.possible) == ("sag", 1, 7)
     true = binomtest(6, 8).proportion_ci(0.95, "exact")
-    assert first.ci95 == pytest.approx((true.low, true.high))
+    assert first.share_ci95 == pytest.approx((true.low, true.high))
 
 
 def test_a_steady_rise() -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,28 +137,9 @@ MOST_TRIALS = 50  # a block: enough for array operations to pay, few enough to s
 _MOST_NUMBERS = 4_000_000  # entries of the derivatives of one block
 
 
-class Fits(NamedTuple):
-    """What one way made of the trials of a block.
-
-    errors : ndarray, shape (trials, p), SI, of its estimates
-    settled : ndarray of bool, shape (trials,)
-    cost : ndarray, shape (trials,), weighted sum of squares that is left
-    scratch : list of FromScratch, of the trials that were identified from scratch
-    """
-
-    errors: Array
-    settled: NDArray[np.bool_]
-    cost: Array
-    scratch: list[FromScratch]
-
-
-Block: TypeAlias = dict[str, Fits]
-"""Way -> what it made of a block's trials."""
-
-
 @dataclass(frozen=True, eq=False)
 class Refits:
-    """What the trials of one plan found.
+    """What the trials of one plan found, or those of a block.
 
     errors : dict, way -> ndarray, shape (trials, p), SI, estimate minus truth; zero for parameters that
         the plan leaves open
@@ -191,21 +172,23 @@ def refit(
     trials: int,
     seed: np.random.SeedSequence,
     whole: Mapping[str, int],
-) -> Block:
+) -> Refits:
     """Draw readings and estimate the parameters of each, by every way from the same readings.
 
     whole : way -> how many of the trials it identifies from scratch too
     """
     points = experiment.drawn(trials, np.random.default_rng(seed))
-    found = {}
+    found = Refits({}, {}, {}, {}, trials)
     for prediction in predictions:
+        key = prediction.way.key
         observation, start = experiment.observe(prediction.way, points)
         best = levenberg_marquardt(observation.flat, start, prediction.span)
-        errors = np.where(np.isnan(prediction.std), 0.0, best.values - experiment.truth)
-        scratch = _from_scratch(
-            experiment, prediction, points, best.values, whole.get(prediction.way.key, 0)
+        errors = best.values - experiment.truth
+        found.errors[key] = np.where(np.isnan(prediction.std), 0.0, errors)
+        found.settled[key], found.cost[key] = best.converged, best.cost
+        found.scratch[key] = _from_scratch(
+            experiment, prediction, points, best.values, whole.get(key, 0)
         )
-        found[prediction.way.key] = Fits(errors, best.converged, best.cost, scratch)
     return found
 
 
@@ -252,7 +235,7 @@ def refits(
         (experiment, predictions, size, own, _evenly(whole, index, len(sizes)))
         for index, (size, own) in enumerate(zip(sizes, seeds, strict=True))
     ]
-    done: dict[int, Block] = {}
+    done: dict[int, Refits] = {}
     try:
         with closing(computed(refit, jobs, executor)) as blocks:
             for index, block in blocks:
@@ -262,13 +245,12 @@ def refits(
         pass
     ordered = [done[index] for index in sorted(done)]
     keys = [prediction.way.key for prediction in predictions] if ordered else []
-    return Refits(
-        {key: np.concatenate([block[key].errors for block in ordered]) for key in keys},
-        {key: np.concatenate([block[key].settled for block in ordered]) for key in keys},
-        {key: np.concatenate([block[key].cost for block in ordered]) for key in keys},
-        {key: [own for block in ordered for own in block[key].scratch] for key in keys},
-        trials,
-    )
+
+    def joined(name: str) -> dict[str, Any]:
+        return {key: np.concatenate([getattr(own, name)[key] for own in ordered]) for key in keys}
+
+    scratch_of = {key: [one for own in ordered for one in own.scratch[key]] for key in keys}
+    return Refits(joined("errors"), joined("settled"), joined("cost"), scratch_of, trials)
 
 
 def _evenly(whole: Mapping[str, int], block: int, blocks: int) -> dict[str, int]:

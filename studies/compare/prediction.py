@@ -26,6 +26,7 @@ from studies.compare.experiment import (
     experiment_of,
     refuse_unseen,
 )
+from studies.compare.record import ReadBy
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +89,12 @@ _SIZES = 7
 
 @dataclass(frozen=True, eq=False)
 class AccuracyCurve:
-    """Task RMS [m] by a number of things: median, least and largest over subsets of that size.
+    """Task RMS [m] by a number of things: the median over subsets of that size.
 
     Sizes at which no way determines every parameter are left out.
 
-    counts : ndarray of int, shape (s,); rms : dict, way -> ndarray, shape (s, 3); NaN or infinite
-        where a way cannot be had or leaves parameters open
+    counts : ndarray of int, shape (s,); rms : dict, way -> ndarray, shape (s,); NaN or infinite where
+        a way cannot be had or leaves parameters open
     """
 
     counts: IntArray
@@ -171,12 +172,12 @@ def _task(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> di
 
 
 def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> AccuracyCurve:
-    rms = {}
-    for way in WAYS:
-        values = [[found.get(way.key, np.inf) for found in row] for row in rows]
-        rms[way.key] = np.array([[np.median(v), min(v), max(v)] for v in values]).reshape(-1, 3)
-    known = np.any([np.isfinite(v[:, 0]) for v in rms.values()], axis=0)
-    return AccuracyCurve(counts[known], {key: v[known] for key, v in rms.items()})
+    rms = {
+        way.key: np.array([np.median([one.get(way.key, np.inf) for one in row]) for row in rows])
+        for way in WAYS
+    }
+    known = np.any([np.isfinite(own) for own in rms.values()], axis=0)
+    return AccuracyCurve(counts[known], {key: own[known] for key, own in rms.items()})
 
 
 def _part(
@@ -201,32 +202,18 @@ def _with_markers(cell: Cell, kept: list[int]) -> Cell:
     )
 
 
+_MM = 1e3
 _PERFECT = 1e4  # times as good as stated: what is left then is the arm's own scatter
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """A plan as the instruments of one cell read it.
-
-    task_rms, task_worst : float, m, expected at the targets, infinite where something stays open
-    arm_rms : float, m, RMS that the arm's own scatter would leave with perfect instruments
-    """
-
-    cell: Cell
-    plan: str
-    poses: int
-    task_rms: float
-    task_worst: float
-    arm_rms: float
-
-
-def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Iterator[Reading]:
+def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Iterator[ReadBy]:
     """Every plan under every cell; the targets are those of the first.
 
     Raises InputError for a cell of another robot, and what :func:`experiment_of` raises.
     """
     (first, own), *others = cells.items()
     targets, weights = targets_of(own)
+    firsts: dict[str, float] = {}
     for path, cell in others:
         if cell.robot.joints != own.robot.joints:
             raise InputError(path, "robot", f"has other joints than {first}", "compare one robot")
@@ -243,7 +230,17 @@ def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Itera
             ideal = replace(experiment, weights=experiment.weights * _PERFECT)
             rms, worst = _left(experiment, targets, weights)
             arm, _ = _left(ideal, targets, weights)
-            yield Reading(cell, name, len(plan), rms, worst, arm)
+            least = firsts.setdefault(name, rms)
+            yield ReadBy(
+                cell=cell.name,
+                instruments=tuple(f"{i.name} ({i.kind})" for i in cell.instruments),
+                plan=name,
+                poses=len(plan),
+                task_rms_mm=rms * _MM,
+                task_worst_mm=worst * _MM,
+                arm_rms_mm=arm * _MM if cell.scatters else None,
+                poses_to_match=len(plan) * (rms / least) ** 2 if np.isfinite(least) else None,
+            )
 
 
 def _left(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> tuple[float, float]:

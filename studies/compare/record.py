@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from calib.effects.protocol import Parameter
     from studies.compare.compare import PlanComparison, PlanStudy, Verdict
     from studies.compare.montecarlo import FromScratch as Scratch
-    from studies.compare.prediction import AccuracyCurve, Reading
+    from studies.compare.prediction import AccuracyCurve
 
 _MM = 1e3
 _PAIRS = 6  # error ellipses: the parameters most entangled
@@ -234,7 +233,7 @@ def compare_record(
     made_from: Envelope,
     *,
     curves: bool = False,
-    read_by: Sequence[Reading] = (),
+    read_by: Sequence[ReadBy] = (),
 ) -> CompareRecord:
     """The record of a comparison.
 
@@ -255,19 +254,7 @@ def compare_record(
         trials_asked=found.asked,
         truth_note=found.why_not,
         agreement=_agreement(found),
-        read_by=tuple(_read_by(own, read_by) for own in read_by),
-    )
-
-
-def _read_by(own: Reading, every: Sequence[Reading]) -> ReadBy:
-    first = next(one for one in every if one.plan == own.plan)
-    known = math.isfinite(first.task_rms)
-    return ReadBy.from_result(
-        own,
-        cell=own.cell.name,
-        instruments=tuple(f"{i.name} ({i.kind})" for i in own.cell.instruments),
-        arm_rms_mm=own.arm_rms * _MM if own.cell.scatters else None,
-        poses_to_match=own.poses * (own.task_rms / first.task_rms) ** 2 if known else None,
+        read_by=tuple(read_by),
     )
 
 
@@ -422,7 +409,7 @@ def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
 
 def _by_number(curve: AccuracyCurve) -> ByNumber:
     """Medians over the subsets, of approaches that can be had at all."""
-    rms = {key: values[:, 0] * _MM for key, values in curve.rms.items()}
+    rms = {key: values * _MM for key, values in curve.rms.items()}
     return ByNumber(
         counts=tuple(curve.counts.tolist()),
         task_rms_mm={k: tuple(v.tolist()) for k, v in rms.items() if np.isfinite(v).any()},

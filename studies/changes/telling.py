@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from studies import document as doc
 from studies.causes import CauseEntry, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
-from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Size, Test
-from studies.document import labelled, listed, mm, plural
+from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Test
+from studies.document import Shown, labelled, listed, mm, plural
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
@@ -178,24 +177,12 @@ _CAUSES = doc.columns(
 )
 
 
-@dataclass(frozen=True)
-class _Sized:
-    """A size of the likeliest cause."""
-
-    cause: Explained
-    size: Size
-
-
-def _sized(size: Size) -> tuple[float, float] | None:
-    return None if size.value is None or size.std is None else (size.value, size.std)
-
-
-_SIZES: tuple[doc.Column[_Sized], ...] = (
-    doc.Column("likeliest", lambda row: row.cause.key, doc.TEXT),
-    doc.Column("size", lambda row: row.size.name, doc.TEXT),
-    doc.Column("value", lambda row: _sized(row.size), doc.TO_STD),
-    doc.Column("standard\ndeviation", lambda row: row.size.std, doc.STD),
-    doc.Column("unit", lambda row: row.size.unit, doc.TEXT),
+_SIZES = doc.heads(
+    "likeliest",
+    "size",
+    Shown("value", doc.TO_STD),
+    Shown("standard\ndeviation", doc.STD),
+    "unit",
 )
 
 
@@ -207,7 +194,12 @@ def _causes(record: ChangesRecord) -> Iterator[doc.Part]:
         yield doc.Table(_CAUSES, record.causes, "Causes", caption, most=4)
     if record.cause in ("named", "ambiguous"):
         first = record.causes[0]
-        yield doc.Table(_SIZES, [_Sized(first, size) for size in first.sizes], "Its size")
+        rows = [
+            (first.key, own.name, None if None in (own.value, own.std) else (own.value, own.std),
+             own.std, own.unit)
+            for own in first.sizes
+        ]  # fmt: skip
+        yield doc.Table(_SIZES, rows, "Its size")
         likely = [cause for cause in record.causes[1:] if cause.likely]
         yield from labelled("also", [f"{words(cause)} ({cause.key})" for cause in likely])
         same = [f"{words(cause)} ({cause.key})" for cause in record.same_as]
@@ -220,34 +212,25 @@ def _causes(record: ChangesRecord) -> Iterator[doc.Part]:
 # -- targets -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _TargetsRow:
-    label: str
-    rms: Error | None
-    worst: Error | None
-    value: float | None = None
-
-
-_TARGETS: tuple[doc.Column[_TargetsRow], ...] = (
-    doc.Column("error at the targets", lambda row: row.label),
-    doc.Column("RMS", lambda row: row.rms.value if row.rms else row.value, doc.MM, "mm"),
-    doc.Column("from", lambda row: row.rms and row.rms.low, doc.MM, "mm"),
-    doc.Column("to", lambda row: row.rms and row.rms.high, doc.MM, "mm"),
-    doc.Column("worst", lambda row: row.worst and row.worst.value, doc.MM, "mm"),
-    doc.Column("from", lambda row: row.worst and row.worst.low, doc.MM, "mm"),
-    doc.Column("to", lambda row: row.worst and row.worst.high, doc.MM, "mm"),
+_TARGETS = doc.heads(
+    "error at the targets",
+    *("RMS [mm]", "from [mm]", "to [mm]"),
+    *("worst [mm]", "from [mm]", "to [mm]"),
 )
 
 
 def _targets(record: ChangesRecord) -> Iterator[doc.Part]:
     rows = [
-        _TargetsRow("change of the robot", record.change_rms_mm, record.change_worst_mm),
-        _TargetsRow(f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
-        _TargetsRow(f"error today with {record.after}", None, None, record.renewed_rms_mm),
+        (label, rms.value, rms.low, rms.high, worst.value, worst.low, worst.high)
+        for label, rms, worst in (
+            ("change of the robot", record.change_rms_mm, record.change_worst_mm),
+            (f"error today with {record.before}", record.kept_rms_mm, record.kept_worst_mm),
+        )
     ]
+    today = (f"error today with {record.after}", record.renewed_rms_mm, *[None] * 5)
     caption = (
         f"With 95 % intervals, at {record.targets}. {mm(record.rest_mm)} of the error does not "
         f"come from the parameters. The worst target is {record.worst_at}"
     )
-    yield doc.Table(_TARGETS, rows, "Errors at the targets", caption)
+    yield doc.Table(_TARGETS, [*rows, today], "Errors at the targets", caption)
     yield doc.Figure(lambda: errors_at_targets(record), highlight=False)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from studies import document as doc
 from studies.compare.pictures import pictures
 from studies.compare.record import Approach, CompareRecord, Plan, ReadBy
-from studies.document import listed, mm, plural
+from studies.document import Shown, listed, mm, plural
 from studies.plots.style import APPROACHES
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
@@ -73,7 +73,7 @@ def _parts(record: CompareRecord) -> Iterator[doc.Part]:
     yield from _lost(record)
     yield doc.Table(
         _ACCURACY,
-        [_ApproachRow(plan, own) for plan in record.plans for own in plan.approaches],
+        list(_accuracy(record)),
         "Error expected at the targets",
         "Simulated: standard deviation over simulated experiments. p: probability of such a difference "
         "by chance.",
@@ -232,41 +232,32 @@ def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
             )
 
 
-@dataclass(frozen=True)
-class _ApproachRow:
-    """An approach at a plan."""
-
-    plan: Plan
-    own: Approach
-
-    @property
-    def first(self) -> bool:
-        """Whether it is the first of its plan."""
-        return self.own is self.plan.approaches[0]
-
-
 def _label(own: Approach) -> str:
     length = "" if own.length_mm is None else f" ({own.length_mm:g} mm)"
     return APPROACHES[own.key].label + length
 
 
-_ACCURACY: tuple[doc.Column[_ApproachRow], ...] = (
-    doc.Column("plan", lambda row: row.plan.plan if row.first else ""),
-    doc.Column("poses", lambda row: row.plan.poses if row.first else 0, doc.COUNT),
-    doc.Column("method", lambda row: _label(row.own)),
-    doc.Column("error\nRMS", lambda row: row.own.task_rms_mm, doc.MM, "mm"),
-    doc.Column("at worst", lambda row: row.own.task_worst_mm, doc.MM, "mm"),
-    doc.Column("simulated", lambda row: row.own.monte_carlo_task_rms_mm, doc.MM, "mm"),
-    doc.Column("p", lambda row: row.own.agreement and row.own.agreement.chi2_p, doc.P),
+_ACCURACY = doc.heads(
+    "plan",
+    Shown("poses", doc.COUNT),
+    "method",
+    *("error\nRMS [mm]", "at worst [mm]", "simulated [mm]"),
+    Shown("p", doc.P),
 )
 
 
-@dataclass(frozen=True)
-class _Parameter:
-    """A parameter by its number in a plan; first : whether it is the first of its effect shown."""
+def _accuracy(record: CompareRecord) -> Iterator[tuple[Any, ...]]:
+    """Every approach at every plan, the plan named once."""
+    for plan in record.plans:
+        for k, own in enumerate(plan.approaches):
+            named = ("", 0) if k else (plan.plan, plan.poses)
+            p = own.agreement and own.agreement.chi2_p
+            rms, worst, simulated = own.task_rms_mm, own.task_worst_mm, own.monte_carlo_task_rms_mm
+            yield *named, _label(own), rms, worst, simulated, p
 
-    number: int
-    first: bool
+
+_Values: TypeAlias = list[tuple[Shown, list[Any]]]
+"""Columns with a value for each parameter."""
 
 
 def _by_approach(plan: Plan, simulated: bool) -> Iterator[doc.Part]:
@@ -277,13 +268,11 @@ def _by_approach(plan: Plan, simulated: bool) -> Iterator[doc.Part]:
         if own.key != "pose full" or _loss(plan) > _SAME
     ]
     if simulated:
-        points = plan.points.parameters
-        columns.append(
-            doc.Column("#2\nsim.", lambda row: points[row.number].monte_carlo_std, doc.STD)
-        )
+        drawn = [p.monte_carlo_std for p in plan.points.parameters]
+        columns.append((Shown("#2\nsim.", doc.STD), drawn))
     if plan.improvement:
         factors = [f.factor for f in plan.improvement]
-        columns.append(doc.Column("plain\nover #2", lambda row: factors[row.number], doc.HUNDREDTH))
+        columns.append((Shown("plain\nover #2", doc.HUNDREDTH), factors))
     loses = ", and what plain #1 loses" if plan.improvement else ""
     yield from _tables(plan, columns, f"Standard deviations{loses}")
 
@@ -299,33 +288,33 @@ def _by_plan(record: CompareRecord) -> Iterator[doc.Part]:
             yield doc.Sentence(f"{plan.plan} has other parameters (JSON)", "note")
 
 
-def _std(title: str, own: Approach) -> doc.Column[_Parameter]:
-    return doc.Column(title, lambda row: own.parameters[row.number].std, doc.STD)
+def _std(title: str, own: Approach) -> tuple[Shown, list[Any]]:
+    return Shown(title, doc.STD), [p.std for p in own.parameters]
 
 
-def _tables(plan: Plan, columns: list[doc.Column[_Parameter]], name: str) -> Iterator[doc.Part]:
+def _tables(plan: Plan, values: _Values, name: str) -> Iterator[doc.Part]:
     """By parameter; those of base and tool on the page alone where there are many."""
     points = plan.points.parameters
-    titles: tuple[doc.Column[_Parameter], ...] = (
-        doc.Column("effect", lambda row: points[row.number].effect if row.first else "", doc.TEXT),
-        doc.Column("where", lambda row: points[row.number].where, doc.TEXT),
-        doc.Column(
-            "parameter", lambda row: points[row.number].name.replace("compliance@", "@"), doc.TEXT
-        ),
-        doc.Column("unit", lambda row: points[row.number].unit, doc.TEXT),
-    )
+    columns = doc.heads("effect", "where", "parameter", "unit", *(head for head, _ in values))
     many = len(points) > _MOST_PARAMETERS
     placing = [i for i, p in enumerate(points) if many and p.effect in ("base", "tool")]
     robot = [i for i in range(len(points)) if i not in placing]
-    yield doc.Table((*titles, *columns), _numbered(plan, robot), name)
+
+    def rows(chosen: list[int]) -> Iterator[tuple[Any, ...]]:
+        named: set[str] = set()
+        for i in chosen:
+            p = points[i]
+            effect, plain = p.effect, p.name.replace("compliance@", "@")
+            yield (
+                "" if effect in named else effect,
+                p.where,
+                plain,
+                p.unit,
+                *(own[i] for _, own in values),
+            )
+            named.add(effect)
+
+    yield doc.Table(columns, list(rows(robot)), name)
     if placing:
-        table = doc.Table((*titles, *columns), _numbered(plan, placing))
+        table = doc.Table(columns, list(rows(placing)))
         yield doc.Detail((table,), f"{name}, base and tool")
-
-
-def _numbered(plan: Plan, chosen: list[int]) -> list[_Parameter]:
-    effects = [plan.points.parameters[i].effect for i in chosen]
-    return [
-        _Parameter(number, own not in effects[:k])
-        for k, (number, own) in enumerate(zip(chosen, effects, strict=True))
-    ]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -193,10 +192,9 @@ def _missing(record: CompensateRecord) -> Iterator[doc.Sentence]:
 
 
 def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
-    place = doc.Column[_ErrorRow](
-        f"error of the {_PLACES[record.errors_at]}", lambda row: row.label
-    )
-    yield doc.Table((place, *_ERRORS), list(_errors(record)), "Errors at the targets")
+    place = f"error of the {_PLACES[record.errors_at]}"
+    columns = doc.heads(place, "RMS [mm]", "p95 [mm]", "max [mm]")
+    yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
     yield doc.Figure(lambda: errors_by_target(record), highlight=False)
     yield from _limited(record)
     commands: tuple[doc.Column[Target], ...] = (
@@ -208,34 +206,21 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     yield doc.Detail((doc.Table(commands, record.targets, "Corrected commands"),))
 
 
-@dataclass(frozen=True)
-class _ErrorRow:
-    """A distance over all targets, mm; None where only the RMS tells something."""
-
-    label: str
-    rms: float
-    p95: float | None = None
-    largest: float | None = None
-
-
-_ERRORS: tuple[doc.Column[_ErrorRow], ...] = (
-    doc.Column("RMS", lambda row: row.rms, doc.MM, "mm"),
-    doc.Column("p95", lambda row: row.p95, doc.MM, "mm"),
-    doc.Column("max", lambda row: row.largest, doc.MM, "mm"),
-)
+_ErrorRow: TypeAlias = tuple[str, float, float | None, float | None]
+"""Of which error; RMS over the targets, 95th percentile and largest, mm, where they tell something."""
 
 
 def _errors(record: CompensateRecord) -> Iterator[_ErrorRow]:
     rms, p95, most = record.rms_mm, record.p95_mm, record.max_mm
-    yield _ErrorRow("nominal commands", rms.before, p95.before, most.before)
-    yield _ErrorRow("corrected commands, expected", rms.expected)
-    yield _ErrorRow("  of it: out of reach of any command", rms.left, p95.left, most.left)
-    yield _ErrorRow("  of it: uncertainty of the parameters", rms.from_parameters)
+    yield "nominal commands", rms.before, p95.before, most.before
+    yield "corrected commands, expected", rms.expected, None, None
+    yield "  of it: out of reach of any command", rms.left, p95.left, most.left
+    yield "  of it: uncertainty of the parameters", rms.from_parameters, None, None
     if rms.scatter:
-        yield _ErrorRow(f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter)
-    yield _ErrorRow("  of it: what the model lacks", rms.unexplained)
+        yield f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter, None, None
+    yield "  of it: what the model lacks", rms.unexplained, None, None
     if rms.trend:
-        yield _ErrorRow("  of it: drift until then", rms.trend)
+        yield "  of it: drift until then", rms.trend, None, None
 
 
 def errors_by_target(record: CompensateRecord) -> Picture:

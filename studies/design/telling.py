@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from studies import document as doc
 from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
-from studies.document import mm, plural
+from studies.document import FOUR, Shown, mm, plural
 from studies.joints import joint_columns
 from studies.plots import accuracy, deviations, information
 from studies.plots.style import Picture
@@ -108,7 +108,7 @@ def _proof(record: DesignRecord) -> Iterator[doc.Part]:
         )
         told.append(doc.Sentence(said))
     yield doc.Detail(tuple(told), "What the proof rests on")
-    indices = list(record.observability.items())
+    indices = [(name, own, _INDICES[name]) for name, own in record.observability.items()]
     yield doc.Detail(
         (doc.Table(_OBSERVABILITY, indices),), "Observability, by parameters of usual size"
     )
@@ -188,31 +188,32 @@ _INDICES = {
 }
 
 
-_OBSERVABILITY: tuple[doc.Column[tuple[str, float]], ...] = (
-    doc.Column("index", lambda row: row[0]),
-    doc.Column("value, larger is better", lambda row: row[1], doc.TWO),
-    doc.Column("of the singular values", lambda row: _INDICES[row[0]]),
+_OBSERVABILITY = doc.heads(
+    "index", Shown("value, larger is better", doc.TWO), "of the singular values"
 )
 
 
-def _plans(record: DesignRecord) -> doc.Table[tuple[str, int, DesignRecord | RivalPlan]]:
+def _plans(record: DesignRecord) -> doc.Table[tuple[Any, ...]]:
     """The plan and those beside it, by the same bound: name, poses, what it is worth."""
     plans: list[tuple[str, int, DesignRecord | RivalPlan]] = [
         ("this plan", record.proved, record),
         *((name, plan.poses, plan) for name, plan in record.against.items()),
     ]
-    columns: list[doc.Column[tuple[str, int, DesignRecord | RivalPlan]]] = [
-        doc.Column("plan", lambda row: row[0]),
-        doc.Column("poses", lambda row: row[1], doc.FOUR),
-        doc.Column(record.criterion, lambda row: row[2].value, doc.FOUR),
-        doc.Column("efficiency\n(bound)", lambda row: row[2].efficiency, doc.FOUR),
-        doc.Column("task RMS", lambda row: row[2].task_rms_mm, doc.MM, "mm"),
-        doc.Column("trace of\ncovariance", lambda row: row[2].trace, doc.FOUR),
-        doc.Column("det(M)\n^(1/p)", lambda row: row[2].determinant, doc.FOUR),
+    rows = [
+        (name, poses, own.value, own.efficiency, own.task_rms_mm, own.trace, own.determinant)
+        for name, poses, own in plans
+    ]
+    columns = [
+        *doc.heads(
+            "plan",
+            *(Shown(own, FOUR) for own in ("poses", record.criterion, "efficiency\n(bound)")),
+            "task RMS [mm]",
+            *(Shown(own, FOUR) for own in ("trace of\ncovariance", "det(M)\n^(1/p)")),
+        )
     ]
     if record.criterion == "task":
         del columns[4]  # which is the criterion's
-    return doc.Table(columns, plans, "Plans judged by the same bound")
+    return doc.Table(columns, rows, "Plans judged by the same bound")
 
 
 _STEP_RMS: doc.Column[CurveStepEntry] = doc.Column(

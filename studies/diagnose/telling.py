@@ -15,7 +15,6 @@ from studies.diagnose.record import (
     DiagnoseRecord,
     FoundCause,
     GapEntry,
-    LocatedPlace,
     NextPose,
     RefusedCause,
     RivalPrediction,
@@ -24,7 +23,7 @@ from studies.diagnose.record import (
     Value,
 )
 from studies.diagnose.spectra import spectra
-from studies.document import labelled, listed, mm
+from studies.document import Shown, labelled, listed, mm
 from studies.joints import joint_columns
 from studies.noise import noise_words
 from studies.record import Outlier
@@ -85,26 +84,22 @@ def _could_hide(record: DiagnoseRecord) -> Iterator[str]:
         yield f"{worst.key} below {size} would go unnoticed: {left}"
 
 
-_Errors: TypeAlias = tuple[str, float, float | None, str]
-"""Of which poses; RMS before and after; what is said of the share that is gone."""
+_Errors: TypeAlias = tuple[str, float, float | None, float, str]
+"""Of which poses; RMS before, after and of noise alone; what is said of the share that is gone."""
 
 
 def _errors(gap: GapEntry) -> doc.Table[_Errors]:
-    rows: list[_Errors] = [("fitted poses", gap.fit_before_mm, gap.fit_after_mm, "")]
+    floor = gap.floor_mm
+    rows: list[_Errors] = [("fitted poses", gap.fit_before_mm, gap.fit_after_mm, floor, "")]
     for label, before, after, closed in (
         ("held out", gap.heldout_before_mm, gap.heldout_after_mm, _closed(gap)),
         ("cross-validated", gap.crossvalidated_before_mm, gap.crossvalidated_after_mm, ""),
         ("cross-validated in time", gap.over_time_before_mm, gap.over_time_after_mm, ""),
     ):
         if before is not None:
-            rows.append((label, before, after, closed))
-    columns: tuple[doc.Column[_Errors], ...] = (
-        doc.Column("RMS", lambda row: row[0]),
-        doc.Column("before", lambda row: row[1], doc.MM, gap.unit),
-        doc.Column("after", lambda row: row[2], doc.MM, gap.unit),
-        doc.Column("noise alone", lambda _: gap.floor_mm, doc.MM, gap.unit),
-        doc.Column("removed\n(95 % interval)", lambda row: row[3]),
-    )
+            rows.append((label, before, after, floor, closed))
+    figures = (Shown(title, doc.MM, gap.unit) for title in ("before", "after", "noise alone"))
+    columns = doc.heads("RMS", *figures, "removed\n(95 % interval)")
     return doc.Table(columns, rows, "The error before and after")
 
 
@@ -146,15 +141,12 @@ def _effect(effect: FoundCause) -> Iterator[doc.Part]:
         yield doc.Sentence(effect.far_out[:1].upper() + effect.far_out[1:], "warn")
 
 
-_LOCATED: tuple[doc.Column[tuple[LocatedPlace, str]], ...] = (
-    doc.Column("where", lambda row: row[0].where),
-    doc.Column("depends on", lambda row: row[0].depends_on),
-    doc.Column("share of the\nunmodelled error", lambda row: row[0].share_of_gap, doc.SHARE),
-    doc.Column("cause", lambda row: row[1]),
+_LOCATED = doc.heads(
+    "where", "depends on", Shown("share of the\nunmodelled error", doc.SHARE), "cause"
 )
 
 
-def _located(record: DiagnoseRecord) -> Iterator[tuple[LocatedPlace, str]]:
+def _located(record: DiagnoseRecord) -> Iterator[tuple[str, str, float | None, str]]:
     """Places, each with the cause that is named for it."""
     left = list(record.effects)
     for place in record.located:
@@ -162,13 +154,11 @@ def _located(record: DiagnoseRecord) -> Iterator[tuple[LocatedPlace, str]]:
         own = next((e for e in left if (e.where, e.share_of_gap) == key), None)
         if own is not None:
             left.remove(own)
-        yield place, "unknown" if own is None else own.effect
+        cause = "unknown" if own is None else own.effect
+        yield place.where, place.depends_on, place.share_of_gap, cause
 
 
-_REFUSED: tuple[doc.Column[tuple[str, str]], ...] = (
-    doc.Column("cause", lambda row: row[0]),
-    doc.Column("why", lambda row: row[1]),
-)
+_REFUSED = doc.heads("cause", "why")
 
 
 def _refused(entries: Sequence[RefusedCause]) -> Iterator[tuple[str, str]]:

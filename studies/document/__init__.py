@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 if TYPE_CHECKING:
@@ -206,6 +206,21 @@ def columns(kind: type[E], *of: str | Column[E]) -> tuple[Column[E], ...]:
     """
     parts = ([own] if isinstance(own, Column) else _named(kind, own) for own in of)
     return tuple(column for part in parts for column in part)
+
+
+def heads(*heads: str | Shown) -> tuple[Column[Any], ...]:
+    """Columns of rows that are tuples, by their places; a head is a title, ``RMS [mm]``.
+
+    >>> [(c.title, c.unit, c.cell(("p1", 0.5))) for c in heads("pose", "RMS [mm]")]
+    [('pose', '', 'p1'), ('RMS', 'mm', '0.5000')]
+    """
+    found = []
+    for place, head in enumerate(heads):
+        title, _, unit = head.rstrip("]").partition(" [") if isinstance(head, str) else ("", "", "")
+        own = Shown(title, unit=unit) if isinstance(head, str) else head
+        rule = own.rule or _BY_UNIT.get(own.unit, TEXT)
+        found.append(Column(own.title, itemgetter(place), rule, own.unit, own.detail))
+    return tuple(found)
 
 
 def _named(kind: type[E], names: str) -> Iterator[Column[E]]:

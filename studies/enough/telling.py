@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from studies import document as doc
-from studies.document import listed, mm, plural
+from studies.document import Shown, listed, mm, plural
 from studies.enough.record import (
     EnoughRecord,
-    ExpectedStep,
-    KnownParameter,
     LackingEntry,
     StateEntry,
 )
@@ -134,7 +133,7 @@ def _systematic(record: EnoughRecord) -> Iterator[doc.Sentence]:
 
 def _parts(record: EnoughRecord) -> Iterator[doc.Part]:
     yield from _facts(record)
-    yield doc.Table(_ORDER, _coming(record), "Poses to come, the most useful first")
+    yield doc.Table(_ORDER, list(_coming(record)), "Poses to come, the most useful first")
     if record.order:
         yield doc.Figure(lambda: expected_by_pose(record))
     yield _weakest(record)
@@ -204,36 +203,33 @@ def _pays(record: EnoughRecord) -> Iterator[doc.Sentence]:
     yield doc.Sentence(said, label="worth it")
 
 
-_ORDER: tuple[doc.Column[tuple[ExpectedStep, float | None, bool]], ...] = (
-    doc.Column("measure next", lambda row: f"{row[0].pose}{' goal' * row[2]}"),
-    doc.Column("expected\nRMS", lambda row: row[0].task_rms_mm, doc.MM, "mm"),
-    doc.Column("worst", lambda row: row[0].task_worst_mm, doc.MM, "mm"),
-    doc.Column("19 in 20\nbelow", lambda row: row[0].task_most_mm, doc.MM, "mm"),
-    doc.Column("less by", lambda row: row[1], doc.PERCENT, "%"),
-    doc.Column("not\nidentifiable", lambda row: row[0].unidentifiable, doc.NAMES),
+_ORDER = doc.heads(
+    "measure next",
+    *("expected\nRMS [mm]", "worst [mm]", "19 in 20\nbelow [mm]"),
+    Shown("less by", doc.PERCENT, "%"),
+    Shown("not\nidentifiable", doc.NAMES),
 )
 
 
-def _coming(record: EnoughRecord) -> list[tuple[ExpectedStep, float | None, bool]]:
-    """Poses to come, the share by which each lowers the error, and whether it meets the goal."""
-    both = zip(record.order, record.gains, strict=True)
-    return [(step, gain, k == record.poses_to_goal) for k, (step, gain) in enumerate(both, 1)]
+def _coming(record: EnoughRecord) -> Iterator[tuple[Any, ...]]:
+    """Poses to come with what is expected, and the share by which each lowers the error."""
+    for k, (step, gain) in enumerate(zip(record.order, record.gains, strict=True), 1):
+        name = f"{step.pose}{' goal' * (k == record.poses_to_goal)}"
+        rms, worst, most = step.task_rms_mm, step.task_worst_mm, step.task_most_mm
+        yield name, rms, worst, most, gain, step.unidentifiable
 
 
-def _weakest(record: EnoughRecord) -> doc.Table[tuple[KnownParameter, KnownParameter]]:
+def _weakest(record: EnoughRecord) -> doc.Table[tuple[Any, ...]]:
     """Robot parameters with the largest standard deviation against the size of such errors."""
     both = zip(record.now.parameters, record.end.parameters, strict=True)
     robot = [known for known in both if known[0].effect not in ("base", "tool")]
     robot.sort(key=lambda known: -1e30 if known[0].share is None else -known[0].share)
-    columns: list[doc.Column[tuple[KnownParameter, KnownParameter]]] = [
-        doc.Column("least certain", lambda row: row[0].id, doc.TEXT),
-        doc.Column("standard\ndeviation", lambda row: row[0].std, doc.STD),
-        doc.Column("at the\nplan's end", lambda row: row[1].std, doc.STD),
-        doc.Column("unit", lambda row: row[0].unit, doc.TEXT),
-    ]
+    rows = [(now.id, now.std, end.std, now.unit) for now, end in robot[:_WEAKEST]]
+    deviations = ("standard\ndeviation", "at the\nplan's end")
+    columns = [*doc.heads("least certain", *(Shown(own, doc.STD) for own in deviations), "unit")]
     if not record.order:
         del columns[2]
-    return doc.Table(columns, robot[:_WEAKEST], "The least certain parameters")
+    return doc.Table(columns, rows, "The least certain parameters")
 
 
 def _open(names: tuple[str, ...]) -> Iterator[doc.Sentence]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from studies import document as doc
-from studies.document import listed, mm, plural
+from studies.document import Shown, listed, mm, plural
 from studies.fleet.record import (
     FleetRecord,
     OffEntry,
@@ -105,26 +104,17 @@ def _off(record: FleetRecord) -> Iterator[doc.Part]:
 _OFF = doc.columns(OffEntry, "robot type what value typical spread unit deviation limit")
 
 
-@dataclass(frozen=True)
-class _OfType:
-    """A cause in a type."""
-
-    type: TypeEntry
-    cause: SharedEntry
-
-    @property
-    def between(self) -> str:
-        low, high = self.cause.share_ci95
-        return f"{doc.SHARE(low)} to {doc.SHARE(high)}"
-
-
 def _types(record: FleetRecord) -> Iterator[doc.Part]:
     if not record.types:
         return
     asked = {"identify": _OF_ERRORS, "diagnose": _OF_VERDICTS}
     columns = (*_TYPES, *(column for verb in record.verbs for column in asked[verb]))
     yield doc.Table(columns, record.types, "Types, medians over their robots")
-    rows = [_OfType(own, cause) for own in record.types for cause in own.causes]
+    rows = [
+        (own.type, cause.key, cause.robots, cause.possible, own.diagnosed,
+         " to ".join(map(doc.SHARE, cause.share_ci95)))
+        for own in record.types for cause in own.causes
+    ]  # fmt: skip
     yield doc.Table(_CAUSES, rows, "Causes by type", most=_MOST)
 
 
@@ -137,13 +127,11 @@ _OF_VERDICTS = doc.columns(
         "verdicts", lambda row: [f"{n} {verdict}" for verdict, n in row.verdicts.items()], doc.NAMES
     ),
 )
-_CAUSES: tuple[doc.Column[_OfType], ...] = (
-    doc.Column("type", lambda row: row.type.type),
-    doc.Column("cause", lambda row: row.cause.key),
-    doc.Column("named in", lambda row: row.cause.robots, doc.COUNT),
-    doc.Column("or possible", lambda row: row.cause.possible, doc.COUNT),
-    doc.Column("of", lambda row: row.type.diagnosed, doc.COUNT),
-    doc.Column("share of such robots, 95 %", lambda row: row.between),
+_CAUSES = doc.heads(
+    "type",
+    "cause",
+    *(Shown(title, doc.COUNT) for title in ("named in", "or possible", "of")),
+    "share of such robots, 95 %",
 )
 
 

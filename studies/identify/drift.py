@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from studies import document as doc
+from studies.document import Shown
 from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
@@ -95,16 +96,16 @@ def _motion(motion: Motion) -> MotionEntry:
 
 _MOST = 8  # readings that the terminal shows
 _MODELLED = ("base_drift", "tracker_drift")
-_AGAIN: tuple[doc.Column[tuple[MotionEntry, RepeatedPose]], ...] = (
-    doc.Column("read again", lambda row: row[0].pose),
-    doc.Column("first", lambda row: row[1].pose),
-    doc.Column("since", lambda row: row[0].hours, doc.HOURS, "h"),
-    doc.Column("moved x, y, z", lambda row: row[0].translation_um, doc.THREE, "um"),
-    doc.Column("std", lambda row: _rms(row[0].translation_std_um), doc.TENTH, "um"),
-    doc.Column("turned", lambda row: row[0].rotation_urad, doc.THREE, "urad"),
-    doc.Column("std", lambda row: _rms(row[0].rotation_std_urad), doc.TENTH, "urad"),
-    doc.Column("distance", lambda row: row[0].length_um, doc.TENTH, "um"),
-    doc.Column("p", lambda row: row[0].p_value, doc.P),
+_AGAIN = doc.heads(
+    "read again",
+    "first",
+    Shown("since", doc.HOURS, "h"),
+    Shown("moved x, y, z", doc.THREE, "um"),
+    Shown("std", doc.TENTH, "um"),
+    Shown("turned", doc.THREE, "urad"),
+    Shown("std", doc.TENTH, "urad"),
+    Shown("distance", doc.TENTH, "um"),
+    Shown("p", doc.P),
 )
 
 
@@ -113,7 +114,11 @@ def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
     drift = record.drift
     if drift is None:
         return
-    rows = [(motion, one) for one in drift.references for motion in one.moved]
+    rows = [
+        (own.pose, one.pose, own.hours, own.translation_um, _rms(own.translation_std_um),
+         own.rotation_urad, _rms(own.rotation_std_urad), own.length_um, own.p_value)
+        for one in drift.references for own in one.moved
+    ]  # fmt: skip
     table = doc.Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
     yield doc.Section(
         "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -171,16 +170,9 @@ _MODELS: dict[Model, str] = {
     "heldout": "held-out poses, identified",
     "heldout_trimmed": "held-out poses without outliers, identified",
 }
-_FIGURES: tuple[doc.Column[Any], ...] = tuple(
-    doc.Column(title, itemgetter(k), doc.MM, "mm")
-    for k, title in enumerate(("RMS", "p95", "max"), 1)
-)
-_ERRORS = (doc.Column("distance measured - predicted", itemgetter(0)), *_FIGURES)
-_PAIRS = (
-    doc.Column("distance between two poses", itemgetter(0)),
-    *_FIGURES,
-    doc.Column("pairs", itemgetter(4), doc.COUNT),
-)
+_FIGURES = ("RMS [mm]", "p95 [mm]", "max [mm]")
+_ERRORS = doc.heads("distance measured - predicted", *_FIGURES)
+_PAIRS = doc.heads("distance between two poses", *_FIGURES, Shown("pairs", doc.COUNT))
 _OF_INSTRUMENTS = doc.columns(OfInstrument, "instrument unit nominal fitted_all heldout")
 
 
@@ -240,12 +232,8 @@ def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
         yield "held-out poses, nominal model", rms, p95, float(lengths.max())
 
 
-_POSES: tuple[doc.Column[Any], ...] = (
-    doc.Column("pose", itemgetter(0)),
-    doc.Column("RMS before", itemgetter(1), doc.MM, "mm"),
-    doc.Column("RMS after", itemgetter(2), doc.MM, "mm"),
-    doc.Column("markers seen", itemgetter(3), doc.COUNT),
-    doc.Column("use", itemgetter(4)),
+_POSES = doc.heads(
+    "pose", "RMS before [mm]", "RMS after [mm]", Shown("markers seen", doc.COUNT), "use"
 )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.document import Column, Detail, Part, Sentence, Table
+from studies.document import Detail, Part, Sentence, Table, heads
 from studies.record import Count, Entry, Maybe, Number, Outlier
 
 if TYPE_CHECKING:
@@ -60,17 +60,13 @@ def together_entry(common: Shared) -> OutliersTogether:
     )
 
 
-_OUTLIERS: tuple[Column[tuple[Outlier, str]], ...] = (
-    Column("pose", lambda row: row[0].pose),
-    Column("what became of it", lambda row: row[1]),
-    Column("reason", lambda row: row[0].reason),
-)
+_OUTLIERS = heads("pose", "what became of it", "reason")
 
 
 def told_outliers(record: IdentifyRecord) -> Iterator[Part]:
     """The outliers with what became of them, and where they stand together."""
-    rows = [(entry, "left out of the fit") for entry in record.outliers]
-    rows += [(entry, "held out") for entry in record.heldout_outliers]
+    rows = [(own.pose, "left out of the fit", own.reason) for own in record.outliers]
+    rows += [(own.pose, "held out", own.reason) for own in record.heldout_outliers]
     if not rows:
         yield Detail((Sentence("No pose was rejected.", "good"),))
         return

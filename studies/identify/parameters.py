@@ -127,11 +127,7 @@ _PARAMETERS = doc.columns(
     ),
     "unit",
 )
-_CORRELATED: tuple[doc.Column[tuple[str, str, float]], ...] = (
-    doc.Column("parameter", lambda row: row[0]),
-    doc.Column("parameter", lambda row: row[1]),
-    doc.Column("correlation", lambda row: row[2], doc.CORRELATION),
-)
+_CORRELATED = doc.heads("parameter", "parameter", Shown("correlation", doc.CORRELATION))
 _ABSORBED = doc.columns(
     Absorbed, "id", doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by))
 )

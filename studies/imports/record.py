@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
@@ -12,7 +11,7 @@ from pydantic import Field
 
 from calib.files.exports.join import some
 from calib.files.exports.joints import UNITS
-from studies.document import Column, Document, Part, Section, Table, labelled
+from studies.document import Document, Part, Section, Table, heads, labelled
 from studies.record import Count, Entry, Envelope, Record
 
 if TYPE_CHECKING:
@@ -160,7 +159,7 @@ def _parts(record: ImportRecord) -> Iterator[Part]:
     yield from labelled("note", (*_left_out(record), *record.notes))
 
 
-_ROWS: tuple[Column[Row], ...] = (Column("", itemgetter(0)), Column("", itemgetter(1)))
+_ROWS = heads("", "")
 
 
 def _read(record: ImportRecord) -> Iterator[Row]:

@@ -6,11 +6,10 @@ Whose certificate it is, nobody can tell from figures: the page never says that 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from operator import itemgetter
 
 import numpy as np
 
-from studies.document import Column, Section, Sentence, Table, mm, plural
+from studies.document import Section, Sentence, Table, heads, mm, plural
 from studies.identify.record import IdentifyRecord
 from studies.report.evidence import ReportedResult, ReportEvidence
 
@@ -33,10 +32,7 @@ _ASKED: dict[str, tuple[str, ...]] = {
 }
 """Fields and the keys of [report] that fill them, the first that is there."""
 
-_FIELDS: tuple[Column[tuple[str, str]], ...] = (
-    Column("field", itemgetter(0)),
-    Column("as known", itemgetter(1)),
-)
+_FIELDS = heads("field", "as known")
 _DISCLAIMER = (
     "Fields that ISO/IEC 17025 asks of a calibration certificate, as far as the cell's [report] and "
     "this result fill them. This page is no certificate and claims no accreditation: that is a "

@@ -115,18 +115,6 @@ def test_targets_as_poses_of_the_tip(demo: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
-    compensate(demo, "--json", tmp_path / "c.json")
-    fields = json.loads((tmp_path / "c.json").read_text())
-    cell = calib.load_cell(demo / "cell.toml")
-    result = calib.identify(cell, calib.load_measurements(cell, demo / "measurements.csv"))
-    found = calib.compensate(cell, result, demo / "targets.csv")
-    assert found.rms(found.expected) * 1e3 == pytest.approx(fields["rms_mm"]["expected"], rel=1e-6)
-    shown = [t["joints_deg"]["A3"] for t in fields["targets"]]
-    np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
-
-
-@pytest.mark.long
 def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
     """Knots that the cell does not give, and effects of a diagnosis, come from the result alone."""
     cell_path = tmp_path / "cell.toml"

@@ -12,8 +12,8 @@ from calib import Cell
 from calib.diagnosis import Diagnosis
 from doe.ahead.likeness import SURE
 from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
-from studies.diagnose.pictures import error_curve, waterfall
-from studies.diagnose.record import CurvePanel, ErrorCurveEntry, SpectrumEntry, SpectrumLine, Steps
+from studies.diagnose.pictures import waterfall
+from studies.diagnose.record import SpectrumEntry, SpectrumLine, Steps
 from studies.diagnose.shown import shown
 from studies.diagnose.spectra import families, spectra
 from studies.document import pictures_of
@@ -80,42 +80,6 @@ def test_what_makes_it_worse_is_marked() -> None:
     alone = waterfall(Steps(of="held-out poses", added=(), rms_mm=(0.2,)), 0.2)
     assert [row[0] for row in alone.rows] == ["before: model as given"]
     assert "No effect was found" in alone.caption
-
-
-def test_panels_for_each_direction() -> None:
-    rng = np.random.default_rng(0)
-    grid, variable = np.linspace(0.0, 1.0, 71), rng.uniform(0.0, 1.0, 40)
-    single = [float(np.sin(v)) if v > 0.1 else None for v in variable]
-    panels = tuple(
-        CurvePanel(
-            label=f"base {axis} [um]",
-            value=tuple(np.sin(grid).tolist()),
-            std=(0.1,) * 71,
-            at_poses=tuple(np.sin(variable).tolist()),
-            std_at_poses=(0.1,) * 40,
-            single=tuple(single),
-            effect=tuple(variable.tolist()),
-            line=line,
-        )
-        for axis, line in zip("xyz", (True, False, True), strict=True)
-    )
-    curve = ErrorCurveEntry(
-        name="error",
-        title="Error",
-        caption="A caption.",
-        effect="base_drift:base",
-        levels=False,
-        variable_label="time [h]",
-        grid=tuple(grid.tolist()),
-        variable=tuple(variable.tolist()),
-        pose_names=tuple(f"p{i}" for i in range(40)),
-        panels=panels,
-    )
-    picture = error_curve(curve)
-    visible = [axes for axes in picture.figure.axes if axes.get_visible()]
-    assert [axes.get_ylabel() for axes in visible] == [panel.label for panel in panels]
-    keys = [text.get_text() for text in picture.figure.legends[0].get_texts()]
-    assert {"base_drift:base", "base_drift:base, at each pose", "95 % band"} <= set(keys)
 
 
 def panel(joint: str, *cycles: float, repeats: float | None = None) -> SpectrumEntry:
@@ -185,17 +149,6 @@ def test_lines_are_named_and_of_a_family_alike() -> None:
     assert picture.rows[-1][-1] == "8.0, 28.0"
     assert picture.caption.count(".") == 1
     assert picture.caption.endswith(".")
-
-
-def test_words_do_not_meet() -> None:
-    picture = spectra([panel("A1", 200.0, 210.0, 220.0)])
-    (axes,) = picture.figure.axes
-    picture.figure.draw_without_rendering()
-    boxes = [text.get_window_extent() for text in axes.texts]
-    assert len(boxes) >= 2
-    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    inside = axes.get_window_extent()
-    assert all(inside.x0 <= box.x0 and box.x1 <= inside.x1 for box in boxes)
 
 
 def test_entries_keep_every_peak_and_say_aliases() -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import mujoco
@@ -24,7 +22,6 @@ from studies.demo.embedded import embedded_text, simulated
 from studies.report.arm_drawing import ArmPicture, Stroke, drawing
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
-from studies.report.arm_view import figure_html
 from studies.report.page import asset
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by
@@ -93,15 +90,6 @@ def test_prismatic_joints_and_capsules_by_products_of_matrices() -> None:
     assert found.bodies[0].radius == 50
     assert found.units == ("deg", "mm", "deg", "mm", "deg")
     np.testing.assert_allclose(found.values[:, 1], q[:, 1] * 1e3, atol=0.0051)
-
-
-def test_points_are_shared(drawn: ArmScene) -> None:
-    """Each place is written once, and once for all poses where it stands still."""
-    points = picture(drawn).points.swapaxes(0, 1)
-    assert len(np.unique(points.reshape(len(points), -1), axis=0)) == len(points)
-    (data,) = elements(str(figure_html(drawn))).scripts
-    still = [3 if (own == own[0]).all() else own.size for own in points]
-    assert [len(own) for own in json.loads(data)["points"]] == still
 
 
 def test_why_a_marker_is_hidden(kr270: Cell) -> None:
@@ -249,23 +237,6 @@ def segments(shown: ArmPicture, css: str) -> list[tuple[Array, Array]]:
     return [(shown.points[:, a], shown.points[:, b]) for line in lines for a, b in line.at]
 
 
-def test_shadow_and_ruler_lie_on_the_floor(drawn: ArmScene) -> None:
-    """The viewer stands upright: what lies below a point is below it in the drawing."""
-    svg = parsed(drawn)
-    (drop, _), (shadow,) = of_class(svg, "arm-drop"), of_class(svg, "arm-shadow")
-    tip, fallen = numbers(drop)
-    assert tip == numbers(of_class(svg, "arm-tips")[0])[0]
-    assert tip[0] == fallen[0]
-    assert fallen == numbers(shadow)[-1]
-    floor, foot = (numbers(of_class(svg, name)[0]) for name in ("arm-floor", "arm-foot"))
-    assert numbers(shadow)[0] == pytest.approx(np.mean(foot[:-1], axis=0), abs=0.2), "the base"
-    corner, end = numbers(of_class(svg, "arm-scale")[0])
-    assert corner == max(floor, key=lambda at: at[1]), "lowest in the drawing"
-    assert end in floor
-    longer = [at for at in floor if at[1] > end[1] and at != corner]
-    assert all(abs(at[0] - corner[0]) < abs(end[0] - corner[0]) for at in longer)
-
-
 def test_no_content_stands_in_the_script(drawn: ArmScene) -> None:
     script, sheet = asset("arm_view.js"), asset("arm_view.css")
     elements = list(parsed(drawn)[2])
@@ -274,31 +245,6 @@ def test_no_content_stands_in_the_script(drawn: ArmScene) -> None:
     for name in classes:
         assert name not in script
         assert re.search(rf"\.{name}[, ]", sheet), "every class has its look"
-
-
-class Elements(HTMLParser):
-    """Start tags with their attributes, and the text of scripts."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag == "script":
-            self.scripts.append("")
-
-    def handle_data(self, data: str) -> None:
-        if self.tags and self.tags[-1][0] == "script" and self.scripts:
-            self.scripts[-1] += data
-
-
-def elements(html: str) -> Elements:
-    found = Elements()
-    found.feed(html)
-    found.close()
-    return found
 
 
 def test_a_chain_that_comes_back_to_a_point(kr270: Cell) -> None:

@@ -125,14 +125,6 @@ def test_the_contents_are_in_view(open_page: Callable[..., Any], html: str) -> N
         )
 
 
-def test_parameters_are_on_paper(open_page: Callable[..., Any], html: str) -> None:
-    page = open_page(html)
-    page.emulate_media(media="print")
-    for value in ("joint_compliance", "marker:m1", "base"):
-        cell = page.locator("#parameters td, #parameters th", has_text=value).first
-        assert cell.bounding_box()["height"] > 5.0
-
-
 def test_the_arm_comes_along_and_a_tooltip_names_the_pose(
     open_page: Callable[..., Any], html: str
 ) -> None:
@@ -181,23 +173,3 @@ def test_tables_fit_a_phone_or_keep_their_first_column(
     assert all(columns >= MANY for columns, *_ in wide), wide
     assert all(0.0 <= left < 390.0 for _, left, _ in wide)
     assert all(caption <= 390.0 for *_, caption in wide)
-
-
-def test_heads_of_columns_break_between_words(open_page: Callable[..., Any], html: str) -> None:
-    for width in WIDTHS:
-        page = open_page(html, width=width)
-        for details in page.query_selector_all("details"):
-            details.evaluate("element => element.open = true")
-        broken = page.evaluate(
-            """() => [...document.querySelectorAll("thead th")].flatMap(head => {
-                const walk = document.createTreeWalker(head, NodeFilter.SHOW_TEXT), found = [];
-                for (let node = walk.nextNode(); node; node = walk.nextNode())
-                    for (const { index, 0: word } of node.data.matchAll(/[^\\s]+/g)) {
-                        const range = new Range();
-                        range.setStart(node, index); range.setEnd(node, index + word.length);
-                        if (new Set([...range.getClientRects()].map(box => box.top)).size > 1)
-                            found.push(word);
-                    }
-                return found; })"""
-        )
-        assert broken == []

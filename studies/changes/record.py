@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import CauseEntry
 from studies.document import P, Shown
+from studies.entries import CauseEntry
 from studies.record import (
     BeforeAfter,
     Count,

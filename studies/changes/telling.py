@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from studies import document as doc
-from studies.causes import CauseEntry, gathered
 from studies.changes.pictures import changed_parameters, errors_at_targets
 from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Test
 from studies.document import Shown, labelled, listed, mm, plural
+from studies.entries import CauseEntry, gathered
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has

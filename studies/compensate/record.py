@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from studies import document as doc
 from studies.document import Shown, mm, plural
-from studies.joints import JointValues, check_same_joints, joint_columns, shown_joints
+from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
 from studies.plots.errors import before_and_after
 from studies.plots.style import BLUE, VERMILLION, Look, Picture, short

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import Shown
-from studies.joints import JointValues, check_same_joints, shown_joints
+from studies.entries import JointValues, TargetAccuracy, at_targets, check_same_joints, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
-from studies.targets import TargetAccuracy, at_targets
 
 if TYPE_CHECKING:
     from doe import Design

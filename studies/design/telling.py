@@ -10,10 +10,9 @@ import numpy as np
 from studies import document as doc
 from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
 from studies.document import FOUR, Shown, mm, plural
-from studies.joints import joint_columns
+from studies.entries import joint_columns, over_the_workspace
 from studies.plots import accuracy, deviations, information
 from studies.plots.style import Picture
-from studies.targets import over_the_workspace
 
 if TYPE_CHECKING:
     from studies.design.record import LandscapeEntry

@@ -21,7 +21,6 @@ from calib.files.cell_out import extended_cell
 from calib.instruments import Channels
 from calib.poses.moves import thinned
 from doe.ahead.next_poses import NextPoses, PairPrediction, next_poses
-from studies.causes import Sought
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.diagnose import NEXT
@@ -43,8 +42,8 @@ from studies.diagnose.record import (
     Value,
 )
 from studies.diagnose.shown import DiagnosisShown, shown
-from studies.estimate import estimated
-from studies.joints import shown_joints
+from studies.entries import Sought, shown_joints
+from studies.fitted import estimated
 from studies.noise import by_level
 from studies.record import Envelope, Outlier, envelope
 

@@ -6,10 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.causes import CauseEntry, NotAskedEntry, Sought
 from studies.document import PROBABILITY, Shown
-from studies.estimate import Estimated
-from studies.joints import JointValues, check_same_joints
+from studies.entries import CauseEntry, JointValues, NotAskedEntry, Sought, check_same_joints
+from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
 from studies.record import (
     BeforeAfter,
@@ -21,7 +20,6 @@ from studies.record import (
     Positive,
     Record,
 )
-from studies.residual import Angles, Lengths, Pixels, ResidualEntry
 
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 Row = tuple[Maybe, ...]

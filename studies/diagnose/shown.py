@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.threads import one_blas_thread
 from studies.diagnose.record import CurvePanel, DiagnoseResidual, ErrorCurveEntry, Steps
-from studies.residual import residual_fields
+from studies.fitted import residual_fields
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot

@@ -8,7 +8,6 @@ from functools import partial
 from typing import TypeAlias
 
 from studies import document as doc
-from studies.causes import Sought, not_asked
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
 from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import (
@@ -24,7 +23,7 @@ from studies.diagnose.record import (
 )
 from studies.diagnose.spectra import spectra
 from studies.document import Shown, labelled, listed, mm
-from studies.joints import joint_columns
+from studies.entries import Sought, joint_columns, not_asked
 from studies.noise import noise_words
 from studies.record import Outlier
 

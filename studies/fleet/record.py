@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from studies.causes import CauseEntry
 from studies.document import MM, TENTH, Shown
+from studies.entries import CauseEntry
 from studies.record import (
     BeforeAfter,
     Count,

@@ -10,6 +10,7 @@ from pydantic import computed_field, model_validator
 
 from studies import document as doc
 from studies.document import MRAD, Shown, mm
+from studies.fitted import Angles, Lengths, Pixels, ResidualEntry, residual_fields
 from studies.identify.outliers import told_outliers
 from studies.identify.pictures import (
     distances,
@@ -19,7 +20,6 @@ from studies.identify.pictures import (
     residuals_by_pose,
 )
 from studies.record import Count, Entry, Maybe, NotNegative, Three
-from studies.residual import Angles, Lengths, Pixels, ResidualEntry, residual_fields
 
 if TYPE_CHECKING:
     from calib import Identification

@@ -21,7 +21,8 @@ from calib.uncertainty.acceptance import ConformityTest, judged
 from calib.uncertainty.budget import Budget, accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
-from studies.estimate import estimated
+from studies.entries import at_targets
+from studies.fitted import estimated
 from studies.identify.budget import acceptance_entry, budget_entry
 from studies.identify.drift import drift_entry
 from studies.identify.errors import (
@@ -37,7 +38,6 @@ from studies.identify.parameters import absorbed_entries, parameter_entries, siz
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
 from studies.noise import by_level
 from studies.record import Envelope, envelope
-from studies.targets import at_targets
 
 _MM = 1e3
 MOST = 200_000

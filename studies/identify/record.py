@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import MRAD, Document, Figure, Section, Sentence, mm
-from studies.estimate import Estimated
+from studies.entries import TargetAccuracy, over_the_workspace
+from studies.fitted import Estimated
 from studies.identify.budget import AcceptanceEntry, BudgetEntry, accepted, budget_section
 from studies.identify.drift import DriftEntry, drift_section
 from studies.identify.errors import (
@@ -35,7 +36,6 @@ from studies.record import (
     Three,
     UnidentifiableEntry,
 )
-from studies.targets import TargetAccuracy, over_the_workspace
 
 _MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
 

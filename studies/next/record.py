@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from studies import document as doc
 from studies.document import PROBABILITY, Shown, listed, mm, plural
-from studies.joints import JointValues, check_same_joints, joint_columns, shown_joints
+from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
 
 if TYPE_CHECKING:

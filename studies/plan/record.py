@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.causes import CauseEntry, NotAskedEntry, Sought
 from studies.document import CORRELATION, STD, Shown
+from studies.entries import CauseEntry, NotAskedEntry, Sought
 from studies.record import (
     Count,
     Entry,

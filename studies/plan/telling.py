@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from studies import document as doc
-from studies.causes import by_reason, gathered, not_asked
 from studies.document import labelled, plural
+from studies.entries import by_reason, gathered, not_asked
 from studies.plan.pictures import look_alikes, power
 from studies.plan.record import EquivalentCauses, LookAlike, PlanRecord, SeenCause
 

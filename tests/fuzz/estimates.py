@@ -16,7 +16,7 @@ from calib.files.write import json_text
 from calib.model.build import build
 from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.estimate import estimated
+from studies.fitted import estimated
 from studies.record import envelope
 from tests.fuzz.reader import put
 

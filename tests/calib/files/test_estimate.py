@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.model.build import build
 from calib.scatter import Variances
-from studies.estimate import estimated
+from studies.fitted import estimated
 
 UNIX = 1_763_700_000.0  # s, November 2025
 

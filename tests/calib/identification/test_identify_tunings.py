@@ -19,7 +19,7 @@ from calib.errors import CalibError, EffectCannotAct
 from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from studies.estimate import estimated
+from studies.fitted import estimated
 from tests.calib.effects.test_effects import seen
 from tests.helpers import all_seen, cell_of, random_context, random_robot, with_effects
 from tests.plain_arm import tips

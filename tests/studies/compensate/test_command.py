@@ -18,7 +18,7 @@ import calib
 from calib.arm.kinematics import forward
 from calib.compensation.estimate import estimate_of
 from calib.files.estimate import load_estimate
-from studies.estimate import estimated
+from studies.fitted import estimated
 from studies.results import json_schema
 from tests.helpers import measured_cell
 from tests.studies.command_line import run

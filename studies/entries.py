@@ -1,0 +1,190 @@
+"""Entries that results share: causes of error, joint values, the accuracy at each target."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from studies.document import JOINT, Column, Rule, Sentence, Shown, labelled
+from studies.record import Entry, Maybe, Number
+
+if TYPE_CHECKING:
+    from calib.arm.robot import Robot
+    from calib.arrays import Array
+    from calib.poses import Poses
+    from studies.plots.style import Picture
+
+
+class CauseEntry(Entry):
+    """An effect at a place."""
+
+    effect: Annotated[str, Shown("cause")]
+    where: str
+
+    @property
+    def key(self) -> str:
+        """``effect:where``."""
+        return f"{self.effect}:{self.where}"
+
+
+C = TypeVar("C", bound=CauseEntry)
+_PLACES = 3  # that are worth naming one by one
+
+
+class Sought(CauseEntry):
+    """A cause with the smallest size that is found nine times in ten, None where no size would be.
+
+    left_mm : what it leaves at the targets if it hides, at the most that such an error plausibly is
+    """
+
+    minimum_detectable: Maybe
+    unit: str
+    left_mm: Annotated[Maybe, Shown("leaves")] = None
+
+
+class NotAskedEntry(Entry):
+    """A cause, ``effect:where``, that the columns of the table cannot speak of, and why."""
+
+    effect: str
+    reason: str
+
+
+def gathered(causes: Iterable[CauseEntry], of: Mapping[str, int] | None = None) -> str:
+    """``effect:where,where`` of each effect; its name alone where those are all of several places.
+
+    of : effect -> the number of places that were asked
+
+    >>> both = [CauseEntry(effect="backlash", where=joint) for joint in ("A1", "A2")]
+    >>> gathered(both), gathered(both, {"backlash": 2})
+    ('backlash:A1,A2', 'backlash')
+    """
+    said = []
+    for effect, group in groupby(causes, key=lambda cause: cause.effect):
+        places = [cause.where for cause in group]
+        everywhere = len(places) == (of or {}).get(effect) and len(places) > 1
+        said.append(effect if everywhere else f"{effect}:{','.join(places)}")
+    return ", ".join(said)
+
+
+def by_reason(pairs: Iterable[tuple[C, str]]) -> dict[str, list[C]]:
+    """Causes by the reason that they share, in the order in which the reasons come first."""
+    found: dict[str, list[C]] = {}
+    for cause, reason in pairs:
+        found.setdefault(reason, []).append(cause)
+    return found
+
+
+def not_asked(entries: Iterable[NotAskedEntry]) -> Iterator[Sentence]:
+    """What could not be asked, by what is missing."""
+    split = ((entry.effect.partition(":"), entry.reason) for entry in entries)
+    reasons = by_reason(
+        (CauseEntry(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
+        for (kind, _, where), reason in split
+    )
+    said = (f"{_shortly(causes)}: {reason}" for reason, causes in reasons.items())
+    yield from labelled("not tested", said)
+
+
+def _shortly(causes: Sequence[CauseEntry]) -> str:
+    """Effects with their places, or without where there are many."""
+    places = Counter(cause.effect for cause in causes)
+    many = {effect: count for effect, count in places.items() if count > _PLACES}
+    return gathered(causes, many)
+
+
+class JointValues(Entry):
+    """An entry of a record that stands at joint values, by the joints' names."""
+
+    joints_deg: dict[str, Number]
+    joints_mm: dict[str, Number] = Field(default_factory=dict)
+
+
+def shown_joints(robot: Robot, q: Array, what: str = "") -> dict[str, dict[str, float]]:
+    """Joint values, shape (n,), rad or m, as the fields of :class:`JointValues`.
+
+    what : before the names of the fields, as in ``nominal_joints_deg``
+    """
+    found: dict[str, dict[str, float]] = {f"{what}joints_deg": {}, f"{what}joints_mm": {}}
+    for joint, slides, value in zip(robot.joints, robot.prismatic, q.tolist(), strict=True):
+        shown = value * 1e3 if slides else math.degrees(value)
+        found[f"{what}joints_{'mm' if slides else 'deg'}"][joint] = round(shown, 6) + 0.0
+    return found
+
+
+def check_same_joints(rows: Sequence[JointValues]) -> None:
+    """Raise ValueError where an entry has other joints than the first."""
+    names = {(frozenset(row.joints_deg), frozenset(row.joints_mm)) for row in rows}
+    if len(names) > 1:
+        raise ValueError("its poses have not all the same joints")
+
+
+def joint_columns(
+    rows: Sequence[JointValues], rule: Rule = JOINT, *, detail: bool = True
+) -> tuple[Column[JointValues], ...]:
+    """A column for each joint; detail : whether they are for the page only."""
+    turning = rows[0].joints_deg if rows else {}
+    sliding = rows[0].joints_mm if rows else {}
+    return (
+        *(Column(name, _turned(name), rule, "deg", detail) for name in turning),
+        *(Column(name, _slid(name), rule, "mm", detail) for name in sliding),
+    )
+
+
+def _turned(name: str) -> Callable[[JointValues], float]:
+    return lambda row: row.joints_deg[name]
+
+
+def _slid(name: str) -> Callable[[JointValues], float]:
+    return lambda row: row.joints_mm[name]
+
+
+_MM = 1e3
+
+
+class TargetAccuracy(Entry):
+    """Where a target puts the tip (nominal model, base frame), and the error expected there.
+
+    expanded_mm : within which 95 % of errors stay there
+    """
+
+    tip_x_mm: Number
+    tip_y_mm: Number
+    tip_z_mm: Number
+    expected_mm: Maybe
+    expanded_mm: Maybe = None
+
+
+def at_targets(
+    robot: Robot, targets: Poses, errors: Array, expanded: Array | None = None
+) -> tuple[TargetAccuracy, ...]:
+    """The entries of all targets.
+
+    errors, expanded : ndarray, shape (m,), m, infinite where a parameter is open
+    """
+    from calib.arm.kinematics import forward
+
+    tips = forward(robot, targets.q).o[:, -1] * _MM
+    covered = np.full(len(tips), np.nan) if expanded is None else expanded
+    return tuple(
+        TargetAccuracy(
+            tip_x_mm=x, tip_y_mm=y, tip_z_mm=z, expected_mm=error * _MM, expanded_mm=most * _MM
+        )
+        for (x, y, z), error, most in zip(
+            tips.tolist(), errors.tolist(), covered.tolist(), strict=True
+        )
+    )
+
+
+def over_the_workspace(rows: Sequence[TargetAccuracy]) -> Picture:
+    """The error that the parameters' uncertainty leaves, where the tip is at the targets."""
+    from studies.plots.accuracy import workspace
+
+    tips = np.array([[row.tip_x_mm, row.tip_y_mm, row.tip_z_mm] for row in rows])
+    errors = [np.inf if row.expected_mm is None else row.expected_mm for row in rows]
+    return workspace(tips / _MM, np.array(errors) / _MM)

@@ -130,16 +130,12 @@ def design(
     if prove:
         _check_provable(request, robust, again)
     effort = Effort(polished, renewed, robust, prove, curve, every, again or 0, seed, progress)
-    if again is None and not (prove or every or _leaves_no_choice(request, source)):
+    all_chosen = isinstance(source, Poses) and len(source) <= request.poses
+    if again is None and not (prove or every or all_chosen):
         found = _with_usual_reapproaches(cell, request, source, effort, against or {})
         if found is not None:
             return found
     return _designed(cell, request, source, effort, against or {}, Clock())
-
-
-def _leaves_no_choice(request: Request, source: int | Poses | None) -> bool:
-    """Whether the candidates are the plan."""
-    return isinstance(source, Poses) and len(source) <= request.poses
 
 
 def _with_usual_reapproaches(

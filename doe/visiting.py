@@ -75,15 +75,14 @@ def usual_reapproaches(cell: Cell, request: Request) -> int:
     four second visits raise the expected error by 2 to 4 %, of 16 by 5 to 10 % (three arms).
     """
     fixed = request.fixed
-    known = cell.repeatability is not None or (fixed is not None and _comes_back(fixed))
+    comes_back = fixed is not None and len(np.unique(visits(fixed))) > len(
+        np.unique(fixed.configuration)
+    )
+    known = cell.repeatability is not None or comes_back
     placed = request.levels is not None or request.rivals is not None or request.repeats
     if known or placed or request.poses < _LEAST_POSES:
         return 0
     return max(_FEWEST, round(request.poses / _ONE_IN))
-
-
-def _comes_back(plan: Poses) -> bool:
-    return len(np.unique(visits(plan))) > len(np.unique(plan.configuration))
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:

@@ -37,6 +37,11 @@ class Hung:
         """Whether nothing pulls."""
         return not (self.force.any() or self.moment.any() or self.mass)
 
+    def mass_under(self, gravity: Array) -> float:
+        """Mass that weighs as much, kg; gravity, shape (3,), m/s^2, standard where it is none."""
+        pull = float(np.linalg.norm(gravity)) or 9.80665
+        return self.mass + float(np.linalg.norm(self.force)) / pull
+
     def scaled(self, factor: float) -> Hung:
         """A load of the same kind, heavier or lighter."""
         return replace(

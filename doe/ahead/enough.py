@@ -182,7 +182,11 @@ def enough(
     if found is not None:
         kept[: len(found.fit.outlier)] = ~found.fit.outlier
     rows = Readings.at(at, day, kept)
-    held, pull = model.beside(at.values)[1] * sizes, _pull(at.arm, found)
+    # By how much more what is believed weighs beside arms that scatter, as it does in the estimate.
+    pull = 1.0 if found is None else found.pull
+    if found is not None and not at.arm.any:
+        pull /= found.noise.divisor
+    held = model.beside(at.values)[1] * sizes
     so_far = np.arange(len(day)) < len(data)
     now = rows.equations(so_far, held, pull)
     order = _best_order(forecast.criterion, rows.rows.by_reading, so_far, plan, done.left, held)
@@ -236,13 +240,6 @@ def _linearised(
     hidden = None if found is None else found.unnoticed
     counted = arm if hidden is None else hidden[1].variances
     return arm, Linearisation(cell, model, values, counted), day
-
-
-def _pull(arm: Variances, found: Identification | None) -> float:
-    """By how much more what is believed weighs beside arms that scatter, as it does in the estimate."""
-    if found is None:
-        return 1.0
-    return found.pull if arm.any else found.pull / found.noise.divisor
 
 
 def _best_order(

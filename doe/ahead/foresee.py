@@ -28,7 +28,7 @@ from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
 from calib.observations import Points
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move
 from calib.result import Result
 from calib.scatter import Variances
@@ -274,8 +274,11 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
     values = soft(model, data.poses) if values is None else values
     data = replace(data, readings=model.predict(values, data.poses))
     everything, missing = candidates(cell, model, data)
-    everything = [replace(c, tried=_tunings(c.effect, data.poses)) for c in everything]
-    everything = [c for c in everything if c.tried]
+    # So many values of a tuning are tried at these poses, none where they tell nothing of it.
+    tried = [
+        len(c.effect.grid(data.poses)) if isinstance(c.effect, Tuned) else 1 for c in everything
+    ]
+    everything = [replace(c, tried=n) for c, n in zip(everything, tried, strict=True) if n]
     suspects = tuple(c for c in everything if c.named)
     full, start = model.extended(values, [c.effect for c in suspects])
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
@@ -304,8 +307,3 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
         np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0)),
         assumed,
     )
-
-
-def _tunings(effect: Effect, poses: Poses) -> int:
-    """How many will be tried of an effect at these poses, none where they tell nothing of it."""
-    return len(effect.grid(poses)) if isinstance(effect, Tuned) else 1

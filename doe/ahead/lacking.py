@@ -89,7 +89,14 @@ def lacking_of(
     def rms(errors: Array) -> float:
         return task_error(errors, weights)[0]
 
-    seen = None if found is None else _unseen(found)
+    seen = None
+    if found is not None:
+        fit, held = fitted_of(found), found.heldout
+        if held is not None and held.data.seen.any():
+            seen = at_held_out(fit, held.data)
+        else:
+            seen = at_ends(fit)
+        seen = None if seen is None else seen.times(found.footprint)
     scatter = rms(np.hypot(own, lacks))
     if seen is not None and (scatter or rest.rms):
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
@@ -107,15 +114,6 @@ def lacking_of(
     scattered = scattered if lacking.rms else max(scattered, seen.certain)
     moving = _hidden_trend(found, known, targets, weights, after)
     return replace(lacking, hidden=float(np.hypot(scattered, moving)))
-
-
-def _unseen(found: Identification) -> Unseen | None:
-    """What poses show that the fit was without: those held out, else the ends of the day."""
-    fit, held = fitted_of(found), found.heldout
-    if held is not None and held.data.seen.any():
-        return at_held_out(fit, held.data).times(found.footprint)
-    ends = at_ends(fit)
-    return None if ends is None else ends.times(found.footprint)
 
 
 def _hidden_trend(

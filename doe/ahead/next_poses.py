@@ -169,13 +169,17 @@ def next_poses(
     remedies = _remedies(doubts, told, situation, data, q[:_TRIED], count)
     predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in judged]
     splits = tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen)))
+    shares = None
+    if search is not None and isinstance(search.weigh, Shares):
+        first, second = search.weigh.of(search.values(plan))
+        shares = float(first), float(second)
     return NextPoses(
         _named(chosen),
         splits,
         tuple(sorted(predictions, key=lambda p: p.now)),
         assumptions_of(situation, len(chosen)),
         tuple(_shown(form, situation, chosen) for form in unseen),
-        _shares(search, plan),
+        shares,
     )
 
 
@@ -203,13 +207,6 @@ def _shown(form: CauseForm, situation: Situation, q: Array) -> PairPrediction:
         return PairPrediction(names, now, now)
     whole = form.data.added(form.blocks(situation.in_order(q), q))
     return PairPrediction(names, now, float(form.power(whole.S)))
-
-
-def _shares(search: Search | None, plan: Sequence[int]) -> tuple[float, float] | None:
-    if search is None or not isinstance(search.weigh, Shares):
-        return None
-    first, second = search.weigh.of(search.values(plan))
-    return float(first), float(second)
 
 
 def _judged(
@@ -275,13 +272,12 @@ def _remedies(
             for key, probability in zip(doubt.keys, after.tolist(), strict=True):
                 if probability >= SURE:
                     found.setdefault(key, []).append(Remedy(change.name, change.says, probability))
-    return {key: _surest(own) for key, own in found.items()}
-
-
-def _surest(found: Sequence[Remedy]) -> tuple[Remedy, ...]:
-    """The surest few, one of a kind, the easier one first where they are equal."""
-    ordered = sorted(found, key=lambda remedy: -round(remedy.probability, 2))
-    return easiest(ordered, lambda remedy: remedy.name)
+    # The surest few, one of a kind, the easier one first where they are equal.
+    ordered = {
+        key: sorted(own, key=lambda remedy: -round(remedy.probability, 2))
+        for key, own in found.items()
+    }
+    return {key: easiest(own, lambda remedy: remedy.name) for key, own in ordered.items()}
 
 
 def _named(q: Array) -> Poses:

@@ -59,10 +59,16 @@ def changes(situation: Situation) -> Iterator[Change]:
     """Every change that makes sense in a cell, the easy ones first."""
     says = "choose as many poses again, for this pair alone"
     yield Change("more_poses", says, situation)
-    yield from _sides(situation)
+    conditions = situation.conditions
+    if conditions.motion is not None and not conditions.sides:
+        says = "reach every pose from both sides, all joints rising and all joints falling"
+        yield Change("reverse_approach", says, situation.under(sides=(1.0, -1.0)))
     yield from _loads(situation)
     yield _pulled(situation)
-    yield from _warm(situation)
+    if conditions.temperature is not None:
+        says = f"let the arm warm by {_WARMER:.0f} K, then go on"
+        warm = conditions.temperature + _WARMER
+        yield Change("warm_up", says, situation.under(temperature=warm))
     yield _station(situation)
     yield from _link_masses(situation)
     yield _tilted(situation)
@@ -76,19 +82,12 @@ def easiest(found: Iterable[_T], name: Callable[[_T], str]) -> tuple[_T, ...]:
     return tuple(best.values())[:_MOST]
 
 
-def _sides(situation: Situation) -> Iterator[Change]:
-    conditions = situation.conditions
-    if conditions.motion is not None and not conditions.sides:
-        says = "reach every pose from both sides, all joints rising and all joints falling"
-        yield Change("reverse_approach", says, situation.under(sides=(1.0, -1.0)))
-
-
 def _loads(situation: Situation) -> Iterator[Change]:
     loads = situation.conditions.loads
     present = [load for load in loads if not load.free]
     load = present[-1] if present else _light(situation)
     aside = _ASIDE * situation.model.robot.reach * np.eye(3)[1]
-    mass = _mass(situation, load)
+    mass = load.mass_under(situation.model.gravity)
     shown = f"{1e3 * aside[1]:.0f} mm to the side (y of the tip)"
     offered = [(load.shifted(aside), f"hang the load of {mass:.3g} kg {shown}")]
     if present:
@@ -120,18 +119,6 @@ def _light(situation: Situation) -> Hung:
         own = float(situation.model.robot.masses.sum())
         mass, at = (_LIGHT * own if own else _UNKNOWN_ARM), np.zeros(3)
     return Hung(mass * situation.model.gravity, at, np.zeros(3), 0.0, np.zeros(3))
-
-
-def _mass(situation: Situation, load: Hung) -> float:
-    pull = float(np.linalg.norm(situation.model.gravity)) or 9.80665
-    return load.mass + float(np.linalg.norm(load.force)) / pull
-
-
-def _warm(situation: Situation) -> Iterator[Change]:
-    temperature = situation.conditions.temperature
-    if temperature is not None:
-        says = f"let the arm warm by {_WARMER:.0f} K, then go on"
-        yield Change("warm_up", says, situation.under(temperature=temperature + _WARMER))
 
 
 def _station(situation: Situation) -> Change:

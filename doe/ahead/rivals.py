@@ -57,7 +57,8 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     """
     if suspicious(diagnosis):
         return _suspected(diagnosis)
-    chosen = _chosen(diagnosis)
+    curves = [c for c in diagnosis.outcome.active if not c.named]
+    chosen = [*(cause.named.candidate for cause in diagnosis.causes), *curves]
     ambiguous = any(len(cause.named.causes) > 1 for cause in diagnosis.causes)
     found = []
     for cause in diagnosis.causes:
@@ -83,12 +84,6 @@ def _suspected(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     scores = linear_scores(view.beside, view, named)
     leading = sorted(named, key=lambda c: -scores[c.key].gain)[:_MOST]
     return (Rivalry(tuple(leading), True),) if len(leading) > 1 else ()
-
-
-def _chosen(diagnosis: Diagnosis) -> list[Candidate]:
-    """What was found, by name or without."""
-    curves = [c for c in diagnosis.outcome.active if not c.named]
-    return [*(cause.named.candidate for cause in diagnosis.causes), *curves]
 
 
 def _near(entry: Entrant, chosen: Sequence[Candidate]) -> list[Candidate]:

@@ -78,8 +78,7 @@ class Situation(Linearisation):
         """The cell with this load hanging, as its constraints are asked."""
         if load.free:
             return replace(self.cell, load=None)
-        pull = float(np.linalg.norm(self.cell.gravity)) or 9.80665
-        mass = load.mass + float(np.linalg.norm(load.force)) / pull
+        mass = load.mass_under(self.cell.gravity)
         x, y, z = load.com if load.mass else load.lever
         tilt = np.pi / 2 if self.cell.load is None else self.cell.load.max_tilt
         return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
@@ -88,6 +87,7 @@ class Situation(Linearisation):
 def situation_of(at: Linearisation, data: Measurements) -> Situation:
     """Further readings under the conditions of given ones."""
     given = data.sigma[np.isfinite(data.sigma) & data.seen]
+    levels = levels_of(at.cell, None, None)
     return Situation(
         at.cell,
         at.model,
@@ -95,14 +95,8 @@ def situation_of(at: Linearisation, data: Measurements) -> Situation:
         at.arm,
         conditions=conditions_of(at.model.robot, data.poses),
         sigma=float(np.median(given)) if len(given) else np.nan,
-        levels=_kept_levels(at.cell, data.poses.q),
+        levels=levels if levels is not None and (levels.of(data.poses.q) >= 0).all() else None,
     )
-
-
-def _kept_levels(cell: Cell, q: Array) -> AngleLevels | None:
-    """The levels of the cell's design, where the data (m, dof) stand at them."""
-    levels = levels_of(cell, None, None)
-    return levels if levels is not None and (levels.of(q) >= 0).all() else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.api import Plan, in_turn, poses_of, readings
 from calib.arm.statics import wrench_with_load
-from calib.arrays import Array, IntArray, Mask, TextArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.poses import Measurements, Poses
 from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
@@ -40,6 +40,10 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
     fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
     approach, motion = (part[len(now) :] for part in moves(way, fresh))
     ahead = np.arange(1.0, k + 1.0)
+    pace = 0.0
+    if now.time is not None and len(now) > 1:
+        pace = float(np.median(np.diff(np.sort(now.time))))
+    sites = np.full(k, "") if coming.site is None else coming.site
     return replace(
         now,
         names=(*now.names, *coming.names),
@@ -48,31 +52,22 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
             [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
         ),
         temperature=_continued(now.temperature, last, np.zeros(k)),
-        time=_continued(now.time, last, _pace(now.time) * ahead),
+        time=_continued(now.time, last, pace * ahead),
         order=_continued(now.order, last, ahead),
         torque=None,  # what the arm will measure nobody knows beforehand
         approach=None if now.approach is None else np.concatenate([now.approach, approach]),
         motion=None if now.motion is None else np.concatenate([now.motion, motion]),
         station=np.concatenate([now.station, np.full(k, now.station[last])]),
         load_mass=np.zeros(len(way)),
-        site=None if now.site is None else np.concatenate([now.site, _sites(coming)]),
+        site=None if now.site is None else np.concatenate([now.site, sites]),
         session=None
         if now.session is None
         else np.concatenate([now.session, np.full(k, now.session[last])]),
     )
 
 
-def _sites(coming: Poses) -> TextArray:
-    return np.full(len(coming), "") if coming.site is None else coming.site
-
-
 def _continued(values: Array | None, last: int, beyond: Array) -> Array | None:
     return None if values is None else np.concatenate([values, values[last] + beyond])
-
-
-def _pace(time: Array | None) -> float:
-    """Median time between two readings, s."""
-    return 0.0 if time is None or len(time) < 2 else float(np.median(np.diff(np.sort(time))))
 
 
 def readings_of(cell: Cell, plan: Plan) -> Measurements:

@@ -6,7 +6,6 @@ never move, so nothing could be chosen to keep them clear.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,19 +30,34 @@ class Obstacle(Constraint):
     """A body at rest in the base frame."""
 
     name: str
+    body: Body
 
-    @abstractmethod
     def from_segment(self, start: Array, end: Array) -> Array:
         """Distance of n segments (n, 3), shape (n,), m; zero where they meet."""
+        match self.body:
+            case Box(T, half):
+                return segment_box(_local(T, start), _local(T, end), half)
+            case Ball(centre, radius):
+                return np.maximum(point_segment(centre, start, end) - radius, 0.0)
+            case HalfSpace(point, normal):
+                return segment_halfspace(start, end, point, normal)
 
     def from_point(self, point: Array) -> Array:
         """Distance of n points (n, 3), shape (n,), m; zero inside."""
+        if isinstance(self.body, Box):
+            return point_box(_local(self.body.T_base_box, point), self.body.half)
         return self.from_segment(point, point)
 
     @property
     def ball(self) -> tuple[Array, float] | None:
         """Centre (3,) and radius [m] of a ball that holds it; None for what has no end."""
-        return None
+        match self.body:
+            case Box(T, half):
+                return T[:3, 3], float(np.linalg.norm(half))
+            case Ball(centre, radius):
+                return centre, radius
+            case HalfSpace():
+                return None
 
     def allows(self, scene: Scene) -> Mask:
         free = np.ones(len(scene), dtype=bool)
@@ -55,64 +69,17 @@ class Obstacle(Constraint):
         return free
 
 
-@dataclass(frozen=True, eq=False)
-class BoxObstacle(Obstacle):
-    """A box."""
-
-    box: Box
-
-    def from_segment(self, start: Array, end: Array) -> Array:
-        return segment_box(self._local(start), self._local(end), self.box.half)
-
-    def from_point(self, point: Array) -> Array:
-        return point_box(self._local(point), self.box.half)
-
-    @property
-    def ball(self) -> tuple[Array, float] | None:
-        return self.box.T_base_box[:3, 3], float(np.linalg.norm(self.box.half))
-
-    def _local(self, point: Array) -> Array:
-        T = self.box.T_base_box
-        return np.asarray((point - T[:3, 3]) @ T[:3, :3])
+def _local(T_base_box: Array, point: Array) -> Array:
+    return np.asarray((point - T_base_box[:3, 3]) @ T_base_box[:3, :3])
 
 
-@dataclass(frozen=True, eq=False)
-class BallObstacle(Obstacle):
-    """A ball; its tables call it a sphere."""
-
-    sphere: Ball
-
-    def from_segment(self, start: Array, end: Array) -> Array:
-        return np.maximum(point_segment(self.sphere.centre, start, end) - self.sphere.radius, 0.0)
-
-    @property
-    def ball(self) -> tuple[Array, float] | None:
-        return self.sphere.centre, self.sphere.radius
-
-
-@dataclass(frozen=True, eq=False)
-class HalfSpaceObstacle(Obstacle):
-    """All that lies beyond a plane."""
-
-    space: HalfSpace
-
-    def from_segment(self, start: Array, end: Array) -> Array:
-        return segment_halfspace(start, end, self.space.point, self.space.normal)
+_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
 
 
 def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:
     """The obstacles of a cell, each a constraint of its own."""
-    return tuple(_obstacle(i, body) for i, body in enumerate(cell.design.obstacles, 1))
-
-
-def _obstacle(number: int, body: Body) -> Obstacle:
-    match body:
-        case Box():
-            return BoxObstacle(f"obstacle {number} (box)", body)
-        case Ball():
-            return BallObstacle(f"obstacle {number} (sphere)", body)
-        case _:
-            return HalfSpaceObstacle(f"obstacle {number} (halfspace)", body)
+    bodies = enumerate(cell.design.obstacles, 1)
+    return tuple(Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body) for i, body in bodies)
 
 
 @dataclass(frozen=True, eq=False)

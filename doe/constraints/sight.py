@@ -55,31 +55,27 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
     channels = scene.cell.channels
     for instrument, part in channels.blocks:
-        if isinstance(instrument, Camera):
-            yield from _beside_the_image(scene, instrument, part)
-        if isinstance(instrument, Distance):
-            yield from _out_of_reach(scene, instrument, part)
+        if isinstance(instrument, Camera | Distance):
+            points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
+            if isinstance(instrument, Camera):
+                each = points.reshape(len(scene), -1, 3 * instrument.each)
+                why, read = "beside the image", instrument.inside(each)
+            else:
+                why, read = "out of reach", instrument.within(points)
+            for channel, seen in enumerate(read.T, part.start):
+                yield why, channel, ~seen
         at = instrument.position
         if at is None:
             continue
-        obstacles = [o for o in obstacles_of(scene.cell) if _stands_in_the_way(o, at)]
+        obstacles = [
+            o
+            for o in obstacles_of(scene.cell)
+            if o.ball is not None and o.from_point(at[None])[0] > 0.0
+        ]
         for channel in range(part.start, part.stop):
             j = int(channels.marker[channel])
             for why, hidden in _hidden(scene, j, at, obstacles):
                 yield why, channel, hidden
-
-
-def _beside_the_image(scene: Scene, camera: Camera, part: slice) -> Iterator[tuple[str, int, Mask]]:
-    read = camera.read_of(len(scene.cell.markers))
-    points = scene.markers[:, read].reshape(len(scene), -1, 3 * camera.each)
-    for channel, seen in enumerate(camera.inside(points).T, part.start):
-        yield "beside the image", channel, ~seen
-
-
-def _out_of_reach(scene: Scene, bar: Distance, part: slice) -> Iterator[tuple[str, int, Mask]]:
-    points = scene.markers[:, bar.read_of(len(scene.cell.markers))]
-    for channel, within in enumerate(bar.within(points).T, part.start):
-        yield "out of reach", channel, ~within
 
 
 def _hidden(
@@ -118,10 +114,6 @@ def _behind_capsule(marker: Array, capsule: PlacedCapsule, instrument: Array, am
     crossed = segment_segment(instrument, marker[at], start, end) < capsule.radius
     hidden[at] = crossed & (point_segment(marker[at], start, end) > capsule.radius + _SKIN)
     return hidden
-
-
-def _stands_in_the_way(obstacle: Obstacle, instrument: Array) -> bool:
-    return obstacle.ball is not None and bool(obstacle.from_point(instrument[None])[0] > 0.0)
 
 
 def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among: Mask) -> Mask:

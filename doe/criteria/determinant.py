@@ -49,9 +49,6 @@ class Determinant(Criterion):
 
         return Conic(cp.log_det(M))
 
-    def shown(self, value: float) -> float:
-        return value
-
     def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))
         P = L_inverse @ columns @ L_inverse.T
@@ -95,6 +92,3 @@ class Subset(Criterion):
         V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
         K = cp.Variable((len(V), len(V)), symmetric=True)
         return Conic(cp.log_det(K), [M - V.T @ K @ V >> 0])
-
-    def shown(self, value: float) -> float:
-        return value

@@ -64,6 +64,3 @@ class SmallestEigenvalue(Criterion):
             return np.asarray(Z / (VtV * Z).sum() / scale**2)
 
         return Conic(smallest, [above], witness)
-
-    def shown(self, value: float) -> float:
-        return value

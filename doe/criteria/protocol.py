@@ -93,9 +93,9 @@ class Criterion(InformationFunction):
     def of(cls, question: Question) -> Self:
         """The criterion for a question. Raises CalibError where it lacks something."""
 
-    @abstractmethod
     def shown(self, value: float) -> float:
-        """The value as people read it, in ``unit``."""
+        """The value as people read it, in ``unit``: as it is, or one over it."""
+        return value if self.larger_is_better else 1.0 / value
 
 
 __all__ = ["Conic", "Criterion", "Question"]

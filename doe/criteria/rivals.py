@@ -74,6 +74,3 @@ class Rivals(Smallest):
             return self.member_gradient(M.value, weights / weights.sum())
 
         return Conic(smallest, [*above, *rest], witness)
-
-    def shown(self, value: float) -> float:
-        return value

@@ -85,9 +85,6 @@ class WorstVariance(Smallest):
 
         return Conic(-largest, below, witness)
 
-    def shown(self, value: float) -> float:
-        return 1.0 / value
-
 
 @dataclass(frozen=True, eq=False)
 class WorstTask(WorstVariance):

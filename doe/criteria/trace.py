@@ -49,9 +49,6 @@ class Trace(Criterion):
         F = self.F / np.linalg.norm(self.F)
         return Conic(-cp.matrix_frac(F, M))
 
-    def shown(self, value: float) -> float:
-        return 1.0 / value
-
     def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
         scale = 1.0 / self.variance(M)
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))

@@ -230,7 +230,11 @@ def levels_of(
         )
     ((joint, own),) = asked.items()
     if given is not None and joint in cell.design.levels:
-        own = _completed(own, cell.design.levels[joint])
+        # The cell's values where as many are asked for, and its separation.
+        kept = cell.design.levels[joint]
+        if own.values is None and kept.values is not None and kept.count == own.count:
+            own = replace(own, values=kept.values)
+        own = replace(own, separation=own.separation or kept.separation)
     levels = _levels(cell, _index(cell, joint), own)
     if given is None and poses is not None and poses % levels.used == 0:
         levels = replace(levels, per_level=poses // levels.used)
@@ -245,13 +249,6 @@ def levels_of(
             f"{levels.poses} poses, not {poses}; change one of them"
         )
     return levels
-
-
-def _completed(asked: AskedLevels, kept: AskedLevels) -> AskedLevels:
-    """What was asked for, with the cell's values where it asks for as many, and its separation."""
-    if asked.values is None and kept.values is not None and kept.count == asked.count:
-        asked = replace(asked, values=kept.values)
-    return replace(asked, separation=asked.separation or kept.separation)
 
 
 def _index(cell: Cell, joint: str) -> int:

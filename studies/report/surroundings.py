@@ -9,13 +9,8 @@ import numpy as np
 from calib.arm.se3 import across
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from doe.constraints.obstacles import (
-    BallObstacle,
-    BoxObstacle,
-    HalfSpaceObstacle,
-    Obstacle,
-    obstacles_of,
-)
+from calib.cell.planned import Ball, Box, HalfSpace
+from doe.constraints.obstacles import Obstacle, obstacles_of
 
 _FLAT = 1e-6  # of the size
 _TURN = np.linspace(0.0, 2.0 * np.pi, 37)
@@ -168,20 +163,18 @@ def floor_lines(low: IntArray, high: IntArray, step: int) -> IntArray:
 
 
 def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> SceneObject | None:
-    """An obstacle of a known kind; a ball's outline is a circle from everywhere."""
-    if isinstance(obstacle, BoxObstacle):
-        R, centre = obstacle.box.T_base_box[:3, :3], obstacle.box.T_base_box[:3, 3]
+    """The body of an obstacle; a ball's outline is a circle from everywhere."""
+    body = obstacle.body
+    if isinstance(body, Box):
+        R, centre = body.T_base_box[:3, :3], body.T_base_box[:3, 3]
         low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
         edges = (low, high, *np.stack([low, high], axis=1)[:4])
-        lines = [centre + (line * obstacle.box.half) @ R.T for line in edges]
+        lines = [centre + (line * body.half) @ R.T for line in edges]
         return _still(obstacle, "solid", lines, centre)
-    if isinstance(obstacle, BallObstacle):
-        ball = obstacle.sphere
-        shown = _still(obstacle, "solid", [ring(ball.centre, ball.radius)], ball.centre)
-        return replace(shown, dots=shown.label, radius=round(ball.radius * 1e3))
-    if isinstance(obstacle, HalfSpaceObstacle):
-        return _patch(obstacle, middle, half, step)
-    return None
+    if isinstance(body, Ball):
+        shown = _still(obstacle, "solid", [ring(body.centre, body.radius)], body.centre)
+        return replace(shown, dots=shown.label, radius=round(body.radius * 1e3))
+    return _patch(obstacle, body, middle, half, step)
 
 
 def _still(obstacle: Obstacle, kind: str, lines: list[Array], centre: Array) -> SceneObject:
@@ -192,10 +185,9 @@ def _still(obstacle: Obstacle, kind: str, lines: list[Array], centre: Array) -> 
 
 
 def _patch(
-    obstacle: HalfSpaceObstacle, middle: Array, half: float, step: int
+    obstacle: Obstacle, space: HalfSpace, middle: Array, half: float, step: int
 ) -> SceneObject | None:
     """A grid in the plane where it is nearest to the arm; None where it is the floor itself."""
-    space = obstacle.space
     normal = space.normal / np.linalg.norm(space.normal)
     centre = middle + normal * (normal @ (space.point * 1e3 - middle))
     if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:

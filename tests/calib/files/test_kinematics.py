@@ -17,6 +17,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.kinematics import MODELS, nominal_ur, read_ur_calibration
 from calib.files.robot import corrected_robot
+from calib.files.urdf import load_urdf
 from calib.files.yaml_text import read_yaml
 from tests.plain_arm import dh_pose, rpy_pose, turn
 
@@ -232,3 +233,43 @@ def test_published_tables_and_ros_files_are_one_arm(tmp_path: Path, model: str) 
     table = robot_of_dh(nominal_ur(model), model, "base", "tool0")
     q = Q[:, :6]
     np.testing.assert_allclose(poses(own.robot, q), poses(table, q), atol=1e-12)
+
+
+# ``config/ur30/default_kinematics.yaml``, digit by digit, of
+# UniversalRobots/Universal_Robots_ROS2_Description, 67272756.
+UR30 = {
+    "shoulder": "0 0 0.23630000000000001 -0 0 -0",
+    "upper_arm": "0 0 0 1.570796327 0 -0",
+    "forearm": "-0.637 0 0 -0 0 -0",
+    "wrist_1": "-0.5037 0 0.20100000000000001 -0 0 -0",
+    "wrist_2": "0 -0.1593 0 1.570796327 0 -0",
+    "wrist_3": "0 0.15429999999999999 -3.1647459019915597e-11 "
+    "1.5707963265897931 3.1415926535897931 3.1415926535897931",
+}
+
+
+def test_the_file_is_the_arm_of_the_urdf_that_xacro_makes_of_it(tmp_path: Path) -> None:
+    """Base and flange stand about the chain as in ``urdf/inc`` of the same package."""
+    half = PI / 2
+    fixed, turning = "fixed", "revolute"
+    rows = [("base", fixed, f"0 0 0 0 0 {PI}")]
+    rows += [(name, turning, own) for name, own in UR30.items()]
+    rows += [
+        ("flange", fixed, f"0 0 0 0 {-half} {-half}"),
+        ("tool0", fixed, f"0 0 0 {half} 0 {half}"),
+    ]
+    text, parent = '<robot name="UR30"><link name="base_link"/>', "base_link"
+    for name, kind, numbers in rows:
+        xyz, rpy = " ".join(numbers.split()[:3]), " ".join(numbers.split()[3:])
+        text += (
+            f'<link name="{name}"/><joint name="j_{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{name}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-6" upper="6" effort="9" velocity="3"/></joint>'
+        )
+        parent = name
+    (tmp_path / "arm.urdf").write_text(f"{text}</robot>")
+    of_urdf = load_urdf(tmp_path / "arm.urdf", "base_link", "tool0")
+    origins = {name: [float(v) for v in own.split()] for name, own in UR30.items()}
+    of_file = cell_of_file(tmp_path, ur_text(origins)).robot
+    q = np.random.default_rng(4).uniform(-6, 6, (20, 6))
+    np.testing.assert_allclose(poses(of_file, q), poses(of_urdf, q), rtol=0, atol=1e-9)

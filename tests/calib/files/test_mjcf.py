@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 
-import calib
 from calib.arm.kinematics import forward, link_origins
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
@@ -171,21 +170,11 @@ BAD = {
         swap("<compiler", '<include file="arm.xml"/><compiler'),
         "include 'arm.xml': is included already",
     ),
-    "include of a null byte": (
-        swap("<compiler", '<include file=""/><compiler'),
-        "include '': names no file",
-    ),
     "nested too deeply": (
         swap("<site", "<body>" * 300 + "</body>" * 300 + "<site"),
         "is nested too deeply",
     ),
     "no such base": (swap('"base"', '"bas"'), "no body 'base'; set .* to one of: world, bas, link"),
-    "tip in the base itself": (
-        lambda text: swap('<body name="link', '<site name="tip"/><body name="link')(
-            swap('<site name="tip"/>', "")(text)
-        ),
-        "the chain has no moving joint",
-    ),
     "no such tip": (
         swap('"tip"', '"tap"'),
         "no body or site 'tip'; set .*tip to a site, or to one",
@@ -227,18 +216,12 @@ BAD = {
         "equality <tendon>: constrains joint 'j2'",
     ),
     "total mass": (swap("<compiler", '<compiler settotalmass="5"'), "scales the masses of every"),
-    "text in a number": (swap("0 0 1", "0 x 1"), "is refused by MuJoCo: .*bad format in attribute"),
     "NaN": (swap("0 0 1", "0 nan 1"), "holds numbers that are not finite|refused by MuJoCo"),
     "misspelt attribute": (
         swap("axis=", "axes="),
         "refused by MuJoCo: .*unrecognized attr.*'axes'",
     ),
     "limits reversed": (swap("-1 1", "1 -1"), "joint 'j1': range 1 .. -1 is reversed"),
-    "massless": (
-        swap('range="-1 1"/><geom size="0.1"/>', "/>"),
-        "refused by MuJoCo: .*mass and inertia of moving bodies",
-    ),
-    "orientation twice": (swap('pos="0 0 1"', 'euler="0 0 1" zaxis="0 0 1"'), "refused by MuJoCo"),
 }
 
 
@@ -294,34 +277,3 @@ def test_without_mujoco_one_line_says_what_to_install(
         InputError, match=r"needs MuJoCo, which is not installed; pip install 'posecal\[sim\]'$"
     ):
         load_mjcf(tmp_path / "arm.xml", "base", "tip")
-
-
-CELL = """schema = 1
-[robot]
-{robot}
-base = "base"
-tip = "tip"
-[markers_mm]
-m1 = [100, 0, 0]
-[instrument]
-sigma_mm = 0.01
-[model]
-effects = ["base"]
-"""
-
-
-def test_a_cell_names_one_of_both(tmp_path: Path) -> None:
-    (tmp_path / "arm.xml").write_text(GOOD)
-    path = tmp_path / "cell.toml"
-    path.write_text(CELL.format(robot='mjcf = "arm.xml"'))
-    cell = calib.load_cell(path)
-    assert (cell.robot.source.form, cell.robot_files) == ("mjcf", (tmp_path / "arm.xml",))
-    for robot in ("", 'mjcf = "arm.xml"\nurdf = "arm.urdf"'):
-        path.write_text(CELL.format(robot=robot))
-        with pytest.raises(
-            InputError, match="robot: needs the robot's file, one of urdf, mjcf, dh, kinematics"
-        ):
-            calib.load_cell(path)
-    path.write_text(CELL.format(robot='mjcf = "no.xml"'))
-    with pytest.raises(InputError, match=r"no.xml: cannot be read .*check \[robot\] mjcf"):
-        calib.load_cell(path)

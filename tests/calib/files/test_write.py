@@ -96,33 +96,6 @@ def test_no_space_in_the_middle_of_a_file(old: Path) -> None:
     assert names(old.parent) == ["result.json"]
 
 
-READ_ONLY = """
-import os, sys
-from pathlib import Path
-from calib.files.write import write_files
-import tempfile
-os.setuid(65534)
-try:
-    write_files({Path(sys.argv[1]): "new"})
-except Exception as error:
-    sys.exit(f"{type(error).__name__}: {error}")
-"""
-
-
-def test_a_folder_that_may_not_be_written(old: Path) -> None:
-    if os.geteuid() != 0:
-        pytest.skip("needs root, to become another user")
-    old.parent.chmod(0o755)
-    for folder in list(old.parents)[:3]:
-        folder.chmod(folder.stat().st_mode | 0o055)
-    process = child(READ_ONLY, old)
-    said = process.communicate()[1].decode()
-    assert process.returncode == 1
-    assert said.startswith(f"InputError: {old}: cannot be written (Permission denied); ")
-    assert old.read_bytes() == OLD
-    assert names(old.parent) == ["result.json"]
-
-
 WRITER = """
 import sys
 from pathlib import Path

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arm.kinematics import Frames, forward
+from calib.arm.kinematics import Frames, forward, point_slopes
 from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate, so3_log
+from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array, Mask
 
 _STARTS = 48
@@ -115,8 +115,6 @@ def _missing(robot: Robot, arm: Frames, R: Array, o: Array) -> Array:
 
 def _slopes(robot: Robot, arm: Frames) -> Array:
     """How the tip's place [reach] and orientation move with the joints that are free, (N, 6, n)."""
-    axes = rotate(arm.R[:, 1:-1], robot.axes)
-    turning = cross(axes, arm.o[:, -1:] - arm.o[:, 1:-1])
-    slides = robot.prismatic[:, None]
-    parts = np.where(slides, axes, turning) / robot.reach, np.where(slides, 0.0, axes)
-    return np.swapaxes(np.concatenate(parts, axis=-1), -1, -2) @ robot.ties.matrix
+    place = point_slopes(robot, arm, arm.o[:, -1]) / robot.reach
+    axes = rotate(arm.R[:, 1:-1], robot.axes) * ~robot.prismatic[:, None]
+    return np.concatenate([place, np.swapaxes(axes, -1, -2)], axis=-2) @ robot.ties.matrix

@@ -120,6 +120,13 @@ def tip_points(robot: Robot, q: Array, points: Array, corrections: Array | None 
     return rotate(frames.R[:, None, -1], points) + frames.o[:, None, -1]
 
 
+def point_slopes(robot: Robot, frames: Frames, points: Array) -> Array:
+    """How points (m, 3), m, that ride on the tip move with the joints, (m, 3, n), m a rad or m."""
+    axes = rotate(frames.R[:, 1:-1], robot.axes)
+    turning = cross(axes, points[:, None] - frames.o[:, 1:-1])
+    return np.swapaxes(np.where(robot.prismatic[:, None], axes, turning), -1, -2)
+
+
 def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
     """Origins of the frames that carry the links, shape (..., m, n + 2, 3): prismatic travel in."""
     if not robot.prismatic.any():

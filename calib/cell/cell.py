@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -85,27 +85,27 @@ class Cell:
     instruments: tuple[Instrument, ...]
     effects: tuple[str, ...]
     name: str
-    path: Path
     marker_normals: Array
     marker_acceptance: Array
-    gravity: Array
-    payload: Payload
-    load: Load | None
-    knots: Mapping[str, Array]
-    anchors: Mapping[str, Array]
     shapes: Shapes
-    design: Planned
-    repeatability: Repeatability | None
-    excluded: tuple[str, ...]
-    gear_ratios: Mapping[str, float]
-    known_distances: tuple[KnownDistance, ...]
-    bodies: Mapping[str, slice]
-    prior: Prior | None
-    prior_file: Path | None
-    size_prior: SizePrior
-    acceptance: Acceptance | None
-    lens_files: tuple[Path, ...]
-    about: Mapping[str, str]
+    path: Path = Path("cell")
+    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+    payload: Payload = field(default_factory=Payload)
+    load: Load | None = None
+    knots: Mapping[str, Array] = field(default_factory=dict)
+    anchors: Mapping[str, Array] = field(default_factory=dict)
+    design: Planned = field(default_factory=Planned)
+    repeatability: Repeatability | None = None
+    excluded: tuple[str, ...] = ()
+    gear_ratios: Mapping[str, float] = field(default_factory=dict)
+    known_distances: tuple[KnownDistance, ...] = ()
+    bodies: Mapping[str, slice] = field(default_factory=dict)
+    prior: Prior | None = None
+    prior_file: Path | None = None
+    size_prior: SizePrior = "estimated"
+    acceptance: Acceptance | None = None
+    lens_files: tuple[Path, ...] = ()
+    about: Mapping[str, str] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -139,28 +139,14 @@ class Cell:
             "instruments": several,
             "effects": (effects,) if isinstance(effects, str) else tuple(effects),
             "name": robot.name,
-            "path": Path("cell"),
             "marker_normals": np.full((count, 3), np.nan),
             "marker_acceptance": np.full(count, np.nan),
-            "gravity": np.array(STANDARD_GRAVITY),
-            "payload": Payload(),
-            "load": None,
-            "knots": {},
-            "anchors": {},
             "shapes": robot.shapes,
-            "design": Planned(),
-            "repeatability": None,
-            "excluded": (),
-            "gear_ratios": {},
-            "known_distances": (),
-            "bodies": {},
-            "prior": None,
-            "prior_file": None,
-            "size_prior": "estimated",
-            "acceptance": None,
-            "lens_files": (),
-            "about": {},
         }
+        for own in fields(self):
+            if own.name not in given:
+                make = own.default_factory
+                given[own.name] = own.default if make is MISSING else make()
         unknown = sorted({*more} - {*given})
         if unknown:
             raise CalibError(f"a cell has no {unknown[0]!r}; it has {', '.join(given)}")

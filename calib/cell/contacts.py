@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arm.kinematics import Frames, forward
-from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate
+from calib.arm.kinematics import Frames, forward, point_slopes
+from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.instruments import Instrument
@@ -71,13 +70,10 @@ def touched(cell: Cell, q: Array) -> IntArray:
     contacts = contacts_of(cell)
     if not contacts:
         return np.full(len(q), -1)
-    missed = np.stack([_distance(cell, contact, q) for contact in contacts], axis=1)
+    frames = forward(cell.robot, q)
+    rows = [contact.missed(_points(cell, contact, frames)) for contact in contacts]
+    missed = np.stack([np.linalg.norm(row, axis=1) for row in rows], axis=1)
     return np.where(missed.min(axis=1) <= TOUCHES, missed.argmin(axis=1), -1)
-
-
-def _distance(cell: Cell, contact: Contact, q: Array) -> Array:
-    points = _points(cell, contact, forward(cell.robot, q))
-    return np.asarray(np.linalg.norm(contact.missed(points), axis=1))
 
 
 def with_sites(cell: Cell, poses: Poses) -> Poses:
@@ -98,9 +94,8 @@ def brought(cell: Cell, q: Array, wanted: IntArray, free: Mask | None = None) ->
     for k, contact in enumerate(contacts_of(cell)):
         own = np.flatnonzero(wanted == k)
         if len(own):
-            met, there = _met(
-                cell, contact, q[own], np.ones(q.shape[1], bool) if free is None else free
-            )
+            may_move = np.ones(q.shape[1], bool) if free is None else free
+            met, there = _met(cell, contact, q[own], may_move)
             q[own[there]] = met[there]
     return q
 
@@ -114,6 +109,7 @@ def _met(cell: Cell, contact: Contact, q: Array, free: Mask) -> tuple[Array, Mas
     for count in range(_STEPS):
         frames = forward(robot, q[now])
         points = _points(cell, contact, frames)
+        slopes = point_slopes(robot, frames, points)
         off = contact.missed(points)
         size = np.linalg.norm(off, axis=1)
         coming = (size < _NEAR * robot.reach) | (count < _BY_NOW)
@@ -121,7 +117,7 @@ def _met(cell: Cell, contact: Contact, q: Array, free: Mask) -> tuple[Array, Mas
         now, off, points = now[left], off[left], points[left]
         if not len(now):
             break
-        levers = _levers(robot, frames, left, points) @ robot.ties.matrix
+        levers = slopes[left] @ robot.ties.matrix
         J = contact.slopes(points) @ levers * (units * free)
         step = _least(J, -off) * units
         # A joint at its limit that is pushed beyond it stays, and the others go the way.
@@ -145,10 +141,3 @@ def _least(J: Array, wanted: Array) -> Array:
 
 def _points(cell: Cell, contact: Contact, frames: Frames) -> Array:
     return rotate(frames.R[:, -1], cell.markers[contact.marker]) + frames.o[:, -1]
-
-
-def _levers(robot: Robot, frames: Frames, kept: Mask, points: Array) -> Array:
-    """How points (m, 3) move with the joints, (m, 3, n), m a rad or m."""
-    axes = rotate(frames.R[kept, 1:-1], robot.axes)
-    turning = cross(axes, points[:, None] - frames.o[kept, 1:-1])
-    return np.swapaxes(np.where(robot.prismatic[:, None], axes, turning), -1, -2)

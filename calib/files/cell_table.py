@@ -85,7 +85,7 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
 
 
 _TAGS = frozenset(KINDS) | frozenset(
-    ("number", "polar", "mpe", "position", "table", "box", "sphere", "halfspace")
+    ("number", "polar", "mpe", "plain", "table", "box", "sphere", "halfspace")
 )
 
 

@@ -29,6 +29,7 @@ from calib.files.values import (
     Range,
     TomlTable,
     Vector,
+    form_of,
     plain,
 )
 from calib.instruments import KINDS
@@ -148,13 +149,8 @@ class MarkerTable(TomlTable):
     acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
 
 
-def _kind_of_marker(value: Any) -> str:
-    return "table" if isinstance(value, dict) else "position"
-
-
 Marker = Annotated[
-    Annotated[Vector, Tag("position")] | Annotated[MarkerTable, Tag("table")],
-    Discriminator(_kind_of_marker),
+    Annotated[Vector, Tag("plain")] | Annotated[MarkerTable, Tag("table")], Discriminator(form_of)
 ]
 
 
@@ -190,13 +186,9 @@ class HalfSpaceTable(TomlTable):
     normal: Direction
 
 
-def _kind_of_floor(value: Any) -> str:
-    return "none" if value is False else "number"
-
-
 FloorHeight = Annotated[
     Annotated[Number, Tag("number")] | Annotated[Literal[False], Tag("none")],
-    Discriminator(_kind_of_floor),
+    Discriminator(lambda value: "none" if value is False else "number"),
 ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
@@ -61,6 +61,11 @@ def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]
 
 Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 Direction = Annotated[Vector, AfterValidator(_direction)]
+
+
+def form_of(value: Any) -> str:
+    """Whether a key that may hold either holds a table or one plain value."""
+    return "table" if isinstance(value, dict) else "plain"
 
 
 class TomlTable(BaseModel):

@@ -12,6 +12,7 @@ import numpy as np
 from calib.arm.se3 import (
     cross,
     displaced_shape,
+    fit_rigid,
     moved_as_one,
     rotate,
     skew,
@@ -196,7 +197,8 @@ class FixedCamera(Camera):
         measured, whole = board_poses(ideal, seen, shapes)
         first = None
         if shapes and (whole.sum(axis=0) >= _ENOUGH).all():
-            frames = np.stack([_frame_of(arm.markers[own], shape) for own, shape in shapes])
+            laid = np.stack([fit_rigid(arm.markers[own], shape) for own, shape in shapes])
+            frames = np.stack([laid[:, :3, 3], laid[:, :3, 0], laid[:, :3, 1]], axis=1)
             known = np.array([not arm.free[own].any() for own, _ in shapes])
             tips = (arm.R_tip, arm.p_tip)
             first = Seen(*hand_eye(measured, whole, tips, frames, known, arm.placed))
@@ -355,11 +357,3 @@ class ArmCamera(Camera):
         told = arm.free & bool(whole.any())
         markers = np.where(told, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers)
         return Start(np.concatenate([places.reshape(-1), np.zeros(len(self.free))]), markers, told)
-
-
-def _frame_of(markers: Array, shape: Array) -> Array:
-    """Origin and two axes (3, 3), by rows, of a board whose points lie at markers (n, 3)."""
-    from calib.arm.se3 import fit_rigid
-
-    T = fit_rigid(markers, shape)
-    return np.stack([T[:3, 3], T[:3, 0], T[:3, 1]])

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from calib.arrays import Array
-from calib.files.values import NotNegative, Number, Positive, TomlTable
+from calib.files.values import NotNegative, Number, Positive, TomlTable, form_of
 
 _REFRACTION = (
     2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
@@ -138,13 +138,9 @@ class LimitTable(TomlTable):
         return self
 
 
-def _kind_of_common(value: Any) -> str:
-    return "table" if isinstance(value, dict) else "number"
-
-
 Uncertainty = Annotated[
-    Annotated[NotNegative, Tag("number")] | Annotated[LimitTable, Tag("table")],
-    Discriminator(_kind_of_common),
+    Annotated[NotNegative, Tag("plain")] | Annotated[LimitTable, Tag("table")],
+    Discriminator(form_of),
 ]
 """One standard uncertainty, or a limit with its distribution."""
 

@@ -1,4 +1,4 @@
-"""The faces of the packages: what they teach runs, and nothing in them hides a module."""
+"""The faces of the packages: what they teach runs, nothing in them hides a module or comes unasked."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import importlib
 import inspect
 import pkgutil
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -49,3 +51,14 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert met["plan"].poses.q.shape == (15, 6)
     assert 0.5 < met["plan"].efficiency <= 1.0
     assert isinstance(met["left"], doe.Enough)
+
+
+def test_names_are_found_when_they_are_asked_for() -> None:
+    """None is imported before, nor what it stands on."""
+    assert all(getattr(calib, name).__module__.startswith("calib.") for name in calib.__all__)
+    assert set(calib.__all__) <= set(dir(calib))
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = calib.nothing
+    code = "import sys, calib; print(sorted({'numpy', 'scipy', 'pydantic'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

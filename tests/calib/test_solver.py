@@ -1,11 +1,12 @@
-"""Linear algebra of many small matrices, against numpy's of one."""
+"""Many small matrices against numpy's of one, and minima that are none."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from calib.solver import inverse_factor
+from calib.arrays import Array
+from calib.solver import inverse_factor, levenberg_marquardt
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0])
@@ -23,3 +24,16 @@ def test_a_covariance_singular_by_rounding_has_a_factor() -> None:
     V = 1e17 * H @ np.swapaxes(H, -1, -2) + np.eye(20)
     for some in (V, V[:, :6, :6].repeat(30, axis=0)):
         assert np.isfinite(inverse_factor(some)).all()
+
+
+def test_the_solver_does_not_call_a_dead_end_a_minimum() -> None:
+    def wrong_way(v: Array) -> tuple[Array, Array]:
+        return 1.0 - v, -np.eye(1)
+
+    found = levenberg_marquardt(wrong_way, np.zeros(1), np.eye(1))
+    assert not found.converged
+
+    def nothing(v: Array) -> tuple[Array, Array]:
+        return np.full(1, np.nan), np.eye(1)
+
+    assert not levenberg_marquardt(nothing, np.zeros(1), np.eye(1)).converged

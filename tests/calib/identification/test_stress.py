@@ -12,7 +12,6 @@ from calib import Cell, Measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import CalibError
-from calib.solver import levenberg_marquardt
 from tests.calib.identification.test_identify import (
     MARKERS,
     RIGID,
@@ -125,19 +124,6 @@ def test_an_arm_too_soft_to_stand_is_refused(kr270: Cell) -> None:
     cell = with_effects(kr270, "joint_compliance:A2")
     with pytest.raises(CalibError, match="finds no equilibrium"):
         calib.predict(cell, np.zeros((1, 6)), {"joint_compliance:A2.compliance": 1e-3})
-
-
-def test_the_solver_does_not_call_a_dead_end_a_minimum() -> None:
-    def wrong_way(v: Array) -> tuple[Array, Array]:
-        return 1.0 - v, -np.eye(1)
-
-    found = levenberg_marquardt(wrong_way, np.zeros(1), np.eye(1))
-    assert not found.converged
-
-    def nothing(v: Array) -> tuple[Array, Array]:
-        return np.full(1, np.nan), np.eye(1)
-
-    assert not levenberg_marquardt(nothing, np.zeros(1), np.eye(1)).converged
 
 
 def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import doe
 from calib import Cell
+from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.model.build import build
 from calib.population import Prior
@@ -26,6 +29,14 @@ def cell() -> Cell:
     return replace(embedded_cell(), effects=effects, load=None, knots={}, design=Planned())
 
 
+def of_a_type(cell: Cell, mean: float, covariance: Callable[[Array], Array]) -> Cell:
+    """The cell with 30 robots of its type known; mean in plausible sizes, covariance of the sizes."""
+    own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
+    sizes = np.array([p.size for p in own])
+    keys = tuple((p.effect, p.where, p.name) for p in own)
+    return replace(cell, prior=Prior("kr270", keys, mean * sizes, covariance(sizes), 30))
+
+
 def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
     """Information in the coordinates of the criteria, of the values in SI."""
     back = np.linalg.inv(problem.regressor.T)
@@ -34,18 +45,19 @@ def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
 
 def test_what_a_type_tells_is_in_every_plan(cell: Cell) -> None:
     rng = np.random.default_rng(0)
-    own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
-    sizes = np.array([p.size for p in own])
-    keys = tuple((p.effect, p.where, p.name) for p in own)
-    mixed = rng.normal(size=(len(own), len(own))) * sizes[:, None]
-    cov = mixed @ mixed.T / len(own) + np.diag(sizes**2)
-    problem = problem_of(
-        replace(cell, prior=Prior("kr270", keys, 0.0 * sizes, cov, 30)), Request(6, "task")
-    )
+
+    def mixed(sizes: Array) -> Array:
+        L = rng.normal(size=(len(sizes), len(sizes))) * sizes[:, None]
+        return np.asarray(L @ L.T / len(sizes) + np.diag(sizes**2))
+
+    known = of_a_type(cell, 0.0, mixed)
+    assert known.prior is not None
+    cov = known.prior.covariance
+    problem = problem_of(known, Request(6, "task"))
     ridge = RIDGE * np.eye(len(problem.fixed))
     told = in_si(problem, problem.fixed - ridge)
     at = np.array([p.effect == "geometry" for p in problem.model.parameters])
-    np.testing.assert_allclose(told[np.ix_(at, at)] @ cov, np.eye(len(own)), atol=1e-6)
+    np.testing.assert_allclose(told[np.ix_(at, at)] @ cov, np.eye(len(cov)), atol=1e-6)
     assert np.abs(told[~at]).max() < 1e-6 * np.abs(told).max()
 
 
@@ -91,3 +103,28 @@ def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: C
     with pytest.raises(CannotIdentify, match=f"{enough - 1} poses leave .* parameters open"):
         check_count(few, found)
     check_count(replace(problem, request=replace(problem.request, poses=enough)), found)
+
+
+def test_a_plan_beside_a_type_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:
+    known = of_a_type(cell, 0.1, lambda sizes: np.diag((0.02 * sizes) ** 2))
+    assert known.prior is not None
+    std = np.sqrt(np.diag(known.prior.covariance))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(*cell.robot.sample_limits().T, (120, cell.robot.dof))
+    found = doe.design(known, poses=4, candidates=poses_at(q))
+    assert found.value >= found.bound * (1.0 - 1e-9)
+    assert np.isfinite(found.assessment.std).all()
+    told = [s for p, s in zip(found.problem.model.parameters, found.assessment.std, strict=True)
+            if p.effect == "geometry"]  # fmt: skip
+    assert (np.array(told) < 1.001 * std).all()
+    # No plan of these candidates is better than the bound says, the best by their own look included.
+    problem = found.problem
+    blocks = problem.information(q)
+    alone = problem.criterion.plain.value(problem.fixed + blocks)
+    plans = [rng.choice(len(q), 4, replace=False) for _ in range(2000)]
+    plans += [rng.choice(np.argsort(-alone)[:12], 4, replace=False) for _ in range(200)]
+    M = problem.fixed + np.array([blocks[plan].sum(axis=0) for plan in plans])
+    best = float(problem.criterion.plain.value(M).max())
+    assert problem.criterion.shown(best) >= found.bound * (1.0 - 1e-6)
+    assert problem.criterion.shown(best) >= found.value * (1.0 - 1e-6)
+    assert any("30 robots of kr270" in note for note in found.notes)

@@ -1,4 +1,4 @@
-"""What values that were not estimated add to the expected error: the same answer everywhere."""
+"""Covariances in a span: what they say of single values, and what was not estimated adds to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,15 @@ import calib
 from calib import Cell, Poses
 from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of
-from calib.model.covariance import accuracy, covariance, errors_at, ignorance
+from calib.model.covariance import (
+    accuracy,
+    clustered,
+    covariance,
+    determined,
+    errors_at,
+    ignorance,
+)
+from calib.uncertainty.expanded import effective_freedom
 from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
 from tests.doe.ahead.day import cell_of_day, whole_day
@@ -78,3 +86,37 @@ def test_poses_that_were_measured_are_known_whatever_was_lost(kr270: Cell) -> No
     alone = errors_at(result.model, result.values, result.covariance, poses)
     told = errors_at(result.model, result.values, result.knowledge, poses)
     np.testing.assert_allclose(told, alone, rtol=0.05)
+
+
+def test_values_whose_direction_is_in_the_span_are_determined(rng: np.random.Generator) -> None:
+    eye = np.eye(5)
+    span = np.column_stack([eye[0], eye[2], (eye[3] + eye[4]) / np.sqrt(2.0)])
+    assert list(determined(span)) == [True, False, True, False, False]
+    mixed = span @ rng.normal(size=(3, 3))  # another basis of the same span
+    assert list(determined(mixed)) == [True, False, True, False, False]
+    assert determined(rng.normal(size=(5, 5))).all()
+    assert not determined(np.zeros((5, 0))).any()
+
+
+def test_the_variance_outside_the_span_is_none(rng: np.random.Generator) -> None:
+    """Why it must be asked: the covariance of the rest is zero, not unknown."""
+    J, span = rng.normal(size=(40, 3)), np.eye(3)[:, :2]
+    assert covariance(J, span)[2, 2] == 0.0
+    assert not determined(span)[2]
+    inverse = np.linalg.inv(J[:, :2].T @ J[:, :2])
+    assert np.diag(covariance(J, span))[:2] == pytest.approx(np.diag(inverse))
+
+
+def test_a_direction_that_moves_nothing_has_no_deviation() -> None:
+    J = np.column_stack([np.random.default_rng(0).normal(size=(12, 2)), np.zeros(12)])
+    found = covariance(J, np.eye(3))
+    np.testing.assert_allclose(found[:2, :2], np.linalg.inv(J[:, :2].T @ J[:, :2]))
+    assert not found[2].any()
+    lost = np.array([False, False, True])
+    assert np.isfinite(ignorance(J, np.eye(3), np.ones(3), lost)).all()
+    rows = J.reshape(4, 3, 3)
+    assert np.isfinite(clustered(rows[..., 0], rows, np.eye(3), np.zeros((0, 3)))).all()
+
+
+def test_freedom_beyond_all_bounds_is_none() -> None:
+    assert float(effective_freedom([(1.0, np.inf), (1e-20, 3.0)])) == np.inf

@@ -15,7 +15,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import SURE
-from doe.ahead.places import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
+from doe.ahead.objectives import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
 from doe.ahead.remedies import changes, easiest
 from doe.ahead.rivals import (
     ContestedPlace,
@@ -26,11 +26,10 @@ from doe.ahead.rivals import (
     situation_after,
     suspicious,
 )
-from doe.ahead.search import Search, search_of
-from doe.ahead.situation import Offer, Situation, likely_read, offer_of, refusal
+from doe.ahead.search import search_of
+from doe.ahead.situation import Situation, likely_read, offer_of, refusal
 from doe.visiting import visiting_order
 
-_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 POSES = 8
 """Poses that are chosen unless the user says otherwise."""
 _CANDIDATES = 256
@@ -156,7 +155,9 @@ def next_poses(
     if not len(q):
         raise CalibError(refusal(missed))
     offer = offer_of(situation, q, count)
-    search = _search(doubts, unseen, offer, situation, count)
+    start = situation.conditions.last
+    shown = [form for form in unseen if form.hopeful(offer, start)]
+    search = search_of([doubt.evidence for doubt in doubts], offer, start, count, shown)
     if search is not None and accuracy:
         search = with_accuracy(search, accuracy_of(situation, diagnosis, data[1]), count)
     plan = [] if search is None else search.best_plan(count)
@@ -181,22 +182,6 @@ def next_poses(
         tuple(_shown(form, situation, chosen) for form in unseen),
         shares,
     )
-
-
-def _search(
-    doubts: Sequence[ContestedPlace],
-    forms: Sequence[CauseForm],
-    offer: Offer,
-    situation: Situation,
-    count: int,
-) -> Search | None:
-    """What poses may settle; None where they can settle nothing."""
-    rivals, start = [doubt.evidence for doubt in doubts], situation.conditions.last
-    pairs = search_of(rivals, offer, start, count, _MARGIN)
-    hopeful = tuple(form for form in forms if form.hopeful(offer, start))
-    if pairs is None:
-        return Search(hopeful, offer, start) if hopeful else None
-    return replace(pairs, places=(*pairs.places, *hopeful))
 
 
 def _shown(form: CauseForm, situation: Situation, q: Array) -> PairPrediction:
@@ -261,7 +246,7 @@ def _remedies(
         offer = offer_of(changed, allowed, count)
         for doubt in open_:
             evidence = evidence_of(changed, data, doubt.rivalry, doubt.evidence.pairs)
-            search = search_of([evidence], offer, changed.conditions.last, count, _MARGIN)
+            search = search_of([evidence], offer, changed.conditions.last, count)
             if search is None:
                 continue
             plan = search.greedy(count)

@@ -13,6 +13,7 @@ from calib.diagnosis.equivalence import SAME
 from doe.ahead.evidence import ReducedEquations, RivalEvidence
 from doe.ahead.situation import Offer
 
+_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6
 _OTHERS = 1e-3  # weight of the mean beside the worst pair: it decides between equals
@@ -34,7 +35,7 @@ class Objective(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Contested:
+class RivalMargins:
     """Rivals of one place; its values are the margins of the pairs that poses can tell apart.
 
     rows : int, N of the data and of the poses to be chosen
@@ -58,24 +59,22 @@ class Contested:
     def values(self, known: ReducedEquations, S: Array) -> Array:
         return self.evidence.margins(known, S, self.rows, self.lead)[..., self.hopeful]
 
+    @classmethod
+    def of(cls, evidence: RivalEvidence, offer: Offer, start: Array, count: int) -> RivalMargins:
+        """With the pairs that some choice of candidates might tell apart.
 
-def contested(
-    evidence: RivalEvidence, offer: Offer, start: Array, count: int, clear: float
-) -> Contested:
-    """Which pairs some choice of candidates might tell apart.
+        A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.
 
-    start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
-    clear : float, margin at which a pair counts as told apart; a pair that no choice brings there is
-        not worth the poses that others need
-    """
-    blocks = evidence.blocks(offer.rows(slice(None), start))
-    rows = evidence.data.rows + count * blocks.shape[1]
-    reach = evidence.reach(blocks, min(count, len(blocks)), rows)
-    return Contested(evidence, rows, reach >= clear)
+        start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
+        """
+        blocks = evidence.blocks(offer.rows(slice(None), start))
+        rows = evidence.data.rows + count * blocks.shape[1]
+        reach = evidence.reach(blocks, min(count, len(blocks)), rows)
+        return cls(evidence, rows, reach >= _MARGIN)
 
 
 def worst(values: Sequence[Array]) -> Array:
-    """The worst of all, and a little of the mean; from those of each place, (..., k)."""
+    """The worst of all, and a little of the mean; from those of each objective, (..., k)."""
     together = np.minimum(np.concatenate(values, axis=-1), _CLEAR)
     return np.asarray(together.min(axis=-1) + _OTHERS * together.mean(axis=-1))
 
@@ -85,10 +84,10 @@ class Search:
     """What is asked for, and the candidates.
 
     start : ndarray, shape (dof,), where the arm stands
-    weigh : what is made as large as can be, from the values of every place
+    weigh : what is made as large as can be, from the values of every objective
     """
 
-    places: tuple[Objective, ...]
+    objectives: tuple[Objective, ...]
     offer: Offer
     start: Array
     weigh: Callable[[Sequence[Array]], Array] = worst
@@ -129,13 +128,13 @@ class Search:
         return float(self.weigh(self.values(plan)))
 
     def values(self, plan: Sequence[int]) -> list[Array]:
-        """Of every place, after the data and a sequence of candidates."""
-        each = zip(self.places, self.known(plan), strict=True)
-        return [place.values(known, known.S) for place, known in each]
+        """Of every objective, after the data and a sequence of candidates."""
+        each = zip(self.objectives, self.known(plan), strict=True)
+        return [objective.values(known, known.S) for objective, known in each]
 
     def known(self, plan: Sequence[int]) -> list[ReducedEquations]:
-        """What is known of every place after the data and a sequence of candidates."""
-        found = [place.data for place in self.places]
+        """What is known for every objective after the data and a sequence of candidates."""
+        found = [objective.data for objective in self.objectives]
         for k, index in enumerate(plan):
             found = self._added(found, index, self._before(plan[:k]))
         return found
@@ -148,26 +147,32 @@ class Search:
     ) -> list[ReducedEquations]:
         one = np.array([index])
         rows, q = self.offer.rows(one, before), self.offer.q[one]
-        each = zip(known, self.places, strict=True)
-        return [own.added(place.blocks(rows, q)) for own, place in each]
+        each = zip(known, self.objectives, strict=True)
+        return [own.added(objective.blocks(rows, q)) for own, objective in each]
 
     def _best(self, known: list[ReducedEquations], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""
         rows, q = self.offer.rows(slice(None), before), self.offer.q
-        each = zip(known, self.places, strict=True)
-        tried = [place.values(own, own.tried(place.blocks(rows, q))) for own, place in each]
+        each = zip(known, self.objectives, strict=True)
+        tried = [
+            objective.values(own, own.tried(objective.blocks(rows, q))) for own, objective in each
+        ]
         scores = self.weigh(tried)
         scores[taken] = -np.inf
         return int(scores.argmax())
 
 
 def search_of(
-    rivals: Sequence[RivalEvidence], offer: Offer, start: Array, count: int, clear: float
+    rivals: Sequence[RivalEvidence],
+    offer: Offer,
+    start: Array,
+    count: int,
+    others: Sequence[Objective] = (),
 ) -> Search | None:
-    """The search over all places where something can be told apart; None where nothing can.
+    """The search over all rivals that can be told apart, and other objectives; None where none is left.
 
     start : ndarray, shape (dof,), where the arm stands
     """
-    places = [contested(evidence, offer, start, count, clear) for evidence in rivals]
-    hopeful = tuple(place for place in places if place.hopeful.any())
-    return Search(hopeful, offer, start) if hopeful else None
+    pairs = [RivalMargins.of(evidence, offer, start, count) for evidence in rivals]
+    found = (*(own for own in pairs if own.hopeful.any()), *others)
+    return Search(found, offer, start) if found else None

@@ -20,7 +20,7 @@ from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
 from calib.simulation import drawn_readings
 from doe.ahead.evidence import FREE
-from doe.ahead.places import Accuracy, accuracy_of
+from doe.ahead.objectives import Accuracy, accuracy_of
 from doe.ahead.rivals import data_rows, situation_after
 from studies.demo.embedded import embedded_cell
 from tests.doe.ahead.day import asking_only

@@ -184,14 +184,14 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
 class Shares:
     """What is reached of what poses for one alone would reach: of the causes, and of the accuracy.
 
-    The accuracy is the last place. now, best : values of the two, with the data and at best
+    The accuracy is the last objective. now, best : values of the two, with the data and at best
     """
 
     now: tuple[float, float]
     best: tuple[float, float]
 
     def of(self, values: Sequence[Array]) -> tuple[Array, Array]:
-        """Both shares of the values of all places (..., k), shape (...)."""
+        """Both shares of the values of all objectives (..., k), shape (...)."""
         reached = worst(values[:-1]), values[-1][..., 0]
         first, second = (
             (own - now) / max(best - now, 1e-9)
@@ -207,7 +207,7 @@ class Shares:
 
 def with_accuracy(search: Search, accuracy: Accuracy, count: int) -> Search:
     """The search for causes and accuracy together."""
-    alone = replace(search, places=(accuracy,), weigh=lambda values: values[-1][..., 0])
-    both = replace(search, places=(*search.places, accuracy))
+    alone = replace(search, objectives=(accuracy,), weigh=lambda values: values[-1][..., 0])
+    both = replace(search, objectives=(*search.objectives, accuracy))
     ends = search.value(search.best_plan(count)), alone.value(alone.best_plan(count))
     return replace(both, weigh=Shares((search.value(()), alone.value(())), ends))

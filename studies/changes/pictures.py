@@ -73,17 +73,13 @@ def _plain_ticks(panel: Axes) -> None:
         panel.set_xticks(np.arange(-4.0, 5.0, 2.0 if high > _NARROWEST else 1.0))
         panel.set_xlim(low, high)
     else:
-        _far_ticks(panel, low, high)
+        decades = math.floor(math.log10(max(-low, high, _LINEAR)))
+        far = [10.0**k for k in range(decades, 1 if decades > 1 else 0, -max(1, decades // 3))]
+        far.append(_LINEAR)  # ten is too near to it where there is more
+        ticks = [0.0, *far, *(-tick for tick in far)]
+        panel.set_xticks([tick for tick in ticks if low <= tick <= high])
     panel.xaxis.set_major_formatter("{x:g}")
     panel.minorticks_off()
-
-
-def _far_ticks(panel: Axes, low: float, high: float) -> None:
-    decades = math.floor(math.log10(max(-low, high, _LINEAR)))
-    far = [10.0**k for k in range(decades, 1 if decades > 1 else 0, -max(1, decades // 3))]
-    far.append(_LINEAR)  # ten is too near to it where there is more
-    ticks = [0.0, *far, *(-tick for tick in far)]
-    panel.set_xticks([tick for tick in ticks if low <= tick <= high])
 
 
 def errors_at_targets(record: ChangesRecord) -> style.Picture:

@@ -159,7 +159,8 @@ def derivatives(model: Model, poses: Poses, *at: Array) -> Derivatives:
     worst = Derivatives(0.0, "")
     for values in at:
         _, J = model.jacobian(values, poses)
-        step = _steps(model, J)
+        moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
+        step = np.asarray(np.minimum(model.sizes, _MOVED_M / np.maximum(moved, 1e-300)))
         ahead, back = (values + sign * np.diag(step) for sign in (1.0, -1.0))
         slope = np.moveaxis(model.predict(ahead, poses) - model.predict(back, poses), 0, -1)
         slope = (slope / (2.0 * step)).reshape(-1, len(step))
@@ -171,9 +172,3 @@ def derivatives(model: Model, poses: Poses, *at: Array) -> Derivatives:
         if not off[first] <= worst.off:
             worst = Derivatives(float(off[first]), model.parameters[first].id)
     return worst
-
-
-def _steps(model: Model, J: Array) -> Array:
-    """What moves a marker by a hundredth of a millimetre, a plausible size at most, shape (p,)."""
-    moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
-    return np.asarray(np.minimum(model.sizes, _MOVED_M / np.maximum(moved, 1e-300)))

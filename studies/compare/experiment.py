@@ -36,7 +36,7 @@ from calib.scatter import Scatter, Variances, scatter_of
 from calib.simulation import whitening
 from doe.constraints import scene_of, visible
 from doe.problem.request import refuse_unplaced
-from studies.compare.stated_noise import StatedNoise, noise_of, shaken
+from studies.compare.stated_noise import StatedNoise, displaced_at_visits, noise_of
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 
@@ -144,7 +144,7 @@ class SimulatedExperiment:
         points = self.model.tip_points(frames, self.truth, self.poses)
         _, visit = np.unique(visits(self.poses), return_inverse=True)
         white = rng.standard_normal((trials, int(visit.max()) + 1, 6)) / self.quiet
-        moved = shaken(points, frames.o[:, -1], visit, white, self.stated.arm)
+        moved = displaced_at_visits(points, frames.o[:, -1], visit, white, self.stated.arm)
         still, there = (self.model.readings(self.truth, self.poses, p) for p in (points, moved))
         return there - still
 

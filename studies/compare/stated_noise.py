@@ -23,7 +23,7 @@ _MM, _URAD = 1e-3, 1e-6
 _UNITS = {"sigma_mm": _MM, "sigma_urad": _URAD, "sigma_px": 1.0}
 
 
-class Errs(Protocol):
+class ErrorModel(Protocol):
     """How the readings of one instrument err."""
 
     def errors(self, white: Array, exact: Array, start: Array) -> Array:
@@ -36,7 +36,7 @@ class Errs(Protocol):
 
 
 @dataclass(frozen=True)
-class Alike:
+class IsotropicError:
     """Every number by itself, all by one standard deviation, in the unit of the readings in SI."""
 
     sigma: float
@@ -47,7 +47,7 @@ class Alike:
 
 
 @dataclass(frozen=True)
-class ByBeam:
+class BeamError:
     """A point along and across its beam: standard deviations (m, m for each metre of range)."""
 
     along: tuple[float, float]
@@ -63,7 +63,7 @@ class ByBeam:
 
 
 @dataclass(frozen=True, eq=False)
-class OfBody:
+class BodyError:
     """A frame by a displacement in its own axes; covariance : ndarray, shape (6, 6), m and rad."""
 
     covariance: Array
@@ -88,7 +88,7 @@ class StatedNoise:
     arm : standard deviations of the tip from one approach to the next, m and rad, zero where none
     """
 
-    of: Mapping[str, Errs]
+    of: Mapping[str, ErrorModel]
     stands: Mapping[str, Array]
     arm: tuple[float, float] = (0.0, 0.0)
 
@@ -104,16 +104,16 @@ def stated_noise(path: Path) -> StatedNoise:
     }
     robot = text["robot"]
     arm = robot.get("repeatability_mm", 0.0) * _MM, robot.get("repeatability_urad", 0.0) * _URAD
-    return StatedNoise({name: _errs(table) for name, table in tables.items()}, stands, arm)
+    return StatedNoise({name: _error_model(table) for name, table in tables.items()}, stands, arm)
 
 
-def _errs(table: Mapping[str, Any]) -> Errs:
+def _error_model(table: Mapping[str, Any]) -> ErrorModel:
     if table.get("kind") == "pose":
-        return OfBody(_of_body(table))
+        return BodyError(_of_body(table))
     sigma = table.get("sigma_mm")
     if isinstance(sigma, Mapping):
-        return ByBeam(*_by_range(sigma))
-    return next(Alike(table[key] * unit) for key, unit in _UNITS.items() if key in table)
+        return BeamError(*_by_range(sigma))
+    return next(IsotropicError(table[key] * unit) for key, unit in _UNITS.items() if key in table)
 
 
 def _of_body(table: Mapping[str, Any]) -> Array:
@@ -137,7 +137,7 @@ def _by_range(sigma: Mapping[str, float]) -> tuple[tuple[float, float], tuple[fl
     return along, across
 
 
-def shaken(
+def displaced_at_visits(
     points: Array, origins: Array, visit: IntArray, white: Array, arm: tuple[float, float]
 ) -> Array:
     """Points of a tip that is shifted, and turned about its origin, anew at each visit.
@@ -167,15 +167,15 @@ def noise_of(cell: Cell) -> StatedNoise:
         if isinstance(i, Tracker) and i.stands is not None
     }
     arm = cell.repeatability or Repeatability(0.0, 0.0)
-    errs = {i.name: _errs_of(i) for i in cell.instruments}
+    errs = {i.name: _error_model_of(i) for i in cell.instruments}
     return StatedNoise(errs, stands, (arm.translation, arm.rotation))
 
 
-def _errs_of(instrument: Instrument) -> Errs:
+def _error_model_of(instrument: Instrument) -> ErrorModel:
     match instrument:
         case Pose():
-            return OfBody(instrument.covariance)
+            return BodyError(instrument.covariance)
         case Tracker(noise=own):
-            return ByBeam((own.along, own.along_per_m), (own.across, own.across_per_m))
+            return BeamError((own.along, own.along_per_m), (own.across, own.across_per_m))
     sigma: float = getattr(instrument, "sigma")  # noqa: B009 - of every other kind
-    return Alike(sigma)
+    return IsotropicError(sigma)

@@ -40,15 +40,6 @@ class DiagnosisShown(NamedTuple):
 @one_blas_thread
 def shown(found: Diagnosis) -> DiagnosisShown:
     """Fit the model again with one more effect each time, and a free curve in place of each."""
-    added = _by_share(found)
-    residuals = list(_residuals(found, found.data, False))
-    if found.heldout is not None:
-        residuals += _residuals(found, found.heldout, True)
-    return DiagnosisShown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
-
-
-def _by_share(found: Diagnosis) -> list[Candidate]:
-    """Causes and places without a name, those of the largest share of the gap first."""
     all_found = [(cause.share, cause.named.candidate) for cause in found.causes]
     shares = {(place.where, place.depends_on): place.share for place in found.located}
     for entry in found.outcome.entries:
@@ -56,7 +47,11 @@ def _by_share(found: Diagnosis) -> list[Candidate]:
         if not own.named:
             all_found.append((shares.get((own.where, own.depends_on), np.nan), own))
     all_found.sort(key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
-    return [own for _, own in all_found]
+    added = [own for _, own in all_found]
+    residuals = list(_residuals(found, found.data, False))
+    if found.heldout is not None:
+        residuals += _residuals(found, found.heldout, True)
+    return DiagnosisShown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
 
 
 def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:

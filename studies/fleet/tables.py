@@ -243,7 +243,13 @@ def _do(job: Job, asked: FleetTask, done: Done) -> None:
             record = _made(verb, session)
             write_files({path: record.dumps()})
         done.files += ((str(path), sha256(path)),)
-        _note(record, done)
+        from studies.diagnose.record import DiagnoseRecord
+        from studies.identify.record import IdentifyRecord
+
+        if isinstance(record, IdentifyRecord):
+            _identified(record, done)
+        elif isinstance(record, DiagnoseRecord):
+            _diagnosed(record, done)
 
 
 def _day_of(session: MeasuredTable) -> str | None:
@@ -296,17 +302,6 @@ def _made(verb: Verb, session: MeasuredTable) -> Record:
     from studies.identify.make import identified
 
     return identified(session)[1] if verb == "identify" else diagnosed(session)[1]
-
-
-def _note(record: Record, done: Done) -> None:
-    """The few figures of a result."""
-    from studies.diagnose.record import DiagnoseRecord
-    from studies.identify.record import IdentifyRecord
-
-    if isinstance(record, IdentifyRecord):
-        _identified(record, done)
-    elif isinstance(record, DiagnoseRecord):
-        _diagnosed(record, done)
 
 
 def _identified(record: IdentifyRecord, done: Done) -> None:

@@ -31,7 +31,7 @@ from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, SimulatedExperiment, noise_weights
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, predict
-from studies.compare.stated_noise import Alike, StatedNoise
+from studies.compare.stated_noise import IsotropicError, StatedNoise
 from studies.document.terminal import plain_table
 from studies.research.paper.arm import arm_of_equation_21
 
@@ -108,7 +108,7 @@ def experiment_at(setting: Setting) -> SimulatedExperiment:
     )
     poses, seen = poses_at(setting.q), np.ones((3, 3), dtype=bool)
     weights = noise_weights(model, TRUTH, poses, seen)
-    stated = StatedNoise({TRACKER.name: Alike(SIGMA)}, {})
+    stated = StatedNoise({TRACKER.name: IsotropicError(SIGMA)}, {})
     return SimulatedExperiment(
         model, poses, seen, weights, np.zeros(6), TRUTH, stated, setting.length
     )

@@ -152,11 +152,11 @@ def displaced_at_visits(
 
 
 def rotation(vector: Array) -> Array:
-    """Rotations (..., 3, 3) about vectors (..., 3), rad, by Rodrigues' formula."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    K = np.cross(np.eye(3), vector[..., None, :])
-    sine, versine = np.sinc(angle / np.pi), np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0
-    return np.asarray(np.eye(3) + sine * K + versine * (K @ K))
+    """Rotations (..., 3, 3) about vectors (..., 3), rad."""
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
+    return np.asarray(turns.reshape(*vector.shape, 3))
 
 
 def noise_of(cell: Cell) -> StatedNoise:

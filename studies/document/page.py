@@ -58,7 +58,7 @@ class Writer:
     @classmethod
     def fresh(cls) -> Writer:
         """One for a page of its own."""
-        return cls(_template().module, count())
+        return cls(template("studies.document", "parts.html.j2").module, count())
 
     def section(self, section: Section, highlight: Mapping[str, str]) -> Markup:
         """The parts of a section.
@@ -202,18 +202,19 @@ def _cell(column: Column[Any], row: Any) -> str:
     return text.translate(_MINUS).replace(" to ", "\N{NO-BREAK SPACE}to ")
 
 
-def _template() -> Template:
+def template(package: str, name: str) -> Template:
+    """A template beside a package's modules, in which all text is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("studies.document", "."),
+        loader=PackageLoader(package, "."),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"breakable": breakable, "headed": _headed}
-    return environment.get_template("parts.html.j2")
+    return environment.get_template(name)
 
 
 def breakable(text: str) -> Markup:

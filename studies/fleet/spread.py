@@ -138,6 +138,8 @@ def _limit(rest: int, asked: int) -> float:
 
 def shared(robots: Sequence[Done]) -> list[SharedEntry]:
     """The causes named in robots of a type, the most frequent first."""
+    from scipy.stats import binomtest
+
     diagnosed = [own for own in robots if own.verdict is not None]
     named, possible = Counter[tuple[str, str]](), Counter[str]()
     for own in diagnosed:
@@ -149,20 +151,11 @@ def shared(robots: Sequence[Done]) -> list[SharedEntry]:
             where=where,
             robots=count,
             possible=possible[f"{effect}:{where}"],
-            share_ci95=_interval(count, len(diagnosed)),
+            share_ci95=tuple(binomtest(count, len(diagnosed)).proportion_ci(0.95, "exact")),
         )
         for (effect, where), count in named.items()
     ]
     return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))
-
-
-def _interval(count: int, of: int) -> tuple[float, float]:
-    """Clopper and Pearson's, 95 %, of a share."""
-    from scipy.special import betaincinv
-
-    low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
-    high = float(betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
-    return low, high
 
 
 def days_of(tables: Sequence[Done]) -> list[int] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -11,10 +10,10 @@ from typing import ClassVar, Literal
 from markupsafe import Markup
 
 from studies.document import Detail, Document, Section, Sentence, labelled, plural
-from studies.document.page import Writer
+from studies.document.page import Writer, template
 from studies.record import Record
 from studies.report.evidence import ReportEvidence, load_evidence
-from studies.report.sections import PlacedSection, sections
+from studies.report.sections import sections
 
 
 def asset(name: str) -> Markup:
@@ -24,15 +23,6 @@ def asset(name: str) -> Markup:
 
 _STYLES = ("page.css", "highlight.css", "arm_view.css")
 _SCRIPTS = ("page.js", "arm_view.js")
-
-
-@dataclass(frozen=True)
-class _Shown:
-    """A section as HTML, with its anchor and title."""
-
-    key: str
-    title: str
-    html: Markup
 
 
 def report_page(
@@ -45,20 +35,11 @@ def report_page(
 
     Raises InputError where a file is no result, or one that misses what results of its kind hold.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("studies.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     evidence, writer = load_evidence(results), Writer.fresh()
-    html = environment.get_template("page.html.j2").render(
+    html = template("studies.report", "page.html.j2").render(
         title=title or _name(evidence),
         told=told,
-        sections=[_shown(writer, placed) for placed in sections(evidence, told)],
+        sections=[(own, writer.section(own, poses)) for own, poses in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
@@ -70,11 +51,6 @@ def _name(evidence: ReportEvidence) -> str:
     if evidence.cell is not None:
         return evidence.cell.name
     return next((own.record.cell for own in evidence.results if own.record.cell), "Calibration")
-
-
-def _shown(writer: Writer, placed: PlacedSection) -> _Shown:
-    html = writer.section(placed.section, placed.highlight)
-    return _Shown(placed.section.key, placed.section.title, html)
 
 
 class ReportRecord(Record):

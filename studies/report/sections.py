@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -206,38 +206,28 @@ WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, ReportedResult], Section 
 """What is told of a record and its inputs, where these are unchanged."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedSection:
-    """A section on the page.
-
-    highlight : pose -> the name under which the page highlights it
-    """
-
-    section: Section
-    highlight: Mapping[str, str]
-
-
-def sections(evidence: ReportEvidence, told: dict[str, str]) -> Iterator[PlacedSection]:
-    """All sections that the evidence allows.
+def sections(
+    evidence: ReportEvidence, told: dict[str, str]
+) -> Iterator[tuple[Section, Mapping[str, str]]]:
+    """All sections that the evidence allows, each with the names of its poses that the page highlights.
 
     told : what the user tells of the measurement, by label
-
     """
-    yield PlacedSection(summary(evidence, told), {})
+    yield summary(evidence, told), {}
     for about in OF_THE_CELL:
         section = about(evidence)
         if section is not None:
-            yield PlacedSection(section, {})
+            yield section, {}
     for kind in KINDS:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
             highlight = evidence.highlight.get(result.path, {})
             for section in _of(evidence, result):
                 own = _own(section, result, number) if len(several) > 1 else section
-                yield PlacedSection(own, highlight)
+                yield own, highlight
     for section in certificate(evidence, told):
-        yield PlacedSection(section, {})
-    yield PlacedSection(provenance(evidence, told), {})
+        yield section, {}
+    yield provenance(evidence, told), {}
 
 
 def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:

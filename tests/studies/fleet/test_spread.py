@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 from studies.fleet.record import NamedEntry
 from studies.fleet.spread import latest, off, shared, trend_p
@@ -98,8 +97,6 @@ def test_causes_are_counted_by_robot() -> None:
     first, second = shared(robots)
     assert (first.effect, first.robots, first.possible) == ("backlash", 6, 6)
     assert (second.effect, second.robots, second.possible) == ("sag", 1, 7)
-    true = binomtest(6, 8).proportion_ci(0.95, "exact")
-    assert first.share_ci95 == pytest.approx((true.low, true.high))
 
 
 def test_a_steady_rise() -> None:

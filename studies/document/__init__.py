@@ -148,10 +148,10 @@ class Sentence:
     label: str = ""
 
 
-def labelled(label: str, texts: Iterable[str], mood: Mood = "") -> Iterator[Sentence]:
+def labelled(label: str, texts: Iterable[str]) -> Iterator[Sentence]:
     """What is said of one thing, the label once."""
     for number, text in enumerate(texts):
-        yield Sentence(text, mood, "" if number else label)
+        yield Sentence(text, label="" if number else label)
 
 
 @dataclass(frozen=True)

@@ -42,21 +42,34 @@ def designed(cell: Cell, targets: Path | None = None, **table: object) -> Cell:
 def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = ()) -> Robot:
     """A serial chain with nothing special about it."""
     axes = rng.normal(size=(dof, 3))
+    origins = transform(
+        so3_exp(rng.normal(size=(dof + 1, 3))), rng.uniform(-0.5, 0.5, (dof + 1, 3))
+    )
     slides = np.isin(np.arange(dof), prismatic)
+    limits = np.where(slides[:, None], [-0.5, 0.5], [-np.pi, np.pi])
+    return replace(
+        light_chain(origins, limits, prismatic),
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        masses=rng.uniform(2.0, 40.0, dof),
+        coms=rng.uniform(-0.2, 0.2, (dof, 3)),
+    )
+
+
+def light_chain(origins: Array, limits: Array, prismatic: Sequence[int] = ()) -> Robot:
+    """Joints about z, or along it, behind origins (n + 1, 4, 4); limits (n, 2); no link weighs."""
+    dof = len(origins) - 1
     return Robot(
-        name="random",
+        name="chain",
         base="base",
         tip="tip",
         joints=tuple(f"j{k + 1}" for k in range(dof)),
-        prismatic=slides,
-        origins=transform(
-            so3_exp(rng.normal(size=(dof + 1, 3))), rng.uniform(-0.5, 0.5, (dof + 1, 3))
-        ),
-        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        limits=np.where(slides[:, None], [-0.5, 0.5], [-np.pi, np.pi]),
+        prismatic=np.isin(np.arange(dof), prismatic),
+        origins=origins,
+        axes=np.tile([0.0, 0.0, 1.0], (dof, 1)),
+        limits=limits,
         efforts=np.full(dof, np.nan),
-        masses=rng.uniform(2.0, 40.0, dof),
-        coms=rng.uniform(-0.2, 0.2, (dof, 3)),
+        masses=np.zeros(dof),
+        coms=np.zeros((dof, 3)),
     )
 
 

@@ -24,7 +24,7 @@ from calib.model.covariance import accuracy
 from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
-from tests.helpers import cell_of, designed, random_robot, read_by, with_effects
+from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
@@ -416,12 +416,9 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
 
     S is the sum of cos q_2 over the poses, so every plan with S = 0 is best, whatever q_1 is.
     """
-    robot = random_robot(np.random.default_rng(0), 2)
     origins = np.tile(np.eye(4), (3, 1, 1))
     origins[1, 0, 3], origins[2, 0, 3] = 0.7, 0.4
-    robot = replace(
-        robot, origins=origins, axes=np.array([[0, 0, 1.0], [0, 0, 1.0]]), masses=np.zeros(2)
-    )
+    robot = light_chain(origins, np.tile([-np.pi, np.pi], (2, 1)))
     cell = cell_of(robot, np.zeros((1, 3)), ["joint_offset"])
     plan = doe.design(cell, poses=2, criterion="D", candidates=500)
     assert np.cos(plan.poses.q[:, 1]).sum() == pytest.approx(0.0, abs=0.02)

@@ -14,7 +14,6 @@ import pytest
 
 import calib
 from calib import Cell, Measurements
-from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.change import Changes, DayEstimate, changes, known_of
 from calib.change.comparison import at_targets, verdict
@@ -22,7 +21,7 @@ from calib.change.difference import difference, holm
 from calib.compensation.estimate import estimate_of
 from calib.errors import CalibError
 from calib.poses import poses_at
-from tests.helpers import all_seen, cell_of
+from tests.helpers import all_seen, cell_of, light_chain
 from tests.plain_arm import rpy_pose, shift, turn
 
 ORIGINS = [
@@ -43,19 +42,7 @@ POSES = 30
 
 def arm() -> Cell:
     origins = np.array([rpy_pose([origin], np.zeros(0)) for origin in ORIGINS])
-    robot = Robot(
-        name="plain",
-        base="base",
-        tip="tip",
-        joints=tuple(f"j{k}" for k in range(1, 7)),
-        prismatic=np.zeros(6, dtype=bool),
-        origins=origins,
-        axes=np.tile([0.0, 0.0, 1.0], (6, 1)),
-        limits=np.tile([-2.0, 2.0], (6, 1)),
-        efforts=np.full(6, np.nan),
-        masses=np.zeros(6),
-        coms=np.zeros((6, 3)),
-    )
+    robot = light_chain(origins, np.tile([-2.0, 2.0], (6, 1)))
     return cell_of(robot, MARKERS, ["base", "tool", "geometry"], SIGMA)
 
 

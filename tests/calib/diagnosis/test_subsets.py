@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +18,7 @@ from calib.diagnosis.subsets import instead_of
 from calib.diagnosis.view import lineup
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
-from tests.helpers import all_seen, cell_of, stage_of
+from tests.helpers import all_seen, cell_of, light_chain, stage_of
 
 ROWS, KNOTS, ASKED = 240, 10, 100
 
@@ -100,19 +101,8 @@ FIRST, SECOND = 0.325, 0.275  # m, lengths of the SCARA's links
 def scara() -> Robot:
     origins = np.tile(np.eye(4), (5, 1, 1))
     origins[[0, 1, 2], [2, 0, 0], 3] = 0.4, FIRST, SECOND
-    return Robot(
-        name="scara",
-        base="base",
-        tip="tip",
-        joints=("J1", "J2", "Z", "J4"),
-        prismatic=np.array([False, False, True, False]),
-        origins=origins,
-        axes=np.tile([0.0, 0.0, 1.0], (4, 1)),
-        limits=np.array([[-2.2, 2.2], [-2.4, 2.4], [-0.2, 0.0], [-3.1, 3.1]]),
-        efforts=np.full(4, np.nan),
-        masses=np.zeros(4),
-        coms=np.zeros((4, 3)),
-    )
+    limits = np.array([[-2.2, 2.2], [-2.4, 2.4], [-0.2, 0.0], [-3.1, 3.1]])
+    return replace(light_chain(origins, limits, (2,)), joints=("J1", "J2", "Z", "J4"))
 
 
 def read(q: Array, lift: Array, markers: Array, rng: np.random.Generator) -> Array:

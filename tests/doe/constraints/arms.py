@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib import Cell
-from calib.arm.robot import Capsule, Robot, Shapes
+from calib.arm.robot import Capsule, Shapes
 from calib.arm.se3 import transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
@@ -18,7 +18,7 @@ from calib.cell import Load
 from calib.cell.planned import Ball, Box
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.scene import Scene
-from tests.helpers import cell_of, designed, random_robot, read_by
+from tests.helpers import cell_of, designed, light_chain, random_robot, read_by
 
 CAPSULE, SPHERE, BOX = (
     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -122,21 +122,9 @@ def capsule_geoms(scene: Scene, model: mujoco.MjModel) -> list[int]:
 def planar(dof: int = 3, **given: Any) -> Cell:
     """Links of one metre along x that turn about z at the origin, after each metre, and no limits."""
     lengths = np.array([0.0] + [1.0] * dof)
-    robot = Robot(
-        name="planar",
-        base="base",
-        tip="tip",
-        joints=tuple(f"j{k + 1}" for k in range(dof)),
-        prismatic=np.zeros(dof, dtype=bool),
-        origins=transform(
-            np.broadcast_to(np.eye(3), (dof + 1, 3, 3)), lengths[:, None] * np.eye(3)[0]
-        ),
-        axes=np.tile([0.0, 0.0, 1.0], (dof, 1)),
-        limits=np.tile([-np.inf, np.inf], (dof, 1)),
-        efforts=np.full(dof, np.nan),
-        masses=np.zeros(dof),
-        coms=np.zeros((dof, 3)),
-    )
+    turns = np.broadcast_to(np.eye(3), (dof + 1, 3, 3))
+    origins = transform(turns, lengths[:, None] * np.eye(3)[0])
+    robot = light_chain(origins, np.tile([-np.inf, np.inf], (dof, 1)))
     robot = replace(robot, **{k: given.pop(k) for k in list(given) if hasattr(robot, k)})
     markers = given.pop("markers", np.array([[0.0, 0.0, 0.1]]))
     return replace(cell_of(robot, markers, ("base",)), **given)

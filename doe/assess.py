@@ -11,7 +11,6 @@ from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
-from doe.problem.linearisation import follow
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 
@@ -113,7 +112,8 @@ def _common(problem: Problem, M: Array, crossed: Array) -> Array:
     if not crossed.shape[1]:
         return np.zeros(len(problem.target_weights))
     response = np.asarray(np.linalg.solve(M, crossed))
-    return follow(problem.target_rows, response, problem.common_at_targets)
+    missed = problem.target_rows @ response - problem.common_at_targets
+    return np.asarray((missed**2).sum(axis=(1, 2)))
 
 
 def _task(problem: Problem, M: Array, crossed: Array) -> float:

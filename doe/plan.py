@@ -193,10 +193,10 @@ class Design(Result):
         return self.certificate.efficiency
 
 
-def named(q: Array) -> Poses:
-    """Poses p01, p02 .. at joint values (N, dof)."""
+def named(q: Array, letter: str = "p") -> Poses:
+    """Poses p01, p02 .. at joint values (N, dof), or by another letter."""
     width = max(2, len(str(len(q))))
-    return poses_at(q, names=[f"p{i + 1:0{width}d}" for i in range(len(q))])
+    return poses_at(q, names=[f"{letter}{i + 1:0{width}d}" for i in range(len(q))])
 
 
 def level_values(levels: AngleLevels | None, q: Array) -> Array:

@@ -11,7 +11,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis import Diagnosis
 from calib.errors import CalibError
-from calib.poses import Poses, poses_at
+from calib.poses import Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import SURE
@@ -28,6 +28,7 @@ from doe.ahead.rivals import (
 )
 from doe.ahead.search import search_of
 from doe.ahead.situation import Situation, likely_read, offer_of, refusal
+from doe.plan import named
 from doe.visiting import visiting_order
 
 POSES = 8
@@ -137,7 +138,7 @@ def next_poses(
     """
     if count < 1:
         raise CalibError(f"{count} next poses are too few; ask for at least one")
-    nothing = NextPoses(_named(np.zeros((0, cell.robot.dof))))
+    nothing = NextPoses(named(np.zeros((0, cell.robot.dof)), "n"))
     if not np.isfinite(diagnosis.after.values).all():
         return nothing
     found = rivalries(diagnosis)
@@ -175,7 +176,7 @@ def next_poses(
         first, second = search.weigh.of(search.values(plan))
         shares = float(first), float(second)
     return NextPoses(
-        _named(chosen),
+        named(chosen, "n"),
         splits,
         tuple(sorted(predictions, key=lambda p: p.now)),
         assumptions_of(situation, len(chosen)),
@@ -263,11 +264,6 @@ def _remedies(
         for key, own in found.items()
     }
     return {key: easiest(own, lambda remedy: remedy.name) for key, own in ordered.items()}
-
-
-def _named(q: Array) -> Poses:
-    width = max(2, len(str(len(q))))
-    return poses_at(q, names=[f"n{i + 1:0{width}d}" for i in range(len(q))])
 
 
 def assumptions_of(situation: Situation, count: int) -> tuple[str, ...]:

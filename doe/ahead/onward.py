@@ -11,12 +11,13 @@ from calib.cell import Cell
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.errors import CalibError
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.enough import Enough, enough
 from doe.ahead.forecast import ForecastStep
 from doe.ahead.next_poses import NextPoses, next_poses
+from doe.plan import named
 
 Aim: TypeAlias = Literal["task", "causes", "both"]
 Stop: TypeAlias = Literal[
@@ -107,8 +108,7 @@ def onward(
         q, serves = doubts.poses.q, "causes" if doubts.shares is None else "both"
     elif answer is not None and task is None:
         q = answer.fresh_q
-    names = [f"n{i + 1:02d}" for i in range(len(q))]
-    return Onward(poses_at(q, names=names), serves, stops, answer, diagnosis, doubts)
+    return Onward(named(q, "n"), serves, stops, answer, diagnosis, doubts)
 
 
 def _task_done(answer: Enough) -> Stop | None:

@@ -292,11 +292,3 @@ def errors_of(model: Model) -> tuple[CommonError, ...]:
     """The common errors of a model's instruments, in the order of :func:`moved_rows`."""
     blocks = model.readout.channels.blocks
     return tuple(e for i, _ in blocks if isinstance(i, Tracker) for e in i.common)
-
-
-def follow(rows: Array, response: Array, predicted: Array) -> Array:
-    """Squared error by common errors at each target, (K,), m^2.
-
-    rows : ndarray, (K, r, p), of the targets; response : (p, b), of the values; predicted : (K, r, b)
-    """
-    return np.asarray(((rows @ response - predicted) ** 2).sum(axis=(1, 2)))

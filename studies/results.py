@@ -1,57 +1,19 @@
-"""Kinds of result, how each is read again, and how it is told. Faults are told with their place."""
+"""Results read again: what is wrong in a file is told with its place, as one line."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
 from calib.errors import InputError
 from calib.files.read import read_text
+from studies.kinds import KINDS, record_type
 from studies.record import InputFile, Record
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
-
-    from studies.document import Document
-
-
-_HOMES = {
-    "fleet": ("fleet.record", "FleetRecord", "fleet.telling"),
-    "prior": ("prior", "PriorRecord", "prior"),
-    "init": ("init.record", "InitRecord", "init.record"),
-    "design": ("design.record", "DesignRecord", "design.telling"),
-    "plan": ("plan.record", "PlanRecord", "plan.telling"),
-    "program": ("programs.record", "ProgramRecord", "programs.record"),
-    "import": ("imports.record", "ImportRecord", "imports.record"),
-    "compare": ("compare.record", "CompareRecord", "compare.telling"),
-    "identify": ("identify.record", "IdentifyRecord", "identify.record"),
-    "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
-    "enough": ("enough.record", "EnoughRecord", "enough.telling"),
-    "next": ("next.record", "NextRecord", "next.record"),
-    "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
-    "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.telling"),
-    "changes": ("changes.record", "ChangesRecord", "changes.telling"),
-    "report": ("report.page", "ReportRecord", "report.page"),
-    "demo": ("demo.record", "DemoRecord", "demo.record"),
-}
-"""Kind -> module of the record, its name, and module of :func:`told`."""
-KINDS = tuple(_HOMES)
-"""In the order in which a page tells of them."""
-
-
-def record_type(kind: str) -> type[Record]:
-    """The record of a kind."""
-    module, name, _ = _HOMES[kind]
-    return cast("type[Record]", getattr(import_module(f"studies.{module}"), name))
-
-
-def tell(record: Record) -> Document:
-    """What the terminal and the page say of a result."""
-    module = _HOMES[record.kind][2]
-    return cast("Document", import_module(f"studies.{module}").told(record))
 
 
 _MOST_BYTES = 200_000_000

@@ -11,9 +11,7 @@ from studies.command.options import (
     PATH,
     Finite,
     faults_in,
-    figures_option,
-    json_option,
-    one_line_faults,
+    result_options,
 )
 
 
@@ -24,9 +22,7 @@ from studies.command.options import (
               help="The cell of AFTER. Default: the cell that AFTER names.")  # fmt: skip
 @click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
               help="Largest allowed error at any target.")  # fmt: skip
-@figures_option
-@json_option
-@one_line_faults
+@result_options(seed=False)
 def changes(
     before_path: Path,
     after_path: Path,

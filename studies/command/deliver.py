@@ -38,7 +38,7 @@ def deliver(
     from calib.files.write import write_files
     from studies.document import pictures_of
     from studies.document.terminal import terminal
-    from studies.results import tell
+    from studies.kinds import tell
 
     warn(tuple(dict.fromkeys((*warnings, *record.warnings))))
     told = tell(record)

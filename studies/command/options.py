@@ -19,14 +19,14 @@ PATH = click.Path(path_type=Path)
 
 cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
 data_argument = click.argument("data_path", metavar="DATA", type=PATH)
-json_option = click.option(
+_json_option = click.option(
     "--json",
     "json_path",
     metavar="FILE",
     type=click.Path(allow_dash=True),
     help="Write the result as JSON. Use - for standard output.",
 )
-figures_option = click.option(
+_figures_option = click.option(
     "--figures",
     "folder",
     metavar="FOLDER",
@@ -46,7 +46,7 @@ _scheduler_option = click.option(
     default=None,
     help="Compute on a dask scheduler, such as tcp://host:8786.",
 )
-seed_option = click.option(
+_seed_option = click.option(
     "--seed",
     metavar="N",
     type=click.IntRange(min=0),
@@ -72,9 +72,20 @@ def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
     return run
 
 
-def result_options(function: Callable[P, T]) -> Callable[P, T]:
-    """What every command with a result takes, and how it ends: --figures, --json and --seed."""
-    return figures_option(json_option(seed_option(one_line_faults(function))))
+def result_options(
+    *, figures: bool = True, seed: bool = True
+) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """What every command with a result takes, and how it ends: --figures, --json and --seed.
+
+    figures, seed : whether it draws, and whether it draws random numbers
+    """
+
+    def taken(function: Callable[P, T]) -> Callable[P, T]:
+        made = one_line_faults(function)
+        made = _json_option(_seed_option(made) if seed else made)
+        return _figures_option(made) if figures else made
+
+    return taken
 
 
 def engine_options(function: Callable[P, T]) -> Callable[P, T]:

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
               help="Simulate readings by the model itself, or by an arm in MuJoCo. MuJoCo also shows "
               "faults in the program's kinematics and torques. Default: mujoco where it is installed "
               "and can simulate the cell's effects.")  # fmt: skip
-@result_options
+@result_options()
 def compare(
     cell_path: Path,
     plan_paths: tuple[Path, ...],

@@ -11,9 +11,7 @@ from studies.command.options import (
     PATH,
     cell_argument,
     faults_in,
-    figures_option,
-    json_option,
-    one_line_faults,
+    result_options,
 )
 
 
@@ -29,9 +27,7 @@ from studies.command.options import (
     type=PATH,
     help="Write the table of targets with corrected joints; it can be read as a plan.",
 )
-@figures_option
-@json_option
-@one_line_faults
+@result_options(seed=False)
 def compensate(
     cell_path: Path,
     result_path: Path,

@@ -8,14 +8,12 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import deliver
-from studies.command.options import json_option, one_line_faults, seed_option
+from studies.command.options import result_options
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("posecal-demo"))
-@json_option
-@seed_option
-@one_line_faults
+@result_options(figures=False)
 def demo(folder: Path, json_path: str | None, seed: int) -> None:
     """Run the whole way in FOLDER: plan, measure, identify, compare, diagnose, report.
 

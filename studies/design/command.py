@@ -86,7 +86,7 @@ if TYPE_CHECKING:
     default=None,
     help="Move joint angles a little after the choice. Default: yes, unless candidates are a table.",
 )
-@result_options
+@result_options()
 def design(
     cell_path: Path,
     plan_path: Path | None,

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of poses to propose that separate the remaining explanations. 0: none.",
 )
-@result_options
+@result_options()
 def diagnose(
     cell_path: Path,
     data_path: Path,

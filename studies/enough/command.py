@@ -32,7 +32,7 @@ from studies.command.session import held_out
               help="Goal: expected RMS error at the targets.")  # fmt: skip
 @click.option("--holdout", "holdout_path", metavar="FILE", type=PATH,
               help="Measured poses for a check; they take no part in the fit.")  # fmt: skip
-@result_options
+@result_options()
 def enough(
     cell_path: Path,
     data_path: Path,

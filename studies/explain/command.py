@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from studies.command.options import one_line_faults
-from studies.results import KINDS
+from studies.kinds import KINDS
 
 
 @click.command()

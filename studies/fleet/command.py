@@ -35,7 +35,7 @@ AHEAD = 1000
 @click.option("--prior", "prior_path", metavar="FILE", type=PATH,
               help="Write a prior for each type of robot, for [model.prior].")  # fmt: skip
 @engine_options
-@result_options
+@result_options()
 def fleet(
     fleet_folder: Path,
     only: str | None,
@@ -70,8 +70,8 @@ def fleet(
     from studies.engines import engine
     from studies.fleet.record import fleet_record, results_of
     from studies.fleet.tables import VERBS, FleetTask, find, share
+    from studies.kinds import tell
     from studies.record import envelope
-    from studies.results import tell
 
     if not fleet_folder.is_dir():
         raise InputError(fleet_folder, "", "is no folder", "name one with cells below it")

@@ -97,7 +97,7 @@ if TYPE_CHECKING:
     default=None,
     help="Encoder counts per degree, for FANUC's $MASTER_COUN in --zero-offsets.",
 )
-@result_options
+@result_options()
 def identify(
     cell_path: Path,
     data_path: Path,

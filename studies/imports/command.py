@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, json_option, one_line_faults
+from studies.command.options import PATH, result_options
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -73,8 +73,7 @@ if TYPE_CHECKING:
     type=PATH,
     help="Check joints and markers against this cell, and check the written table.",
 )
-@json_option
-@one_line_faults
+@result_options(figures=False, seed=False)
 def import_(
     points: tuple[Path, ...],
     joints_path: Path | None,

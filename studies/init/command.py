@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, json_option, one_line_faults
+from studies.command.options import PATH, result_options
 
 if TYPE_CHECKING:
     from calib.arm.robot import Convention
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 )
 @click.option("--model", metavar="NAME", default="",
               help="Model of the arm of a UR calibration.conf, such as UR5e.")  # fmt: skip
-@json_option
-@one_line_faults
+@result_options(figures=False, seed=False)
 def init(
     robot_path: Path,
     folder: Path,

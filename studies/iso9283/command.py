@@ -12,9 +12,7 @@ from studies.command.options import (
     cell_argument,
     data_argument,
     faults_in,
-    figures_option,
-    json_option,
-    one_line_faults,
+    result_options,
 )
 
 
@@ -25,9 +23,7 @@ from studies.command.options import (
 @click.option(
     "--marker", metavar="NAME", help="The marker to judge. Default: the first that was measured."
 )
-@figures_option
-@json_option
-@one_line_faults
+@result_options(seed=False)
 def iso9283(
     cell_path: Path,
     data_path: Path,

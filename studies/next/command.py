@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o", "plan_path", metavar="PLAN", type=PATH, help="Write the proposed poses as a plan."
 )
-@result_options
+@result_options()
 def next_(
     cell_path: Path,
     data_path: Path,

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, cell_argument, json_option, one_line_faults
+from studies.command.options import PATH, cell_argument, result_options
 
 
 @click.command()
@@ -17,8 +17,7 @@ from studies.command.options import PATH, cell_argument, json_option, one_line_f
               type=PATH,
               help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for "
                    "ABB (RAPID), FILE.ls for FANUC.")  # fmt: skip
-@json_option
-@one_line_faults
+@result_options(figures=False, seed=False)
 def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str | None) -> None:
     """Write a plan as a robot program that stops at every pose to be measured.
 

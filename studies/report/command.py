@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, json_option, one_line_faults
+from studies.command.options import PATH, result_options
 
 
 @click.command()
@@ -26,8 +26,7 @@ from studies.command.options import PATH, json_option, one_line_faults
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
 @click.option("--operator", metavar="TEXT", help="Who measured.")
 @click.option("--date", metavar="TEXT", help="When it was measured.")
-@json_option
-@one_line_faults
+@result_options(figures=False, seed=False)
 def report(
     results: tuple[Path, ...],
     page_path: Path,

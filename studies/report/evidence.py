@@ -18,8 +18,9 @@ from studies.design.record import DesignRecord
 from studies.diagnose.record import DiagnoseRecord
 from studies.identify.pictures import HELD_OUT
 from studies.identify.record import IdentifyRecord
+from studies.kinds import tell
 from studies.record import Record
-from studies.results import read, tell
+from studies.results import read
 
 if TYPE_CHECKING:
     from studies.document import Document

@@ -16,13 +16,13 @@ from studies.document import Figure, Part, Raw, Section, Sentence
 from studies.document.page import shown, table_of
 from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
+from studies.kinds import KINDS
 from studies.plots import residuals
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.certificate import certificate
 from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.summary import summary
-from studies.results import KINDS
 
 
 def cell(evidence: ReportEvidence) -> Section | None:

@@ -14,11 +14,11 @@ from studies.diagnose.conclusion import to_do
 from studies.diagnose.record import DiagnoseRecord
 from studies.document import Raw, Section, Sentence
 from studies.identify.record import IdentifyRecord
+from studies.kinds import KINDS
 from studies.noise import NoiseEntry
 from studies.plots.style import short
 from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.fall import FALLING, Fall, fall
-from studies.results import KINDS
 
 _BELOW = 2.0  # the scale begins at so much less than the least
 _SHORTEST = 0.4  # percent

@@ -13,8 +13,8 @@ from studies.demo.embedded import embedded_cell
 from studies.document.terminal import terminal
 from studies.imports.command import _columns, _read_back
 from studies.imports.record import import_record
+from studies.kinds import tell
 from studies.record import envelope
-from studies.results import tell
 from tests.fuzz.reader import PART, parts, put
 
 CELL = embedded_cell()

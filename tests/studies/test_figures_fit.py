@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from studies.document import pictures_of
+from studies.kinds import KINDS, tell
 from studies.plots.accuracy import against_number
 from studies.plots.errors import by_pose
 from studies.plots.style import APPROACHES, Picture, png_bytes, sheet, styled, svg_text
 from studies.research.picture import picture as of_the_readme
-from studies.results import KINDS, read, tell
+from studies.results import read
 from tests.studies.drawn_words import collisions
 from tests.studies.examples import OLD
 

@@ -19,8 +19,8 @@ from markupsafe import Markup
 from studies.cli import main
 from studies.document import pictures_of
 from studies.document.terminal import terminal
+from studies.kinds import KINDS, record_type, tell
 from studies.report.page import report_page
-from studies.results import KINDS, record_type, tell
 from tests.studies.examples import EXAMPLES, SILENT
 
 

@@ -15,8 +15,9 @@ from calib.errors import InputError
 from studies.cli import main
 from studies.document import pictures_of
 from studies.document.terminal import terminal
+from studies.kinds import KINDS, record_type, tell
 from studies.record import Record
-from studies.results import KINDS, json_schema, read, record_type, tell
+from studies.results import json_schema, read
 from tests.studies.examples import EXAMPLES, OLD, SILENT, old_fields
 
 

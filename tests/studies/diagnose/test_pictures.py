@@ -17,9 +17,10 @@ from studies.diagnose.record import SpectrumEntry, SpectrumLine, Steps
 from studies.diagnose.shown import shown
 from studies.diagnose.spectra import families, spectra
 from studies.document import pictures_of
+from studies.kinds import tell
 from studies.plots.style import Picture
 from studies.record import envelope
-from studies.results import read, tell
+from studies.results import read
 from tests.calib.diagnosis.test_error_curve import HALF, found
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.calib.identification.test_identify_tunings import arm, session

@@ -12,7 +12,7 @@ from rich.console import Console
 from studies.diagnose.conclusion import headline, rest_words, verdict_sentence
 from studies.diagnose.record import DiagnoseRecord
 from studies.document.terminal import terminal
-from studies.results import tell
+from studies.kinds import tell
 from tests.studies.examples import old_fields
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calib.arm.inverse import Solutions, nearest, solutions
 from calib.arm.robot import Robot
@@ -32,9 +33,8 @@ def cartesian_columns(path: Path, columns: tuple[str, ...]) -> tuple[tuple[str, 
     place = tuple(f"{axis}_{unit}" for axis in "xyz")
     for name in (*place, *QUATERNION):
         if name not in columns:
-            raise InputError(
-                path, "line 1", f"targets of the tip lack column {name}", f"add {name}, base frame"
-            )
+            what = f"targets of the tip lack column {name}"
+            raise InputError(path, "line 1", what, f"add {name}, base frame")
     return place, LENGTHS[unit]
 
 
@@ -48,28 +48,17 @@ def tip_joints(table: CsvTable, robot: Robot) -> Array:
     o = np.column_stack([table.numbers(name) for name in place]) * unit
     wxyz = np.column_stack([table.numbers(name) for name in QUATERNION])
     for row in np.flatnonzero(np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) > _AS_LONG)[:1]:
-        length = float(np.linalg.norm(wxyz[row]))
-        raise table.fault(
-            int(row),
-            "qw",
-            f"the quaternion's length is {length:.4g}, not 1",
-            "check its four numbers",
-        )
+        what = f"the quaternion's length is {np.linalg.norm(wxyz[row]):.4g}, not 1"
+        raise table.fault(int(row), "qw", what, "check its four numbers")
     reference, found = robot.sample_limits().mean(axis=1), []
-    for row, own in enumerate(solutions(robot, _axes(wxyz), o)):
+    R = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix().reshape(-1, 3, 3)
+    for row, own in enumerate(solutions(robot, R, o)):
         q, excess = nearest(robot, own.q, reference)
         if q is None:
             raise table.fault(row, place[0], *_out_of_reach(robot, own, excess))
         found.append(q)
         reference = q
     return np.array(found).reshape(-1, robot.dof)
-
-
-def _axes(wxyz: Array) -> Array:
-    """Rotation matrices of quaternions (m, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()).reshape(-1, 3, 3)
 
 
 def _out_of_reach(robot: Robot, own: Solutions, excess: Array) -> tuple[str, str]:

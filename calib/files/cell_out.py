@@ -14,12 +14,16 @@ from calib.arm.robot import FORMS
 from calib.cell import Cell
 from calib.effects import Effect
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
-from calib.errors import CalibError, InputError
+from calib.errors import CalibError
+from calib.files.read import read_text
 from calib.model.build import build, parse_effect
 from calib.poses import Poses
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
+
+
+_LARGEST_FILE = 2_000_000  # bytes
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     """
     import tomlkit
 
-    document = tomlkit.parse(_text(cell.path))
+    document = tomlkit.parse(read_text(cell.path, _LARGEST_FILE))
     entries: list[str | None] = [*cell.effects]
     added: list[Effect] = []
     refused: list[tuple[str, str]] = []
@@ -73,26 +77,18 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     _write_effects(document, entries)
     _write_knots(document, cell, added)
     _write_paths(document, cell.path.parent, target.parent)
-    parts = tuple(part for entry in cell.effects for part in _parts(entry, added, cell))
-    return Extended(document.as_string(), tuple(map(_name, added)), parts, tuple(refused))
+    parts = []
+    for entry in cell.effects:
+        name, given = parse_effect(entry)
+        places = cell.robot.joints if given is None else given
+        gone = [p for p in places if any(effect.contains(name, p) for effect in added)]
+        parts += [f"{name}:{place}" for place in gone]
+    names = tuple(map(_name, added))
+    return Extended(document.as_string(), names, tuple(parts), tuple(refused))
 
 
 def _name(effect: Effect) -> str:
     return f"{effect.kind}:{effect.where}"
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"cannot be read again ({error})", "check the path") from None
-
-
-def _parts(entry: str, added: Sequence[Effect], cell: Cell) -> list[str]:
-    """What of an entry of the model is now part of something added."""
-    name, given = parse_effect(entry)
-    places = cell.robot.joints if given is None else given
-    return [f"{name}:{p}" for p in places if any(effect.contains(name, p) for effect in added)]
 
 
 def _without(entry: str, effect: Effect, cell: Cell) -> str | None:

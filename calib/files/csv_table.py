@@ -100,9 +100,8 @@ def _bounded_lines(path: Path) -> Iterator[str]:
         while line := file.readline(LONGEST_LINE):
             number += 1
             if "\0" in line or len(line) >= LONGEST_LINE:
-                raise InputError(
-                    path, f"line {number}", "is no line of a CSV table", "export it as CSV"
-                )
+                what = "is no line of a CSV table"
+                raise InputError(path, f"line {number}", what, "export it as CSV")
             yield "\n" if _COMMENT.match(line) else line
 
 
@@ -118,8 +117,9 @@ def read_table(
     lines: list[int] = []
     check_file(path, _LARGEST_FILE)
     try:
-        if _is_json(path):
-            raise InputError(path, "", "is a JSON and no table", ORDER)
+        with path.open(encoding="utf-8-sig") as file:
+            if file.read(1) == "{":
+                raise InputError(path, "", "is a JSON and no table", ORDER)
         reader = csv.reader(_bounded_lines(path), strict=True)
         columns = tuple(name.strip() for name in next(filter(None, reader), []))
         if not any(columns):
@@ -140,22 +140,18 @@ def read_table(
                 continue
             if len(row) != len(columns):
                 more = len(row) > len(columns)
-                raise InputError(
-                    path,
-                    f"line {reader.line_num}",
-                    f"has {len(row)} fields, the header {len(columns)}",
-                    "write decimal points, not commas, and nothing more"
-                    if more
-                    else "complete the row",
-                )
+                remedy = "write decimal points, not commas, and nothing more"
+                what = f"has {len(row)} fields, the header {len(columns)}"
+                where = f"line {reader.line_num}"
+                raise InputError(path, where, what, remedy if more else "complete the row")
             rows.append(row)
             lines.append(reader.line_num)
     except UnicodeDecodeError:
         raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
     except csv.Error as error:
-        raise InputError(
-            path, f"line {reader.line_num}", f"is no CSV ({error})", "check the quotation marks"
-        ) from None
+        what = f"is no CSV ({error})"
+        remedy = "check the quotation marks"
+        raise InputError(path, f"line {reader.line_num}", what, remedy) from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
@@ -166,11 +162,6 @@ def read_table(
 def _importing(path: Path) -> str:
     """The command that reads what spreadsheets write."""
     return f"run `posecal import {path.name} -o {path.stem}.new.csv`, which reads that"
-
-
-def _is_json(path: Path) -> bool:
-    with path.open(encoding="utf-8-sig") as file:
-        return file.read(1) == "{"
 
 
 def _how_to_name(path: Path, name: str, columns: tuple[str, ...], below: list[str]) -> str:

@@ -65,6 +65,15 @@ class _Same:
     earlier: IntArray
     joints: Mask
 
+    def named(self, names: tuple[str, ...], chosen: Mask) -> str:
+        """Those chosen, in pairs."""
+        pairs = [
+            f"{names[i]} and {names[j]}"
+            for i, j in zip(self.earlier[chosen], self.later[chosen], strict=True)
+        ]
+        more = f" .. ({len(pairs)} in all)" if pairs[_SHOWN:] else ""
+        return ", ".join(pairs[:_SHOWN]) + more
+
 
 def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) -> Measurements:
     """The measurements without poses that are copies of others, with a warning of each kind.
@@ -77,17 +86,17 @@ def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) 
     if len(cell.instruments) != 1 or not isinstance(instrument, Tracker) or not len(found.later):
         return data
     by_chance = _by_chance(table, instrument, data)[found.later]
-    warnings = []
+    names, warnings = data.poses.names, []
     stuck = ~found.joints & (by_chance * len(data) ** 2 < _CHANCE)
     if stuck.any():
         warnings.append(
-            f"{path}: the points of {_named(data, found, stuck)} are equal to the last digit, but the "
+            f"{path}: the points of {found.named(names, stuck)} are equal to the last digit, but the "
             "joints are not: the instrument stuck, or rows were copied; measure these poses again"
         )
     copied = found.joints & _too_many(data, found, by_chance)
     if copied.any():
         warnings.append(
-            f"{path}: {_named(data, found, copied)} are equal to the last digit: copies, and the "
+            f"{path}: {found.named(names, copied)} are equal to the last digit: copies, and the "
             "second of each is left out; give only what was measured"
         )
         keep = np.ones(len(data), dtype=bool)
@@ -121,17 +130,15 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
     Of one coordinate with the noise s, shown in steps of d, that is d / (2 sqrt(pi) s), 1 at most.
     """
     columns = reading_columns(table.path, instrument, table.columns)
-    steps = np.array([10.0 ** -_decimals(table, name) * scale for name, scale in columns])
+    steps = []
+    for name, scale in columns:  # zeros at the end of a number tell nothing
+        texts = (text.lower().partition("e")[0] for text in table.text(name))
+        decimals = max(len(text.partition(".")[2].rstrip("0")) for text in texts)
+        steps.append(10.0**-decimals * scale)
     stated = np.where(np.isfinite(data.sigma), data.sigma, instrument.noise.along)
-    share = steps / (2.0 * np.sqrt(np.pi) * stated[..., None] / _QUIETER)
+    share = np.array(steps) / (2.0 * np.sqrt(np.pi) * stated[..., None] / _QUIETER)
     each = np.where(data.seen[..., None], np.minimum(share, 1.0), 1.0)
     return np.asarray(each.prod(axis=(1, 2)))
-
-
-def _decimals(table: CsvTable, column: str) -> int:
-    """Digits after the point, as many as any number of a column has; zeros at the end tell nothing."""
-    texts = (text.lower().partition("e")[0] for text in table.text(column))
-    return max(len(text.partition(".")[2].rstrip("0")) for text in texts)
 
 
 def _too_many(data: Measurements, found: _Same, by_chance: Array) -> bool:
@@ -143,12 +150,3 @@ def _too_many(data: Measurements, found: _Same, by_chance: Array) -> bool:
         return False
     chance = float(by_chance[found.joints].max())
     return bool(binom.sf(equal - 1, max(again, equal), chance) < _CHANCE)
-
-
-def _named(data: Measurements, found: _Same, chosen: Mask) -> str:
-    names = data.poses.names
-    pairs = [
-        f"{names[i]} and {names[j]}"
-        for i, j in zip(found.earlier[chosen], found.later[chosen], strict=True)
-    ]
-    return ", ".join(pairs[:_SHOWN]) + (f" .. ({len(pairs)} in all)" if pairs[_SHOWN:] else "")

@@ -20,7 +20,7 @@ from calib.effects.base import Base
 from calib.errors import InputError
 from calib.files.read import read_text
 from calib.files.schema import CellFile
-from calib.files.yaml_text import Node, Scalar, number_at, read_yaml
+from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
 from calib.instruments import Camera
 from calib.instruments.camera_table import CameraTable
 
@@ -129,16 +129,11 @@ def _numbers(path: Path, what: str, node: Node | None) -> Array | None:
         return None
     if isinstance(node, dict):
         node = node.get("data", [])
-    found = np.array([number_at(path, own, _LARGEST, _IMPLAUSIBLE) for own in _scalars(node)])
+    own = [leaf for leaf in leaves(node) if isinstance(leaf, Scalar)]
+    found = np.array([number_at(path, leaf, _LARGEST, _IMPLAUSIBLE) for leaf in own])
     if not len(found) and not isinstance(node, list):
         raise InputError(path, what, "is no list of numbers", "write them as data: [..]")
     return found
-
-
-def _scalars(node: Node) -> list[Scalar]:
-    if isinstance(node, list):
-        return [own for part in node for own in _scalars(part)]
-    return [node] if isinstance(node, Scalar) else []
 
 
 def _five(path: Path, D: Array, model: str) -> Array:

@@ -78,7 +78,10 @@ def readings_of(
     that cannot be.
     """
     names, called = table.text("marker"), cell.channel_names
-    _check_markers(table, cell, names)
+    known = set(cell.read_names)
+    for row, name in enumerate(names):
+        if name not in known:
+            raise table.fault(row, "marker", *_unknown(cell, name))
     by_row = _instruments(table, cell)
     channels, shape = cell.channels, (count, len(cell.channels))
     readings = np.zeros((*shape, channels.width))
@@ -95,24 +98,22 @@ def readings_of(
         if len(own):
             numbers = _numbers(table, instrument, own)
             readings[pose[own], channel[own], : instrument.rows] = numbers
-            sigma[pose[own], channel[own]] = _own_sigma(
-                table, instrument, own, len(channels.instruments)
-            )
+            alone = len(channels.instruments) == 1
+            sigma[pose[own], channel[own]] = _own_sigma(table, instrument, own, alone)
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
             whose = table.text("pose")[row]
             what = f"pose {whose!r} has marker {names[row]!r} twice"
-            raise table.fault(
-                row, "marker", what, "give a repeated reading its own pose identifier"
-            )
+            remedy = "give a repeated reading its own pose identifier"
+            raise table.fault(row, "marker", what, remedy)
         seen[i, c] = True
     return readings, seen, sigma
 
 
-def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, beside: int) -> Array:
+def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, alone: bool) -> Array:
     """Standard deviations (rows,) that a table gives of an instrument's rows, SI; else NaN.
 
-    beside : instruments of the cell; with several a column may be empty
+    alone : whether the cell has no other instrument; with several a column may be empty
     """
     found = np.full(len(rows), np.nan)
     unit = instrument.numbers[0].unit
@@ -120,9 +121,7 @@ def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, beside: 
         if column not in table.columns:
             continue
         text = table.text(column)
-        told = np.array(
-            [bool(text[row]) or (beside == 1 and own == unit) for row in rows], dtype=bool
-        )
+        told = np.array([bool(text[row]) or (alone and own == unit) for row in rows], bool)
         if own != unit and told.any():
             right = next(name for name, (u, _) in SIGMAS.items() if u == unit)
             what = f"is for readings in {own}, and {instrument.name!r} reads {unit}"
@@ -194,13 +193,6 @@ def _instruments(table: CsvTable, cell: Cell) -> IntArray:
         if name not in numbers:
             raise table.fault(row, "instrument", f"{name!r} is not in the cell", known)
     return np.array([numbers[name] for name in names])
-
-
-def _check_markers(table: CsvTable, cell: Cell, names: list[str]) -> None:
-    known = set(cell.read_names)
-    for row, name in enumerate(names):
-        if name not in known:
-            raise table.fault(row, "marker", *_unknown(cell, name))
 
 
 def _unknown(cell: Cell, name: str) -> tuple[str, str]:

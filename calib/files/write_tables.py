@@ -147,16 +147,12 @@ _CHANGE = "change"
 
 def nominal_table(cell: Cell, path: Path) -> CsvTable:
     """The table of targets as text. Raises InputError, also for one that was corrected before."""
+    marks = tuple(f"{_CHANGE}_{joint}_" for joint in cell.robot.joints)
 
     def check(columns: tuple[str, ...]) -> None:
-        for joint in cell.robot.joints:
-            if any(name.startswith(f"{_CHANGE}_{joint}_") for name in columns):
-                raise InputError(
-                    path,
-                    "line 1",
-                    "holds corrected commands already",
-                    "give the nominal targets, or take out the columns of changes",
-                )
+        if any(name.startswith(marks) for name in columns):
+            remedy = "give the nominal targets, or take out the columns of changes"
+            raise InputError(path, "line 1", "holds corrected commands already", remedy)
 
     return read_table(path, (), check)
 
@@ -166,11 +162,9 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
 
     table : CsvTable, the targets that were compensated
     """
-    if is_cartesian(cell.robot, table.columns):
-        header = joint_header(cell.robot)
-        named = joint_columns(table.path, cell.robot, tuple(header))
-    else:
-        named = joint_columns(table.path, cell.robot, table.columns)
+    tips = is_cartesian(cell.robot, table.columns)
+    titles = tuple(joint_header(cell.robot)) if tips else table.columns
+    named = joint_columns(table.path, cell.robot, titles)
     joints = {
         column.name: [f"{value:.9g}" for value in column.numbers(q)]
         for column, q in zip(named, found.q.T, strict=True)
@@ -189,11 +183,7 @@ def _added(cell: Cell, found: Compensation) -> dict[str, list[str]]:
     ):
         unit, scale = ("um", 1e-6) if slides else ("mdeg", math.pi / 180e3)
         columns[f"{_CHANGE}_{joint}_{unit}"] = [f"{value / scale:.3f}" for value in change]
-    for name, errors in (
-        ("before", found.before),
-        ("left", found.left),
-        ("expected", found.expected),
-    ):
-        columns[f"{name}_mm"] = [f"{value * _MM:.5f}" for value in errors]
+    for name in ("before", "left", "expected"):
+        columns[f"{name}_mm"] = [f"{value * _MM:.5f}" for value in getattr(found, name)]
     columns["limited_by"] = list(found.limited_by)
     return columns

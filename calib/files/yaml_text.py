@@ -88,6 +88,11 @@ def number_at(
     return value
 
 
+def leaves(node: Node) -> list[Node]:
+    """What lists, and lists in lists, hold; a node of another kind alone."""
+    return [own for part in node for own in leaves(part)] if isinstance(node, list) else [node]
+
+
 def rewritten(text: str, values: Mapping[Scalar, str]) -> str:
     """The text with other values in place of those given."""
     for old in sorted(values, key=lambda scalar: -scalar.start):

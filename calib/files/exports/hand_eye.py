@@ -25,7 +25,7 @@ from calib.files.exports.points import (
     quaternion_frame,
 )
 from calib.files.exports.sheet import ExportTable, made_sheet
-from calib.files.yaml_text import Node, Scalar, number_at, read_yaml
+from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
 
 YAML = (".yaml", ".yml", ".json")
 Eye = Literal["in-hand", "on-base"]
@@ -125,7 +125,7 @@ def _frame(path: Path, number: int, sample: Node) -> Array:
     key = next((k for k in _OPTICAL if isinstance(sample, dict) and k in sample), None)
     node = sample[key] if key is not None and isinstance(sample, dict) else sample
     if isinstance(node, list):
-        values = [number_at(path, own) for own in _flat(node)]
+        values = [number_at(path, own) for own in leaves(node)]
     else:
         inner = node.get("transform", node) if isinstance(node, dict) else node
         values = []
@@ -148,10 +148,6 @@ def _frame(path: Path, number: int, sample: Node) -> Array:
     if not np.abs(T[:3, 3]).max() < _FARTHEST:
         raise InputError(path, where, "lies farther than 100 m", "samples count metres")
     return T
-
-
-def _flat(node: Node) -> list[Node]:
-    return [own for part in node for own in _flat(part)] if isinstance(node, list) else [node]
 
 
 def _word(path: Path, node: Node) -> str:

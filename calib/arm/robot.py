@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -26,6 +26,8 @@ _IN_WORDS = {
     "kinematics": "maker's kinematics file",
 }
 _FOLLOWS = 1e-7  # rad or m
+_LONGEST = 50.0  # m, of a slide; the longest tracks of robots are shorter
+_MOST_TURNS = 12.0  # of a joint that is not endless
 Place: TypeAlias = tuple[int, Array]
 """Where a link is: the number of the joint that carries it, 0 before the first one, and its frame
 (4, 4), m, in the frame that turns with the joint, or in the base."""
@@ -220,6 +222,24 @@ def weights_of(n: int, hung: Iterable[tuple[Place, float, Array]]) -> tuple[Arra
             masses[k - 1] += mass
             moments[k - 1] += mass * transformed(T, com)
     return masses, moments / np.where(masses == 0, 1.0, masses)[:, None]
+
+
+def odd_limits(robot: Robot) -> Iterator[str]:
+    """What is odd about joint limits: numbers of another unit, degrees or mm; and what to do."""
+    for joint, slides, (low, high) in zip(robot.joints, robot.prismatic, robot.limits, strict=True):
+        wide, span = float(high - low), f"{low:g} .. {high:g}"
+        if not np.isfinite(wide):
+            continue
+        if slides and wide > _LONGEST:
+            yield (
+                f"the limits of {joint}, {span} m, are too far apart for a slide: were "
+                "degrees or mm written? write metres in the robot's file, or give [robot.limits_mm]"
+            )
+        elif not slides and wide > 2.0 * np.pi * _MOST_TURNS:
+            yield (
+                f"the limits of {joint}, {span} rad, are {wide / (2.0 * np.pi):.0f} turns: "
+                "were degrees written? write radians in the robot's file, or give [robot.limits_deg]"
+            )
 
 
 def _proposed(*given: Any, **named: Any) -> Robot:

@@ -12,7 +12,6 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array
-from calib.cell.acceptance import Acceptance
 from calib.cell.planned import Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
@@ -39,6 +38,30 @@ class Repeatability:
 
     translation: float
     rotation: float
+
+
+Rule = Literal["simple", "guarded"]
+Verdict = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """What a cell asks of held-out points.
+
+    tolerance : float, m, of the distance of each point; rule : how a point is judged by it
+    """
+
+    tolerance: float
+    rule: Rule
+
+    def judge(self, distances: Array, expanded: Array) -> list[Verdict]:
+        """Each of the distances (n,), m, whose expanded uncertainties are (n,), m."""
+        guard = expanded if self.rule == "guarded" else np.zeros_like(expanded)
+        passed, failed = distances + guard <= self.tolerance, distances - guard > self.tolerance
+        return [
+            "pass" if p else "fail" if f else "undecided"
+            for p, f in zip(passed, failed, strict=True)
+        ]
 
 
 SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]

@@ -13,7 +13,7 @@ from calib.arm.robot import Capsule, Robot, Shapes
 from calib.arm.se3 import from_xyz_rpy
 from calib.arm.statics import Payload
 from calib.cell import Cell, Load, Repeatability
-from calib.cell.acceptance import Acceptance
+from calib.cell.cell import Acceptance
 from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned, Targets
 from calib.errors import InputError, UnknownEffect
 from calib.files import schema

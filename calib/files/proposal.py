@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from calib.arm.dh import robot_of_dh
-from calib.arm.odd_limits import odd_limits
-from calib.arm.robot import Convention, Form, Robot
+from calib.arm.robot import Convention, Form, Robot, odd_limits
 from calib.errors import InputError
 from calib.files.dh import dh_text
 from calib.files.kinematics import read_ur_calibration

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.cell.acceptance import Acceptance, Verdict
+from calib.cell.cell import Acceptance, Verdict
 from calib.identification import Identification, Residuals
 from calib.identification.start import whitening
 from calib.uncertainty.considered import common_displacements

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.cell.acceptance import Acceptance
+from calib.cell.cell import Acceptance
 from calib.uncertainty.acceptance import ConformityTest, judged
 from tests.calib.uncertainty import common_days as days
 

@@ -39,6 +39,18 @@ def designed(cell: Cell, targets: Path | None = None, **table: object) -> Cell:
     )
 
 
+def cell_text(
+    robot: str,
+    markers: str = "m1 = [0, 0, 300]",
+    effects: Sequence[str] = ("base", "tool", "geometry"),
+) -> str:
+    """The text of a small cell whose points are read to 0.01 mm; robot, markers : keys of theirs."""
+    return (
+        f"schema = 1\n[robot]\n{robot}\n[markers_mm]\n{markers}\n"
+        f"[instrument]\nsigma_mm = 0.01\n[model]\neffects = {json.dumps([*effects])}\n"
+    )
+
+
 def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = ()) -> Robot:
     """A serial chain with nothing special about it."""
     axes = rng.normal(size=(dof, 3))

@@ -18,7 +18,7 @@ from calib.files.mjcf_tree import WORLD, inside, joints_of, read_mjcf
 from calib.files.read import read_bytes, read_xml
 from calib.files.robot import load_robot, robot_files
 from calib.files.shapes import urdf_shapes
-from calib.files.urdf import MOVING
+from calib.files.urdf import Urdf
 
 _TIPS = ("tool0", "tcp", "tool", "ee", "eef", "end_effector", "attachment", "flange")
 _GROUND = ("world", "map", "odom", "ground", "footprint")
@@ -50,14 +50,12 @@ def urdf_ends(path: Path, root: Element) -> Ends:
     """Raises InputError where no joint moves, or links hang in a circle."""
     nodes = {e.get("name", ""): Node(e.get("name", ""), ()) for e in root.findall("link")}
     hung = set()
-    for joint in root.findall("joint"):
-        ends = [joint.find(end) for end in ("parent", "child")]
-        names = ["" if e is None else e.get("link", "") for e in ends]
-        if all(name in nodes for name in names) and names[1] not in hung:
-            hung.add(names[1])
-            nodes[names[0]].children.append(nodes[names[1]])
-            if joint.get("type") in MOVING:
-                nodes[names[1]].joints = (joint.get("name", ""),)
+    for joint in Urdf(path, root).joints.values():
+        if {joint.parent, joint.child} <= nodes.keys():
+            hung.add(joint.child)
+            nodes[joint.parent].children.append(nodes[joint.child])
+            if joint.moves:
+                nodes[joint.child].joints = (joint.name,)
     roots = [node for name, node in nodes.items() if name not in hung]
     for node in roots:
         _measure(node)

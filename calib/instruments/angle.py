@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from calib.arm.se3 import cross, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arm.se3 import cross, moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
 from calib.files.values import URAD, Positive
 from calib.instruments.points import Tracker
@@ -58,16 +58,12 @@ class Angle(Instrument):
         )
 
     def read(self, place: Array, points: Array) -> Array:
-        x, y, z = np.moveaxis(self._own(place, points), -1, 0)
-        return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
-
-    @staticmethod
-    def _own(place: Array, points: Array) -> Array:
         R = so3_exp(place[..., 3:])[..., None, None, :, :]
-        return rotate(R, points) + place[..., None, None, :3]
+        return _angles(rotate(R, points) + place[..., None, None, :3])
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        x, y, z = np.moveaxis(self._own(place, points), -1, 0)
+        own, R, by_place = moved_as_one(place[..., None, :], points)
+        x, y, z = np.moveaxis(own, -1, 0)
         level, none = np.hypot(x, y), np.zeros_like(x)
         away = level**2 + z**2
         by_own = np.stack(
@@ -77,10 +73,7 @@ class Angle(Instrument):
             ],
             axis=-2,
         )
-        R = so3_exp(place[..., 3:])[..., None, None, :, :]
-        turn = -R @ skew(points) @ so3_right_jacobian(place[..., 3:])[..., None, None, :, :]
-        by_place = np.concatenate([by_own, by_own @ turn], axis=-1)
-        return Linear(self.read(place, points), by_own @ R, by_place)
+        return Linear(_angles(own), by_own @ R, by_own @ by_place)
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """Once around is nothing."""
@@ -110,6 +103,12 @@ class Angle(Instrument):
         R, t, markers = resected(ideal, near, arm, (), None)
         told = arm.free & np.any(seen, axis=0)[:, None]
         return Start(np.concatenate([Q.T @ t, so3_log(Q.T @ R)]), markers, told)
+
+
+def _angles(own: Array) -> Array:
+    """Azimuth and elevation (..., 2), rad, of points (..., 3) in the instrument's axes."""
+    x, y, z = np.moveaxis(own, -1, 0)
+    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
 
 
 class AngleTable(KeysTable):

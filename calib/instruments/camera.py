@@ -15,10 +15,8 @@ from calib.arm.se3 import (
     fit_rigid,
     moved_as_one,
     rotate,
-    skew,
     so3_exp,
     so3_log,
-    so3_right_jacobian,
 )
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
@@ -176,14 +174,12 @@ class FixedCamera(Camera):
 
     def linearise(self, place: Array, points: Array) -> Linear:
         standing, lens, loose = self._split(place)
-        R = so3_exp(standing[..., 3:])[..., None, None, :, :]
-        own = rotate(R, points) + standing[..., None, None, :3]
+        own, R, by_standing = moved_as_one(standing[..., None, :], points)
         viewed, turned, by_motion = _viewed(own, loose)
         rows, by_viewed, by_lens = lens.linearise(viewed)
         by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
-        turn = -R @ skew(points) @ so3_right_jacobian(standing[..., 3:])[..., None, None, :, :]
         by_place = np.concatenate(
-            [by_own, by_own @ turn, by_lens[..., self.free], by_viewed @ by_motion], axis=-1
+            [by_own @ by_standing, by_lens[..., self.free], by_viewed @ by_motion], axis=-1
         )
         return Linear(rows, by_own @ R, by_place)
 
@@ -289,15 +285,14 @@ class ArmCamera(Camera):
         by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
         for k, board in enumerate(self.boards):
             shape = board.points
-            R = so3_exp(places[..., k, 3:])[..., None, :, :]
+            part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
             if loose.shape[-1]:
-                part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
                 shape, by_part = displaced_shape(loose[..., part], shape)
+            moved, R, by_place = moved_as_one(places[..., k, :], shape)
+            points[..., board.channels, :] = moved
+            by[..., board.channels, :, 6 * k : 6 * k + 6] = by_place
+            if loose.shape[-1]:
                 by_loose[..., board.channels, :, part] = R @ by_part
-            points[..., board.channels, :] = rotate(R, shape) + places[..., k, None, :3]
-            turn = so3_right_jacobian(places[..., k, 3:])[..., None, :, :]
-            by[..., board.channels, :, 6 * k : 6 * k + 3] = np.eye(3)
-            by[..., board.channels, :, 6 * k + 3 : 6 * k + 6] = -R @ skew(shape) @ turn
         return points, by, by_loose
 
     def read(self, place: Array, points: Array) -> Array:

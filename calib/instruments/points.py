@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from pydantic import Discriminator, Tag
 
-from calib.arm.se3 import rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
 from calib.files.values import MM, NotNegative, Positive, TomlTable, Vector
 from calib.instruments.common_errors import CommonError, CommonTable
@@ -78,12 +78,7 @@ class Tracker(Instrument):
         return rotate(R[..., None, None, :, :], points) + p[..., None, None, :]
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        R, p = self.placement(place)
-        R = R[..., None, None, :, :]
-        turn = -R @ skew(points)
-        turn = turn @ so3_right_jacobian(place[..., 3:])[..., None, None, :, :]
-        by_place = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1)
-        rows = rotate(R, points) + p[..., None, None, :]
+        rows, R, by_place = moved_as_one(place[..., None, :], points)
         return Linear(rows, R if place.any() else None, by_place)
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:

@@ -13,15 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import (
-    cross,
-    nearest_rotation,
-    rotate,
-    skew,
-    so3_exp,
-    so3_log,
-    so3_right_jacobian,
-)
+from calib.arm.se3 import cross, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import Motions
 from calib.instruments.protocol import Nominal
@@ -118,10 +110,9 @@ def _refined(ideal: Array, seen: Mask, points: Array, R: Array, t: Array) -> tup
     weights = np.repeat(seen, 2, axis=-1) / RESOLUTION
 
     def linearise(values: Array) -> tuple[Array, Array]:
-        R = so3_exp(values[..., 3:])[..., None, :, :]
-        predicted, by_point = rays_to(rotate(R, points) + values[..., None, :3])
-        turn = -R @ skew(points) @ so3_right_jacobian(values[..., 3:])[..., None, :, :]
-        J = np.concatenate([by_point, by_point @ turn], axis=-1)
+        seen_at, _, by_values = moved_as_one(values, points)
+        predicted, by_point = rays_to(seen_at)
+        J = by_point @ by_values
         r = (ideal - predicted).reshape((*values.shape[:-1], -1))
         return r * weights, J.reshape((*r.shape, 6)) * weights[..., None]
 
@@ -208,11 +199,10 @@ class _Images:
         """Residuals (..., 2 n) of the rays, and their derivatives (..., 2 n, p)."""
         u, by = self._on_tip(values)
         points = self.p_tip + rotate(self.R_tip, u)
-        R = so3_exp(values[..., 3:6])[..., None, :, :]
-        predicted, by_point = rays_to(rotate(R, points) + values[..., None, :3])
+        seen_at, R, by_place = moved_as_one(values[..., :6], points)
+        predicted, by_point = rays_to(seen_at)
         J = by_point @ (R @ (self.R_tip @ by))
-        turn = -R @ skew(points) @ so3_right_jacobian(values[..., 3:6])[..., None, :, :]
-        J[..., :3], J[..., 3:6] = by_point, by_point @ turn
+        J[..., :6] = by_point @ by_place
         r = (self.rays - predicted).reshape((*values.shape[:-1], -1))
         return r / RESOLUTION, J.reshape((*r.shape, self.size)) / RESOLUTION
 
@@ -225,11 +215,7 @@ class _Images:
         for part, own, points in self.boards:
             here = (self.channel >= own.start) & (self.channel < own.stop)
             local = points[self.channel[here] - own.start]
-            R = so3_exp(values[..., part][..., 3:])[..., None, :, :]
-            turn = so3_right_jacobian(values[..., part][..., 3:])[..., None, :, :]
-            u[..., here, :] = rotate(R, local) + values[..., part][..., None, :3]
-            J[..., here, :, part.start : part.start + 3] = np.eye(3)
-            J[..., here, :, part.start + 3 : part.stop] = -R @ skew(local) @ turn
+            u[..., here, :], _, J[..., here, :, part] = moved_as_one(values[..., part], local)
         for part, j in self.singles:
             here = self.channel == j
             u[..., here, :] = self.markers[j] + values[..., None, part]

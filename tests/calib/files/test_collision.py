@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from calib.files.shapes import mesh_vertices
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.obstacles import Floor
 from doe.constraints.self_collision import SelfCollision
+from tests.helpers import cell_text
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -60,18 +62,7 @@ def urdf() -> str:
     return f'<robot name="arm">{compiler}{"".join(links)}</robot>'
 
 
-CELL = """schema = 1
-[robot]
-urdf = "arm.urdf"
-base = "base_link"
-tip = "tool"
-[markers_mm]
-m1 = [0, 0, 300]
-[instrument]
-sigma_mm = 0.01
-[model]
-effects = ["base", "tool", "geometry"]
-"""
+CELL = cell_text('urdf = "arm.urdf"\nbase = "base_link"\ntip = "tool"')
 
 
 def stl(points: Array) -> bytes:
@@ -102,16 +93,16 @@ def load(folder: Path, *, robot: str = "", design: str = "", gravity: str = "") 
     return calib.load_cell(folder / "cell.toml")
 
 
-def in_mujoco(folder: Path) -> tuple[object, object]:
+def in_mujoco(folder: Path) -> tuple[Any, Any]:
     text = (folder / "arm.urdf").read_text().replace("package://arm/", "")
     assets = {name: (folder / name).read_bytes() for name in ("elbow.stl", "slide.obj")}
     model = mujoco.MjModel.from_xml_string(text, assets)
     return model, mujoco.MjData(model)
 
 
-def surface(model: object, data: object, g: int, rng: np.random.Generator) -> Array:
+def surface(model: Any, data: Any, g: int, rng: np.random.Generator) -> Array:
     """Points in a geom as MuJoCo has it, in the world."""
-    m, kind, size = model, model.geom_type[g], model.geom_size[g]  # type: ignore[attr-defined]
+    kind, size = model.geom_type[g], model.geom_size[g]
     Geom = mujoco.mjtGeom
     if kind == Geom.mjGEOM_SPHERE:
         v = rng.normal(size=(500, 3))
@@ -124,11 +115,11 @@ def surface(model: object, data: object, g: int, rng: np.random.Generator) -> Ar
         local = np.column_stack([size[0] * np.cos(turn), size[0] * np.sin(turn), z])
     else:
         assert kind == Geom.mjGEOM_MESH
-        at = m.geom_dataid[g]  # type: ignore[attr-defined]
-        begin, count = m.mesh_vertadr[at], m.mesh_vertnum[at]  # type: ignore[attr-defined]
-        local = np.array(m.mesh_vert[begin : begin + count])  # type: ignore[attr-defined]
-    R = data.geom_xmat[g].reshape(3, 3)  # type: ignore[attr-defined]
-    return np.asarray(local @ R.T + data.geom_xpos[g])  # type: ignore[attr-defined]
+        at = model.geom_dataid[g]
+        begin, count = model.mesh_vertadr[at], model.mesh_vertnum[at]
+        local = np.array(model.mesh_vert[begin : begin + count])
+    R = data.geom_xmat[g].reshape(3, 3)
+    return np.asarray(local @ R.T + data.geom_xpos[g])
 
 
 def test_every_shape_lies_in_a_capsule_at_every_pose(folder: Path) -> None:
@@ -143,9 +134,9 @@ def test_every_shape_lies_in_a_capsule_at_every_pose(folder: Path) -> None:
     scene = scene_of(cell, q)
     slack = []
     for n in range(len(q)):
-        data.qpos[:] = q[n]  # type: ignore[attr-defined]
+        data.qpos[:] = q[n]
         mujoco.mj_forward(model, data)
-        for g in range(model.ngeom):  # type: ignore[attr-defined]
+        for g in range(model.ngeom):
             points = surface(model, data, g, rng)
             away = [
                 to_segment(points, c.start[n], c.end[n]).max() - c.radius for c in scene.capsules
@@ -187,7 +178,7 @@ def test_pairs_that_meet_at_the_zero_pose_are_named_and_not_checked(folder: Path
     # folded back onto the base: MuJoCo, too, has the tool within reach of it
     q = np.array([[0.0, np.pi - 0.5, 0.4, -0.2]])
     model, data = in_mujoco(folder)
-    data.qpos[:] = q[0]  # type: ignore[attr-defined]
+    data.qpos[:] = q[0]
     mujoco.mj_forward(model, data)
     assert not found.allows(scene_of(cell, q)).any()
 
@@ -203,9 +194,9 @@ def test_the_floor_is_where_the_base_ends(folder: Path) -> None:
     allowed, lowest = floor.allows(scene_of(cell, q)), []
     model, data = in_mujoco(folder)
     for own in q:
-        data.qpos[:] = own  # type: ignore[attr-defined]
+        data.qpos[:] = own
         mujoco.mj_forward(model, data)
-        moving = [g for g in range(model.ngeom) if model.geom_bodyid[g] > 1]  # type: ignore[attr-defined]
+        moving = [g for g in range(model.ngeom) if model.geom_bodyid[g] > 1]
         lowest.append(min(surface(model, data, g, rng)[:, 2].min() for g in moving))
     under = np.array(lowest) < 0.0
     assert 10 < under.sum() < 50

@@ -17,20 +17,12 @@ from calib.arrays import Array
 from calib.files.dh import corrected_dh
 from calib.files.robot import corrected_robot
 from studies.demo.embedded import embedded_cell
+from tests.helpers import cell_text
 from tests.plain_arm import dh_pose, rows_of
 
-CELL = """schema = 1
-[robot]
-dh = "arm.csv"
-dh_convention = "{convention}"
-[markers_mm]
-m1 = [80, 0, 40]
-m2 = [-40, 70, 40]
-[instrument]
-sigma_mm = 0.01
-[model]
-effects = ["base", "tool", "geometry"]
-"""
+CELL = cell_text(
+    'dh = "arm.csv"\ndh_convention = "{convention}"', "m1 = [80, 0, 40]\nm2 = [-40, 70, 40]"
+)
 TABLES = {
     "three parallel axes": """joint,alpha_deg,a_mm,theta_deg,d_mm
 pan,90,0,0,162.5

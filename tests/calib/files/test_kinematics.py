@@ -19,19 +19,10 @@ from calib.files.kinematics import MODELS, nominal_ur, read_ur_calibration
 from calib.files.robot import corrected_robot
 from calib.files.urdf import load_urdf
 from calib.files.yaml_text import read_yaml
+from tests.helpers import cell_text
 from tests.plain_arm import dh_pose, rpy_pose, turn
 
-CELL = """schema = 1
-[robot]
-kinematics = "arm.yaml"
-{ends}
-[markers_mm]
-m1 = [80, 0, 40]
-[instrument]
-sigma_mm = 0.01
-[model]
-effects = ["base", "tool", "geometry"]
-"""
+CELL = cell_text('kinematics = "arm.yaml"\n{ends}', "m1 = [80, 0, 40]")
 PI = np.pi
 UR = {  # a UR5e by its published lengths
     "shoulder": [0, 0, 0.1625, 0, 0, 0],

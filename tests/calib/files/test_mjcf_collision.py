@@ -12,6 +12,7 @@ import calib
 from calib.cell import Cell
 from doe.constraints import scene_of
 from tests.calib.files.test_collision import to_segment
+from tests.helpers import cell_text
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -50,18 +51,7 @@ ARM = """
   </body>
 </worldbody></mujoco>
 """
-CELL = """schema = 1
-[robot]
-mjcf = "arm.xml"
-base = "BASE"
-tip = "tool"
-[markers_mm]
-m1 = [0, 0, 300]
-[instrument]
-sigma_mm = 0.01
-[model]
-effects = ["base", "tool", "geometry"]
-"""
+CELL = cell_text('mjcf = "arm.xml"\nbase = "BASE"\ntip = "tool"')
 OURS = ("base", "b1", "b2", "held", "b3", "b4", "tool", "finger")
 
 

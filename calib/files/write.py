@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import secrets
 import stat
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
 
     Raises InputError where a folder is missing, read-only or full; existing files stay whole.
     """
-    prepared: list[tuple[str, Path]] = []
+    prepared: list[tuple[Path, Path]] = []
     path = Path()
     for path in contents:
         check_target(path)
@@ -58,9 +58,10 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
                 path.write_bytes(data)  # a device or a pipe is written in place
                 continue
             target = path.resolve()
-            handle, name = tempfile.mkstemp(prefix=".posecal-", dir=target.parent)
-            prepared.append((name, target))
-            with os.fdopen(handle, "wb") as file:
+            name = target.parent / f".posecal-{secrets.token_hex(8)}"
+            prepared.append((name, target))  # before it is made: Ctrl-C may come at any moment
+            with name.open("xb") as file:
+                os.chmod(name, 0o600)
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
@@ -72,8 +73,7 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
         raise InputError(path, "", what, "choose another folder or free space") from None
     finally:
         for name, _ in prepared:
-            if os.path.exists(name):
-                os.unlink(name)
+            name.unlink(missing_ok=True)
 
 
 def _mode(path: Path) -> int:

@@ -19,6 +19,7 @@ from calib.arm.se3 import (
     so3_log,
 )
 from calib.arrays import Array, IntArray, Mask
+from calib.instruments.detection import Board, Detection
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
@@ -38,19 +39,11 @@ from calib.instruments.resection import Seen, board_poses, resected
 
 _LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _ENOUGH = 4  # images of a board that fix it: three, and one to spare
+_BEFORE = 2e-3  # m
 _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
 FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
 """Parts of a lens that may be unknown, by their names in a cell."""
-
-
-@dataclass(frozen=True, eq=False)
-class Board:
-    """A shape that is known: positions among the readings, and the points (n, 3), m, in its frame."""
-
-    name: str
-    channels: slice
-    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +53,7 @@ class Camera(Instrument):
     sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
     free : ndarray of int, positions of the unknown values of the lens
     believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
-    boards : tuple of Board, that it sees
+    boards : tuple of Board, that it sees; detection : Detection, when a board counts as seen
     standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
 
@@ -71,6 +64,7 @@ class Camera(Instrument):
     believed: Array = field(default_factory=lambda: np.full(9, np.nan))
     boards: tuple[Board, ...] = ()
     standing: Array | None = None
+    detection: Detection = field(default_factory=Detection)
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
     columns: ClassVar[tuple[ReadingColumn, ...]] = (
@@ -126,16 +120,44 @@ class Camera(Instrument):
         return replace(self, standing=place[: len(self.unknowns) - len(self.free)])
 
     @abstractmethod
-    def inside(self, points: Array) -> Mask:
-        """Whether points (..., 3 k), m, base axes, that a reading takes are in the image: (...)."""
+    def viewed(self, points: Array) -> Array | None:
+        """What points (m, C, 3 k), m, base axes, that readings take, show: (m, C, 3), camera axes.
 
-    def in_image(self, points: Array) -> Mask:
-        """Whether points (..., 3), m, camera axes, lie ahead and in the image, if its size is given."""
-        ahead = points[..., 2] > 0.0
+        None where nobody said where it, or its boards, stand.
+        """
+
+    @abstractmethod
+    def sees_from(self, board: Board, point: int) -> Array | None:
+        """The end (3,) in the world, m, base axes, of the line of sight to a point of a board.
+
+        None where it is not known. The other end is on the arm.
+        """
+
+    def found(self, points: Array) -> Mask:
+        """Which of the readings (m, C) a detector takes, of points (m, C, 3 k), m, base axes."""
+        viewed = self.viewed(points)
+        if viewed is None:
+            return np.ones(points.shape[:-1], dtype=bool)
+        seen = self._in_image(viewed)
+        focal = float(self.lens.values[FOCAL].min())
+        for board in self.boards:
+            own = (slice(None), board.channels)
+            shown = seen[own]
+            if len(board.rim):
+                shown &= self._in_image(board.rim_viewed(viewed[own])).all(axis=-1, keepdims=True)
+            seen[own] = board.found(viewed[own], shown, focal, self.detection)
+        return seen
+
+    def _in_image(self, viewed: Array) -> Mask:
+        """Whether points (..., 3), m, camera axes, are in focus and in the image, if it has a size."""
+        nearest, farthest = self.detection.focus
+        depth = viewed[..., 2]
+        ahead = (depth > nearest) & (depth <= farthest)
         if self.image is None:
             return np.asarray(ahead)
-        pixels = self.lens.project(points)
-        return np.asarray(ahead & ((pixels >= 0.0) & (pixels <= self.image)).all(axis=-1))
+        pixels, margin = self.lens.project(viewed), self.detection.margin
+        inside = (pixels >= margin) & (pixels <= self.image - margin)
+        return np.asarray(ahead & inside.all(axis=-1))
 
     def _split(self, place: Array) -> tuple[Array, Lens, Array]:
         """Where the camera, or its boards, stand; the lens; and what came loose."""
@@ -217,11 +239,14 @@ class FixedCamera(Camera):
             return None
         return np.asarray(-so3_exp(self.standing[3:]).T @ self.standing[:3])
 
-    def inside(self, points: Array) -> Mask:
-        """Whether points (..., 3), m, base axes, are before it and in its image."""
+    def sees_from(self, board: Board, point: int) -> Array | None:
+        del board, point
+        return self.position
+
+    def viewed(self, points: Array) -> Array | None:
         if self.standing is None:
-            return np.ones(points.shape[:-1], dtype=bool)
-        return self.in_image(rotate(so3_exp(self.standing[3:]), points) + self.standing[:3])
+            return None
+        return rotate(so3_exp(self.standing[3:]), points) + self.standing[:3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +286,22 @@ class ArmCamera(Camera):
             "base's frame, and of the camera on the tip"
         )
 
-    def inside(self, points: Array) -> Mask:
+    def viewed(self, points: Array) -> Array | None:
         if self.standing is None:
-            return np.ones(points.shape[:-1], dtype=bool)
-        centre, axes = self._seen_from(points.reshape((*points.shape[:-1], CORNERS, 3)))
+            return None
+        centre, axes = self.frame(points.reshape((*points.shape[:-1], CORNERS, 3)))
         targets, _, _ = self._targets(self.standing, np.zeros(0))
-        return self.in_image(rotate(axes, targets - centre))
+        return rotate(axes, targets - centre)
 
-    def _seen_from(self, corners: Array) -> tuple[Array, Array]:
+    def sees_from(self, board: Board, point: int) -> Array | None:
+        """A little before the board: what it lies on does not hide it."""
+        if self.standing is None:
+            return None
+        place = self.standing.reshape(-1, 6)[self.boards.index(board)]
+        lifted = board.points[point] - np.array([0.0, 0.0, _BEFORE if board.printed else 0.0])
+        return np.asarray(so3_exp(place[3:]) @ lifted + place[:3])
+
+    def frame(self, corners: Array) -> tuple[Array, Array]:
         """The centre (..., 3) and the axes (..., 3, 3), by rows, of the camera in base axes."""
         frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
         x, y = frame[..., 1, :], frame[..., 2, :]
@@ -298,7 +331,7 @@ class ArmCamera(Camera):
     def read(self, place: Array, points: Array) -> Array:
         standing, lens, loose = self._split(place)
         corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-        centre, axes = self._seen_from(corners)
+        centre, axes = self.frame(corners)
         targets, _, _ = self._targets(standing, loose[..., MOTION.stop :])
         own = rotate(axes, targets[..., None, :, :] - centre)
         return lens.project(_viewed(own, loose)[0])
@@ -306,7 +339,7 @@ class ArmCamera(Camera):
     def linearise(self, place: Array, points: Array) -> Linear:
         standing, lens, loose = self._split(place)
         corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-        centre, axes = self._seen_from(corners)
+        centre, axes = self.frame(corners)
         targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
         ray = targets[..., None, :, :] - centre
         viewed, turned, by_motion = _viewed(rotate(axes, ray), loose)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
@@ -10,8 +11,19 @@ from pydantic import Field, model_validator
 
 from calib.arm.se3 import inverse, so3_log
 from calib.arrays import Array
-from calib.files.values import BodyTable, Number, Positive, TomlTable
-from calib.instruments.camera import FREE, ArmCamera, Board, Camera, FixedCamera
+from calib.files.values import (
+    MM,
+    BoardTable,
+    BodyTable,
+    Count,
+    NotNegative,
+    Number,
+    Positive,
+    Range,
+    TomlTable,
+)
+from calib.instruments.camera import FREE, ArmCamera, Camera, FixedCamera
+from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
 from calib.instruments.lens import Lens
 from calib.instruments.protocol import CellParts, KeysTable
 
@@ -44,6 +56,11 @@ class CameraTable(BodyTable, KeysTable):
     intrinsics_std: (
         IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
     ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
+    margin_px: NotNegative = 10.0
+    max_tilt_deg: Annotated[Positive, Field(lt=90)] = 60.0
+    min_square_px: Positive | None = None
+    min_points: Count | None = None
+    focus_mm: Range = (0.0, 1e9)
 
     @model_validator(mode="after")
     def _one_lens(self) -> Self:
@@ -64,7 +81,7 @@ class CameraTable(BodyTable, KeysTable):
         for own, (table, points_named, points) in cell.boards.items():
             if table.on != self.on:
                 first = len(targets) + (0 if on_tip else cell.markers)
-                boards.append(Board(own, slice(first, first + len(points)), points))
+                boards.append(_board(own, table, slice(first, first + len(points)), points))
                 targets += points_named
                 if not on_tip:
                     reads += range(cell.parts[own].start, cell.parts[own].stop)
@@ -85,6 +102,13 @@ class CameraTable(BodyTable, KeysTable):
             free=np.flatnonzero(free),
             believed=believed,
             boards=tuple(boards),
+            detection=Detection(
+                self.margin_px,
+                math.radians(self.max_tilt_deg),
+                self.min_square_px,
+                self.min_points,
+                (self.focus_mm[0] * MM, self.focus_mm[1] * MM),
+            ),
             standing=self._standing([cell.boards[board.name][0] for board in boards]),
         )
 
@@ -109,3 +133,14 @@ def _believed(given: IntrinsicsStd | list[float]) -> Array:
             several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
             found[part] = several[: part.stop - part.start]
     return found
+
+
+def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Board:
+    """The board, with what OpenCV needs to find it: a chessboard whole, else some of its points."""
+    if table.squares is not None and table.marker_mm is None:
+        printed = (table.pitch_mm or 0.0) * MM
+        across, down = (n * printed for n in table.squares)
+        rim = np.array([[0, 0, 0], [across, 0, 0], [across, down, 0], [0, down, 0]])
+        return Board(name, channels, points, printed, LEAST_SQUARE, len(points), rim)
+    printed = (table.marker_mm or table.tag_mm or 0.0) * MM
+    return Board(name, channels, points, printed, LEAST_MARKER, 4 if printed else 1)

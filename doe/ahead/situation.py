@@ -10,6 +10,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell, Load
+from calib.cell.views import NUMBERS
 from calib.poses import Measurements, Poses
 from doe.ahead.conditions import Conditions, Hung, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
@@ -65,7 +66,8 @@ class Situation(Linearisation):
         q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
         if self.levels is not None:
             q[:, self.levels.joint] = rng.choice(self.levels.values, _CHUNK)
-        return in_turn_brought(self.cell, self.cell.robot.tied(q), self.levels)
+        even = rng.uniform(size=(_CHUNK, NUMBERS))
+        return in_turn_brought(self.cell, self.cell.robot.tied(q), even, self.levels)
 
     def allowed(self, q: Array) -> Array:
         """The configurations of (m, dof) that the cell allows under every load."""

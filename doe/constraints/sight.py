@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
 from calib.cell.contacts import contacts_of, touched
-from calib.instruments import Camera, Distance
+from calib.instruments import Camera, Distance, Instrument
+from calib.instruments.detection import Board
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import PlacedCapsule, Scene, turned
@@ -30,16 +32,26 @@ def read_by(scene: Scene) -> Mask:
 def visible(scene: Scene) -> Mask:
     """Whether each reading can be had at each configuration, shape (n, C): of a tracker each marker.
 
-    What is touched is read where it is (:func:`read_by`). All else is
-    hidden by a capsule across the beam, unless the marker itself sits in it; by a box or a ball
-    across the beam, unless the instrument itself stands in it; and by turning away further than
-    its acceptance, a quarter turn where only its normal is known; beside the image of a camera, and
-    out of the reach of a bar or wire. All are seen where nobody said where the instrument stands.
+    What is touched is read where it is (:func:`read_by`). All else is hidden by a capsule across the
+    beam, unless the marker itself sits in it; by a box or a ball across the beam, unless the instrument
+    itself stands in it; by turning away further than its acceptance, a quarter turn where only its normal
+    is known; where a camera's detector does not find it; and out of the reach of a bar or wire. All are
+    seen where nobody said where the instrument stands.
     """
     seen = read_by(scene)
     for _, channel, hidden in _hidings(scene):
         seen[hidden, channel] = False
+    for instrument, part in scene.cell.channels.blocks:
+        if isinstance(instrument, Camera):
+            for board in instrument.boards:
+                own = _channels(board, part)
+                seen[:, own] &= board.enough(seen[:, own], instrument.detection)[:, None]
     return seen
+
+
+def _channels(board: Board, part: slice) -> IntArray:
+    """The positions of a board's points among all readings of a cell, part : those of the camera."""
+    return np.arange(part.start + board.channels.start, part.start + board.channels.stop)
 
 
 def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
@@ -53,29 +65,47 @@ def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
 
 def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
-    channels = scene.cell.channels
-    for instrument, part in channels.blocks:
-        if isinstance(instrument, Camera | Distance):
-            points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
-            if isinstance(instrument, Camera):
-                each = points.reshape(len(scene), -1, 3 * instrument.each)
-                why, read = "beside the image", instrument.inside(each)
-            else:
-                why, read = "out of reach", instrument.within(points)
-            for channel, seen in enumerate(read.T, part.start):
-                yield why, channel, ~seen
-        at = instrument.position
-        if at is None:
-            continue
-        obstacles = [
-            o
-            for o in obstacles_of(scene.cell)
-            if o.ball is not None and o.from_point(at[None])[0] > 0.0
-        ]
-        for channel in range(part.start, part.stop):
-            j = int(channels.marker[channel])
-            for why, hidden in _hidden(scene, j, at, obstacles):
-                yield why, channel, hidden
+    for instrument, part in scene.cell.channels.blocks:
+        points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
+        if isinstance(instrument, Camera):
+            each = points.reshape(len(scene), -1, 3 * instrument.each)
+            yield from _unread(part, "not found in the image", instrument.found(each))
+        if isinstance(instrument, Distance):
+            yield from _unread(part, "out of reach", instrument.within(points))
+        for channels, marker, at in _beams(scene.cell, instrument, part):
+            obstacles = [
+                o
+                for o in obstacles_of(scene.cell)
+                if o.ball is not None and o.from_point(at[None])[0] > 0.0
+            ]
+            for why, hidden in _hidden(scene, marker, at, obstacles):
+                for channel in channels:
+                    yield why, channel, hidden
+
+
+def _beams(
+    cell: Cell, instrument: Instrument, part: slice
+) -> Iterator[tuple[list[int], int, Array]]:
+    """Lines of sight, one for each channel; of a board, five for all its points.
+
+    Yields the channels that it stands for, its marker on the arm, and its end (3,) in the world.
+    """
+    marker, single = cell.channels.marker, set(range(part.start, part.stop))
+    if isinstance(instrument, Camera):
+        for board in instrument.boards:
+            own = _channels(board, part)
+            single -= set(own.tolist())
+            for few, one in board.parts():
+                if (at := instrument.sees_from(board, one)) is not None:
+                    yield own[few].tolist(), int(marker[own[one]]), at
+    if (at := instrument.position) is not None:
+        for channel in sorted(single):
+            yield [channel], int(marker[channel]), at
+
+
+def _unread(part: slice, why: str, read: Mask) -> Iterator[tuple[str, int, Mask]]:
+    for channel, own in enumerate(read.T, part.start):
+        yield why, channel, ~own
 
 
 def _hidden(

@@ -13,6 +13,7 @@ from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.cell.contacts import brought, contacts_of
+from calib.cell.views import NUMBERS, looking, views_of
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.covariance import identifiable
@@ -30,6 +31,8 @@ _WORKERS = 2
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""
 _PER_LEVEL, _LONGEST = 20, 65_536
+OUT_OF_SIGHT = "out_of_sight"
+"""What removes a configuration at which no instrument reads anything."""
 
 
 def rounded(cell: Cell, q: Array) -> Array:
@@ -47,38 +50,56 @@ def rounded(cell: Cell, q: Array) -> Array:
 def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iterator[Array]:
     """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all.
 
-    In turn, too, they are brought to what is touched, and left for all instruments else.
+    In turn, too, they are brought to what is touched, and to where cameras see their boards, and left
+    for all instruments else.
     """
     from scipy.stats import qmc
 
     low, high = cell.robot.sample_limits().T
     free = np.flatnonzero(movable(cell, levels))
     rng = np.random.default_rng(seed)
-    sampler = qmc.Sobol(len(free), scramble=True, rng=rng) if len(free) else None
+    views = NUMBERS if views_of(cell) else 0
+    sampler = qmc.Sobol(len(free) + views, scramble=True, rng=rng) if len(free) else None
     for start in range(0, count, CHUNK):
         m = min(CHUNK, count - start)
-        q = np.tile(low, (m, 1))
+        q, even = np.tile(low, (m, 1)), np.zeros((m, views))
         if sampler is not None:
-            q[:, free] += sampler.random(CHUNK)[:m] * (high - low)[free]
+            points = sampler.random(CHUNK)[:m]
+            q[:, free] += points[:, : len(free)] * (high - low)[free]
+            even = points[:, len(free) :]
         q = rounded(cell, q)
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        yield in_turn_brought(cell, cell.robot.tied(q), levels, start)
+        yield in_turn_brought(cell, cell.robot.tied(q), even, levels, start)
 
 
-def in_turn_brought(cell: Cell, q: Array, levels: AngleLevels | None, start: int = 0) -> Array:
-    """Configurations (m, dof) at one contact after the other, and some at none if others read there.
+def in_turn_brought(
+    cell: Cell, q: Array, even: Array, levels: AngleLevels | None, start: int = 0
+) -> Array:
+    """Configurations (m, dof) for one instrument after the other: at a contact, in a view, anywhere.
 
+    even : ndarray, shape (m, 6), in [0, 1), how a board stands in a view; (m, 0) where there is none
     start : int, how many went before
     """
-    contacts = contacts_of(cell)
-    if not contacts:
+    contacts, views = contacts_of(cell), views_of(cell)
+    if not contacts and not views:
         return q
-    others = int(any(not i.touches for i in cell.instruments))
+    seeing = {view.camera.name for view in views}
+    others = int(any(not i.touches and i.name not in seeing for i in cell.instruments))
     count = 1 if levels is None else len(levels.values)
-    wanted = (np.arange(start, start + len(q)) // count) % (len(contacts) + others)
-    return brought(cell, q, np.where(wanted < len(contacts), wanted, -1), movable(cell, levels))
+    ways = len(contacts) + len(views)
+    wanted = (np.arange(start, start + len(q)) // count) % (ways + others)
+    free = movable(cell, levels)
+    q = brought(cell, q, np.where(wanted < len(contacts), wanted, -1), free)
+    if views:
+        viewing = (wanted >= len(contacts)) & (wanted < ways)
+        seen = looking(cell, q, np.where(viewing, wanted - len(contacts), -1), even, free)
+        q = np.where(viewing[:, None], rounded(cell, seen), q)
+        if levels is not None:
+            q[:, levels.joint] = levels.values[np.arange(start, start + len(q)) % count]
+        q = cell.robot.tied(q)
+    return q
 
 
 def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
@@ -178,10 +199,14 @@ def judge(
         removed[constraint.name] = np.bincount(level[~kept], minlength=count)
         if not kept.all():
             q, level = q[kept], level[kept]
+    seen = visible(scene_of(cell, q)) if len(q) else np.ones((0, len(cell.channels)), bool)
+    read = seen.any(axis=1)
+    if not read.all():
+        removed[OUT_OF_SIGHT] = np.bincount(level[~read], minlength=count)
+        q, level, seen = q[read], level[read], seen[read]
     if not len(q):
         empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Pool(q, empty, level, np.ones((0, len(cell.channels)), bool), total, removed)
-    seen = visible(scene_of(cell, q))
+        return Pool(q, empty, level, seen, total, removed)
     packed = pack(regressor.information(q, None if seen.all() else seen))
     return Pool(q, packed, level, seen, total, removed)
 

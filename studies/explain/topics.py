@@ -183,7 +183,8 @@ def _seeing(context: Context) -> Context:
     """The same arm, read by a camera on the tip that sees a board, in two sockets, and by a wire."""
     import numpy as np
 
-    from calib.instruments.camera import ArmCamera, Board
+    from calib.instruments.camera import ArmCamera
+    from calib.instruments.detection import Board
     from calib.instruments.distance import Distance
     from calib.instruments.socket import Socket
 

@@ -23,7 +23,7 @@ from calib.instruments import (
     Sphere,
     Tracker,
 )
-from calib.instruments.camera import Board
+from calib.instruments.detection import Board
 from calib.instruments.lens import Lens
 from calib.instruments.pose import corners_of
 from calib.model import Model

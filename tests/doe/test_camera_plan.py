@@ -1,0 +1,112 @@
+"""Plans for cameras: every pose is one that OpenCV's projection, and its detector, confirm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import load_cell
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.cell.views import looking, views_of
+from calib.errors import InputError
+from calib.files.exports.images import pattern_of, read_images
+from doe import design
+from doe.constraints import hidden_by, scene_of, visible
+from tests.calib.files.test_images import SQUARES, chessboard
+from tests.camera_cells import kr270_cell
+from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph
+from tests.plain_arm import tips
+
+BOARD = f'[boards.b]\non = "{{on}}"\n{SQUARES}\nposition_mm = {{at}}\nrpy_deg = {{rpy}}\n'
+CAMERA = f"""[instruments.cam]
+kind = "camera"
+focal_px = {FOCAL}
+center_px = {list(CENTER)}
+image_px = {list(SIZE)}
+sigma_px = 0.1
+on = "{{on}}"
+position_mm = {{at}}
+rpy_deg = {{rpy}}
+"""
+EFFECTS = ("base", "tool", "geometry")
+IN_HAND = (
+    BOARD.format(on="world", at=[1500, -100, 300], rpy=[180, 0, 0]),
+    CAMERA.format(on="tip", at=[60, 0, 80], rpy=[0, 0, 90]),
+)
+IN_WORLD = (
+    BOARD.format(on="tip", at=[100, -130, -90], rpy=[0, 180, 0]),
+    CAMERA.format(on="world", at=[3200, 0, 1800], rpy=[-90, 0, 90]),
+)
+
+
+def placed(cell: Cell, q: Array) -> Array:
+    """The board (m, 4, 4) in the camera's axes, link by link, by other code."""
+    tip, (view,) = tips(cell.robot, q), views_of(cell)
+    on_arm, in_world = tip @ view.tip, np.linalg.inv(view.world)
+    if view.camera.parts == {} or cell.bodies.get("cam") is None:
+        return in_world @ on_arm  # type: ignore[no-any-return]
+    return np.linalg.inv(on_arm) @ view.world  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        pytest.param(IN_HAND, id="in hand"),
+        pytest.param(IN_WORLD, id="in the world", marks=pytest.mark.long),
+    ],
+)
+def test_every_pose_of_a_plan_is_found_by_opencv(tables: tuple[str, str], tmp_path: Path) -> None:
+    path = kr270_cell(tmp_path, *tables, effects=EFFECTS)
+    cell = load_cell(path)
+    pattern = pattern_of(path, "b")
+    plan = design(cell, poses=20, candidates=2000)
+    K = np.array([[FOCAL, 0.0, CENTER[0]], [0.0, FOCAL, CENTER[1]], [0.0, 0.0, 1.0]])
+    found = 0
+    for T in placed(cell, plan.poses.q):
+        uv, _ = cv2.projectPoints(pattern.points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, None)
+        assert ((uv[:, 0] >= 9.99) & (uv[:, 0] <= np.array(SIZE) - 9.99)).all()
+        sight = pattern.points @ T[:3, :3].T + T[:3, 3]
+        angles = np.arccos(sight @ T[:3, 2] / np.linalg.norm(sight, axis=1))
+        assert np.degrees(angles).max() <= 60.01, "leans at most so far, and shows its face"
+        cv2.imwrite(str(tmp_path / "i.png"), photograph("opencv", chessboard(), T))
+        try:
+            found += len(read_images([tmp_path / "i.png"], [pattern])[0].points) == 40
+        except InputError:
+            continue
+    assert found >= 0.95 * len(plan.poses.q)
+
+
+@pytest.mark.parametrize("tables", [IN_HAND, IN_WORLD], ids=["in hand", "in the world"])
+def test_poses_are_solved_for(tables: tuple[str, str], tmp_path: Path) -> None:
+    cell = load_cell(kr270_cell(tmp_path, *tables, effects=EFFECTS))
+    rng = np.random.default_rng(0)
+    low, high = cell.robot.sample_limits().T
+    q = rng.uniform(low, high, (1000, 6))
+    even, free = rng.uniform(size=(1000, 6)), np.ones(6, dtype=bool)
+    solved = looking(cell, q, np.zeros(1000, dtype=int), even, free)
+    share = [visible(scene_of(cell, own)).all(axis=1).mean() for own in (q, solved)]
+    assert share[1] > 10.0 * share[0]
+    assert share[1] > 0.2
+    (view,) = views_of(cell)
+    wanted = view.placed(even, cell.robot.reach)
+    off = np.abs(placed(cell, solved) - wanted).max(axis=(1, 2))
+    assert (off < 1e-6).mean() > 0.05, "the arm is where the draw wanted it"
+
+
+def test_what_stands_before_a_board_hides_it(tmp_path: Path) -> None:
+    wall = '[[design.obstacle]]\ntype = "box"\ncenter_mm = [1500, 0, 500]\nsize_mm = [2000, 2000, 10]\n'
+    free = load_cell(kr270_cell(tmp_path, *IN_HAND, effects=EFFECTS))
+    rng = np.random.default_rng(1)
+    low, high = free.robot.sample_limits().T
+    q = rng.uniform(low, high, (500, 6))
+    q = looking(free, q, np.zeros(500, dtype=int), rng.uniform(size=(500, 6)), np.ones(6, bool))
+    q = q[visible(scene_of(free, q)).all(axis=1)]
+    assert len(q) > 50
+    walled = load_cell(kr270_cell(tmp_path, *IN_HAND, wall, effects=EFFECTS))
+    above = tips(free.robot, q)[:, 2, 3] > 0.8
+    hidden = ~visible(scene_of(walled, q)).any(axis=1)
+    assert hidden[above].all()
+    assert "behind obstacle 1 (box)" in hidden_by(scene_of(walled, q)).values()

@@ -34,8 +34,8 @@ def visible(scene: Scene) -> Mask:
 
     What is touched is read where it is (:func:`read_by`). All else is hidden by a capsule across the
     beam, unless the marker itself sits in it; by a box or a ball across the beam, unless the instrument
-    itself stands in it; by turning away further than its acceptance, a quarter turn where only its normal
-    is known; where a camera's detector does not find it; and out of the reach of a bar or wire. All are
+    itself stands in it; by turning away further than its acceptance, a quarter turn where only its
+    normal is known; where a camera's detector does not find it; and out of the reach of a bar or wire. All are
     seen where nobody said where the instrument stands.
     """
     seen = read_by(scene)
@@ -66,12 +66,15 @@ def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
 def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
     for instrument, part in scene.cell.channels.blocks:
-        points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
-        if isinstance(instrument, Camera):
-            each = points.reshape(len(scene), -1, 3 * instrument.each)
-            yield from _unread(part, "not found in the image", instrument.found(each))
-        if isinstance(instrument, Distance):
-            yield from _unread(part, "out of reach", instrument.within(points))
+        if isinstance(instrument, Camera | Distance):
+            points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
+            if isinstance(instrument, Camera):
+                each = points.reshape(len(scene), -1, 3 * instrument.each)
+                why, read = "not found in the image", instrument.found(each)
+            else:
+                why, read = "out of reach", instrument.within(points)
+            for channel, own in enumerate(read.T, part.start):
+                yield why, channel, ~own
         for channels, marker, at in _beams(scene.cell, instrument, part):
             obstacles = [
                 o
@@ -101,11 +104,6 @@ def _beams(
     if (at := instrument.position) is not None:
         for channel in sorted(single):
             yield [channel], int(marker[channel]), at
-
-
-def _unread(part: slice, why: str, read: Mask) -> Iterator[tuple[str, int, Mask]]:
-    for channel, own in enumerate(read.T, part.start):
-        yield why, channel, ~own
 
 
 def _hidden(

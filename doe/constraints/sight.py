@@ -35,8 +35,8 @@ def visible(scene: Scene) -> Mask:
     What is touched is read where it is (:func:`read_by`). All else is hidden by a capsule across the
     beam, unless the marker itself sits in it; by a box or a ball across the beam, unless the instrument
     itself stands in it; by turning away further than its acceptance, a quarter turn where only its
-    normal is known; where a camera's detector does not find it; and out of the reach of a bar or wire. All are
-    seen where nobody said where the instrument stands.
+    normal is known; where a camera's detector does not find it; and out of the reach of a bar or wire.
+    All are seen where nobody said where the instrument stands.
     """
     seen = read_by(scene)
     for _, channel, hidden in _hidings(scene):

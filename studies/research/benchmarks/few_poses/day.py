@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,23 +13,17 @@ import calib
 from calib.arrays import Array, IntArray
 from calib.effects.base import Base
 from calib.effects.tool import Tool
-from calib.files.write import json_text
 from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements, poses_at
 from studies.research.bench import rms_3d
 from studies.research.benchmarks.day import cell_text, placement, reflectors
-from studies.research.benchmarks.peers.judge import Left, environment, solved
-from studies.research.benchmarks.peers.work import Work
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.truth import tip_in_numpy, urdf
 
 SIGMA = 15e-6  # m, of one coordinate of the instrument
 READ, HELD = 40, 200  # poses
-SCATTER = (
-    20e-6,
-    20e-6,
-)  # m and rad, of one coordinate of an ordinary arm's tip, anew at each approach
+SCATTER = (20e-6, 20e-6)  # m and rad, of one coordinate of an ordinary arm's tip
 _LENGTHS, _ANGLES = (0.3e-3, 1e-3), (0.2e-3, 1e-3)  # m, rad: deviations of one arm's usual errors
 _GUESS = 2e-3  # m, by which a coordinate of a marker is guessed wrongly
 
@@ -99,14 +92,8 @@ DEFAULT, OFF = "posecal", "posecal, off"
 
 
 def cells_of(day: Day) -> dict[str, calib.Cell]:
-    """Ways of posecal: by default, and with ``size_prior = "off"`` where it knows that key."""
-    ways = {DEFAULT: read_cell(day)}
-    try:
-        ways[OFF] = read_cell(day, 'size_prior = "off"')
-    except calib.CalibError as refused:
-        if "size_prior" not in str(refused):
-            raise
-    return ways
+    """Ways of posecal: by default, and without the usual sizes of errors."""
+    return {DEFAULT: read_cell(day), OFF: read_cell(day, 'size_prior = "off"')}
 
 
 def read_cell(day: Day, more: str = "") -> calib.Cell:
@@ -189,41 +176,3 @@ def _fits(A: Array, B: Array, y: Array, penalties: Array) -> tuple[Array, Array]
     sizes = (gain * (U.T @ (y - free @ (free.T @ y)))) @ Vt
     rest = y[:, None] - B @ sizes.T
     return np.linalg.lstsq(A, rest, rcond=None)[0].T, sizes
-
-
-WAYS = {"map": "FIGAROH map", "map_cv": "FIGAROH map_cv"}
-
-
-def interpreter(folder: Path) -> Path | Left:
-    """Of an environment that has FIGAROH, made below a folder if it does not stand."""
-    return environment(folder, "figaroh")
-
-
-def solved_by_figaroh(python: Path, day: Day, poses: int) -> Mapping[str, Array | str]:
-    """Predicted points at the held-out poses (200, M, 3), m, or why there are none, by way."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        read = day.read[:poses]
-        joints = list(day.arm.names)
-        numbered = [f"{axis}{k + 1}" for k in range(len(day.markers)) for axis in "xyz"]
-        rows = np.column_stack([day.q[:poses], read.reshape(poses, -1)])
-        work = {
-            "name": day.arm.name, "tip": day.arm.tip, "base": day.arm.base, "joints": joints,
-            "markers": {f"m{k + 1}": m.tolist() for k, m in enumerate(day.guesses)},
-            "sigma": SIGMA, "ways": list(WAYS),
-        }  # fmt: skip
-        (folder / "work.json").write_text(json_text(work), encoding="utf-8")
-        (folder / "robot.urdf").write_text(urdf(day.arm, masses=False), encoding="utf-8")
-        _table(folder / "fit.csv", [*joints, *numbered], rows)
-        _table(folder / "heldout.csv", joints, day.held)
-        answer = solved(python, "figaroh_map", Work(folder, read, day.points(day.held)), 1)
-    if isinstance(answer, Left):
-        return dict.fromkeys(WAYS.values(), answer.why)
-    found: dict[str, Array | str] = {}
-    for run in answer["runs"]:
-        found[WAYS[run["way"]]] = run["failed"] or np.array(run["heldout"])
-    return found
-
-
-def _table(path: Path, head: list[str], rows: Array) -> None:
-    np.savetxt(path, rows, "%.12g", ",", header=",".join(head), comments="")

@@ -63,16 +63,12 @@ CASES = {
     "paper": Case(ELASTIC, 15, LEVELS),
     "paper, no masses": Case(ELASTIC, 15, LEVELS, masses=False),
     "elastic": Case(ELASTIC),
-    "elastic + base": Case(("base", *ELASTIC)),
-    "elastic + base, tool": Case(("base", "tool", *ELASTIC)),
     "geometric": Case(("base", "tool", "geometry"), loaded=False),
-    "all": Case(("base", "tool", "geometry", *ELASTIC)),
 }
 
 
-def problem(name: str, criterion: str) -> Problem:
-    """The design problem of a case, targets those of the milling task."""
-    case = CASES[name]
+def cell_of(case: Case) -> Cell:
+    """The embedded cell with the model of a case, targets those of the milling task."""
     with tempfile.TemporaryDirectory() as folder:
         targets = Path(folder) / "targets.csv"
         targets.write_text(TARGETS)
@@ -83,10 +79,16 @@ def problem(name: str, criterion: str) -> Problem:
             robot = replace(cell.robot, masses=np.zeros_like(cell.robot.masses))
             cell = replace(cell, robot=robot)
         own = Targets(targets, *calib.load_targets(cell, targets))
-        cell = replace(cell, design=Planned(targets=own))
-        asked = parse_levels(cell, case.levels) if case.levels else None
-        levels = levels_of(cell, asked, case.poses)
-        return problem_of(cell, Request(case.poses, criterion, levels))
+        return replace(cell, design=Planned(targets=own))
+
+
+def problem(name: str, criterion: str) -> Problem:
+    """The design problem of a case."""
+    case = CASES[name]
+    cell = cell_of(case)
+    asked = parse_levels(cell, case.levels) if case.levels else None
+    levels = levels_of(cell, asked, case.poses)
+    return problem_of(cell, Request(case.poses, criterion, levels))
 
 
 def pool(posed: Problem, count: int) -> Pool:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any
 
-import click
 import numpy as np
 
 import calib
@@ -27,10 +26,9 @@ from calib.model.build import build
 from calib.observations import Points
 from calib.poses import hung
 from calib.simulation import drawn_readings
-from studies.command.deliver import console_for
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.document.terminal import plain_table
-from studies.research.paper.plan import EFFECTS
+from studies.research.bench import Output, Row, bench, table
+from studies.research.benchmarks.design import ELASTIC
 
 NAMES = (*(f"chi_2{k}" for k in range(1, 6)), "chi_3", "chi_4", "chi_5", "chi_6")
 MICRO = 1e-6  # rad/(N m) in the unit of our tables
@@ -64,7 +62,7 @@ def cell_of_section_five(*effects: str) -> Cell:
     """The embedded cell without link weights: they act with and without the load alike."""
     cell = embedded_cell()
     light = replace(cell.robot, masses=np.zeros(cell.robot.dof))
-    return replace(cell, robot=light, effects=(*effects, *EFFECTS))
+    return replace(cell, robot=light, effects=(*effects, *ELASTIC))
 
 
 def compliances(model: Model) -> list[int]:
@@ -109,7 +107,7 @@ def predicted(com: Array, plan: Poses, cell: Cell) -> Array:
     As in section V: base, tool and geometry drop out of the differences, each of which has the noise of
     two readings. The load hangs at ``com`` (tip frame, m).
     """
-    bare = replace(cell, effects=EFFECTS, load=None)
+    bare = replace(cell, effects=ELASTIC, load=None)
     assert cell.load is not None  # noqa: S101  the embedded cell has one
     loaded = hung(plan, cell.load.mass, com.tolist())
     model = build(bare, loaded).model
@@ -147,120 +145,87 @@ def _judged(points: Array, plan: Poses, cell: Cell) -> list[LoadPoint]:
     return sorted((judge(com, plan, cell, printed) for com in off_axis), key=lambda p: p.scatter)
 
 
-@click.command()
-@click.option("--seed", default=0, show_default=True)
-def main(seed: int) -> None:
-    """Print Tables III and IV as identified from a simulated campaign at Table II."""
-    console = console_for(None)
+@bench()
+def main(seed: int) -> Output:
+    """Tables III and IV as identified from a simulated campaign at Table II, and their intervals."""
     cell = cell_of_section_five("base", "tool")
     data, model, truth = measured(cell, seed)
     results = identified(data, cell)
-    _print_table_three(console, model, truth, results)
-    _print_table_four(console, truth, model, results)
-    best = _print_intervals(console, cell)
-    _print_scan(console, best)
-
-
-def _print_table_three(
-    console: Any, model: Model, truth: Array, results: dict[str, calib.Identification]
-) -> None:
-    table = plain_table(
-        ("\n", "left"), ("\nunit", "left"), ("\ntruth", "right"), ("\njoint", "right"),
-        ("\ntwo-step", "right"), ("standard\ndeviation", "right"),
-    )  # fmt: skip
-    for i, p in enumerate(model.parameters):
-        if p.effect not in ("base", "tool"):
-            continue
-        shown = [truth[i], results["joint"].values[i], results["two-step"].values[i]]
-        table.add_row(
-            f"{p.where} {p.name}" if p.effect == "tool" else f"base {p.name}",
-            p.unit,
-            *(f"{value / p.scale:.4f}" for value in shown),
-            f"{results['joint'].std[i] / p.scale:.4f}",
-        )
-    console.print(
-        "Tables III and IV identified from one simulated campaign.\n\n"
-        "Table III: base, and markers as offsets from the printed positions\n"
-    )
-    console.print(table)
-
-
-def _print_table_four(
-    console: Any, truth: Array, model: Model, results: dict[str, calib.Identification]
-) -> None:
-    table = plain_table(
-        ("", "left"), ("Table IV", "right"), *((name, "right") for name in results),
-        ("std, joint", "right"), ("std, diff.", "right"), ("two-step - joint", "right"),
-    )  # fmt: skip
-    for name, i in zip(NAMES, compliances(model), strict=True):
-        joint, turns = results["joint"], results["two-step"]
-        table.add_row(
-            name,
-            f"{truth[i] / MICRO:.3f}",
-            *(f"{found.values[i] / MICRO:.4f}" for found in results.values()),
-            f"{joint.std[i] / MICRO:.4f}",
-            f"{results['differences'].std[i] / MICRO:.4f}",
-            f"{(turns.values[i] - joint.values[i]) / joint.std[i]:.0e} std",
-        )
-    console.print("\nTable IV: compliances, 1e-6 rad/(N m)\n")
-    console.print(table)
-
-
-def _print_intervals(console: Any, cell: Cell) -> list[LoadPoint]:
     plan, printed = embedded_plan(cell), np.array(tables()["interval"])
     best = scanned(plan, cell)
     assert cell.load is not None  # noqa: S101
     ours = judge(np.array(cell.load.com), plan, cell, printed)
-    found = best[0]
-    table = plain_table(
-        ("\n", "left"), ("printed\n+-", "right"),
-        (f"predicted std,\nload at {_mm(ours.com)}", "right"), ("printed /\npredicted", "right"),
-        (f"predicted std,\nload at {_mm(found.com)}", "right"), ("printed /\npredicted", "right"),
-    )  # fmt: skip
-    for i, name in enumerate(NAMES):
-        table.add_row(
-            name,
-            f"{printed[i]:.4f}",
-            *(
-                text
-                for point in (ours, found)
-                for text in (
-                    f"{point.std[i] / MICRO:.5f}",
-                    f"{printed[i] * MICRO / point.std[i]:.2f}",
-                )
-            ),
-        )
-    console.print(
+    told = {
+        "Table III: base and markers\n": _table_three(model, truth, results),
+        "\nTable IV: compliances, 1e-6 rad/(N m)\n": _table_four(model, truth, results),
         "\nintervals of Table IV, taken as one standard deviation, against the prediction for\n"
-        "loaded minus free readings, 1e-6 rad/(N m)\n"
-    )
-    console.print(table)
+        "loaded minus free readings, 1e-6 rad/(N m)\n": _intervals(printed, ours, best[0]),
+        f"\nthe best of {len(best)} load points: printed over predicted\n": [
+            _load_point(printed, point) for point in best[:5]
+        ],
+    }
     ratio = printed[KNOWN] * MICRO / ours.std[KNOWN]
-    console.print(
+    unit = (
         "\nThe unit: Table IV prints rad/(N mm) without a power of ten. At 1e-6 rad/(N m) its\n"
         f"intervals of chi_21 to chi_4 are {ratio.min():.1f} to {ratio.max():.1f} times what 0.01 mm "
         f"of noise leave open,\nand the load bends the arm by {_deflection(cell, plan)}. Read as "
         "printed, both would be\n1e9 times as much."
     )
-    return best
+    shown: list[object] = [part for above, rows in told.items() for part in (above, table(rows))]
+    return [*shown, unit], {above.strip(): rows for above, rows in told.items()}
 
 
-def _print_scan(console: Any, best: list[LoadPoint]) -> None:
-    printed = np.array(tables()["interval"])
-    table = plain_table(
-        ("\nload point [mm]", "left"), ("scatter of\nthe logs", "right"),
-        ("common\nfactor", "right"), ("chi_4", "right"), ("chi_5", "right"), ("chi_6", "right"),
-    )  # fmt: skip
-    for point in best[:5]:
-        ratio = printed * MICRO / point.std
-        table.add_row(
-            _mm(point.com),
-            f"{point.scatter:.3f}",
-            f"{point.factor:.2f}",
-            *(f"{r:.2f}" for r in ratio[6:]),
-        )
-    console.print(f"\nthe best of {len(best)} load points: printed over predicted\n")
-    console.print(table)
+def _table_three(model: Model, truth: Array, results: dict[str, calib.Identification]) -> list[Row]:
+    joint, turns = results["joint"], results["two-step"]
+    return [
+        {
+            "parameter": f"{p.where}.{p.name}",
+            "unit": p.unit,
+            "truth": f"{truth[i] / p.scale:.3f}",
+            "joint": f"{joint.values[i] / p.scale:.3f}",
+            "two-step": f"{turns.values[i] / p.scale:.3f}",
+            "standard\ndeviation": f"{joint.std[i] / p.scale:.3f}",
+        }
+        for i, p in enumerate(model.parameters)
+        if p.effect in ("base", "tool")
+    ]
+
+
+def _table_four(model: Model, truth: Array, results: dict[str, calib.Identification]) -> list[Row]:
+    joint, turns = results["joint"], results["two-step"]
+    return [
+        {
+            "compliance": name,
+            "truth": f"{truth[i] / MICRO:.3f}",
+            **{way: f"{found.values[i] / MICRO:.4f}" for way, found in results.items()},
+            "std": f"{joint.std[i] / MICRO:.4f}",
+            "std by\ndifferences": f"{results['differences'].std[i] / MICRO:.4f}",
+            "two-step\n- joint": f"{(turns.values[i] - joint.values[i]) / joint.std[i]:.0e} std",
+        }
+        for name, i in zip(NAMES, compliances(model), strict=True)
+    ]
+
+
+def _intervals(printed: Array, *points: LoadPoint) -> list[Row]:
+    rows = []
+    for i, name in enumerate(NAMES):
+        row = {"compliance": name, "printed\n+-": f"{printed[i]:.4f}"}
+        for point in points:
+            at = _mm(point.com)
+            row[f"predicted,\nload at {at}"] = f"{point.std[i] / MICRO:.5f}"
+            row[f"printed over\nthat, {at}"] = f"{printed[i] * MICRO / point.std[i]:.2f}"
+        rows.append(row)
+    return rows
+
+
+def _load_point(printed: Array, point: LoadPoint) -> Row:
+    ratio = printed * MICRO / point.std
+    return {
+        "load point [mm]": _mm(point.com),
+        "scatter of\nthe logs": f"{point.scatter:.3f}",
+        "common\nfactor": f"{point.factor:.2f}",
+        **{name: f"{r:.2f}" for name, r in zip(NAMES[6:], ratio[6:], strict=True)},
+    }
 
 
 def _mm(com: Array) -> str:
@@ -268,7 +233,7 @@ def _mm(com: Array) -> str:
 
 
 def _deflection(cell: Cell, plan: Poses) -> str:
-    data, model, truth = measured(replace(cell, effects=EFFECTS))
+    data, model, truth = measured(replace(cell, effects=ELASTIC))
     exact = model.predict(truth, data.poses)
     moved = np.linalg.norm(exact[len(plan) :] - exact[: len(plan)], axis=-1) * 1e3
     return f"{moved.min():.1f} to {moved.max():.1f} mm"

@@ -41,6 +41,7 @@ from studies.plots.style import (
     tidy,
 )
 from studies.report.arm_drawing import Viewpoint
+from studies.research.benchmarks.design import ELASTIC
 from studies.research.paper.arm import arm_of_equation_21
 from studies.research.paper.drawing import BODY, LIGHT, Drawing
 
@@ -286,7 +287,6 @@ def _outward(view: Viewpoint, tip: Array, point: Array) -> tuple[float, float]:
     return float(away[0]), float(away[1])
 
 
-ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 _JOINT_LABELS = (("A1", (22, 0)), ("A2", (-14, -14)), ("A3", (0, 20)), ("A4 A5 A6", (0, 18)))
 _SHOWN_DEFLECTION = 0.5  # m, how long the largest deflection is drawn
 

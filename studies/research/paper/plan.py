@@ -1,6 +1,6 @@
 """Table II's fifteen poses beside optimal ones.
 
-    python -m studies.research.paper.plan [--candidates N]
+    python -m studies.research.paper.plan [--candidates N] [--json FILE]
 
 The paper says how its poses were restricted (five angles of A2, joint limits, obstacles that it does
 not list) and not how they were chosen. Here are plans of the same size at the same levels within the
@@ -10,116 +10,60 @@ markers, base and tool known, nine compliances; targets of a milling task.
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
-
-import click
-import numpy as np
-
 import doe
-from calib import Cell, Poses, load_targets
-from calib.cell.planned import Planned, Targets
+from calib import Cell, Poses
 from doe.curve import poses_that_match
-from studies.command.deliver import console_for
-from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.document.terminal import plain_table
+from studies.demo.embedded import embedded_plan
+from studies.research.bench import Output, Row, bench, count, each, table
+from studies.research.benchmarks.design import CASES, LEVELS, cell_of
 
-EFFECTS = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
-LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
-TARGETS_DEG = ((0, -90, 90, 0, 45, 0), (30, -70, 100, 20, 60, 30), (-30, -50, 80, -30, -45, 10))
-
-
-@dataclass(frozen=True)
-class Case:
-    """A criterion and where its error counts; ``key`` is the figure of the assessment to compare."""
-
-    name: str
-    criterion: str
-    at_markers: bool
-    key: str
+CRITERIA = {
+    "task (markers)": ("task", True, "task_rms"),
+    "task (tip)": ("task", False, "task_rms"),
+    "A": ("A", True, "trace"),
+    "D": ("D", True, "determinant"),
+}
+"""Criterion, whether it counts at the markers, and the figure of the assessment to compare."""
 
 
-CASES = (
-    Case("task (markers)", "task", True, "task_rms"),
-    Case("task (tip)", "task", False, "task_rms"),
-    Case("A", "A", True, "trace"),
-    Case("D", "D", True, "determinant"),
-)
-
-
-def cell_of_the_paper(folder: Path, link_weights: bool) -> Cell:
-    """The embedded cell with the elastostatic model and the milling targets."""
-    rows = [",".join(f"A{k}_deg" for k in range(1, 7))]
-    rows += [",".join(map(str, row)) for row in TARGETS_DEG]
-    path = folder / "targets.csv"
-    path.write_text("\n".join([*rows, ""]), encoding="utf-8")
-    cell = embedded_cell()
-    robot = cell.robot if link_weights else replace(cell.robot, masses=np.zeros(cell.robot.dof))
-    cell = replace(cell, effects=EFFECTS, robot=robot)
-    targets = Targets(path, *load_targets(cell, path))
-    return replace(cell, design=Planned(targets=targets))
-
-
-def compared(cell: Cell, table_two: Poses, case: Case, candidates: int) -> dict[str, Any]:
+def compared(cell: Cell, table_two: Poses, name: str, candidates: int) -> Row:
     """An optimal plan beside Table II: both figures, their ratio, the proof, and poses that match."""
+    criterion, at_markers, key = CRITERIA[name]
     plan = doe.design(
         cell,
         levels=LEVELS,
-        criterion=case.criterion,
+        criterion=criterion,
         candidates=candidates,
-        at_markers=case.at_markers,
+        at_markers=at_markers,
         against={"Table II": table_two},
         curve=True,
     )
-    rival = plan.rivals["Table II"].assessment
-    own, theirs = getattr(plan.assessment, case.key), getattr(rival, case.key)
+    rival = plan.rivals["Table II"]
+    own, theirs = getattr(plan.assessment, key), getattr(rival.assessment, key)
     return {
-        "case": case.name,
+        "criterion": name,
         "optimal": own,
-        "table_two": theirs,
+        "Table II": theirs,
         "ratio": max(own / theirs, theirs / own),
-        "efficiency": plan.efficiency,
-        "table_two_efficiency": plan.rivals["Table II"].efficiency,
-        "poses_that_match": poses_that_match(plan.curve, plan)["Table II"],
-        "seconds": sum(plan.seconds.values()),
+        "proved": plan.efficiency,
+        "share of\nTable II": rival.efficiency,
+        "poses that\nmatch it": poses_that_match(plan.curve, plan)["Table II"],
+        "time [s]": sum(plan.seconds.values()),
     }
 
 
-@click.command()
-@click.option("--candidates", default=100_000, show_default=True)
-def main(candidates: int) -> None:
-    """Print the comparison, without and with the weight of the links."""
-    console = console_for(None)
-    with tempfile.TemporaryDirectory() as folder:
-        for link_weights in (False, True):
-            table = plain_table(
-                ("\ncriterion", "left"),
-                ("\noptimal", "right"),
-                ("\nTable II", "right"),
-                ("\nratio", "right"),
-                ("\nproved", "right"),
-                ("share of\nTable II", "right"),
-                ("poses that\nmatch it", "right"),
-                ("\ntime [s]", "right"),
-            )
-            cell = cell_of_the_paper(Path(folder), link_weights)
-            for case in CASES:
-                row = compared(cell, embedded_plan(cell), case, candidates)
-                table.add_row(
-                    row["case"],
-                    f"{row['optimal']:.4g}",
-                    f"{row['table_two']:.4g}",
-                    f"{row['ratio']:.2f}",
-                    f"{row['efficiency']:.4f}",
-                    f"{row['table_two_efficiency']:.3f}",
-                    str(row["poses_that_match"]),
-                    f"{row['seconds']:.1f}",
-                )
-            weights = "with the weights of the links" if link_weights else "massless arm"
-            console.print(f"\n{weights}, {candidates} candidates; task in m, A and D in urad/(N m)")
-            console.print(table)
+@bench(count("--candidates", 100_000))
+def main(candidates: int, seed: int) -> Output:
+    """Compare, without and with the weight of the links."""
+    del seed
+    shown: list[object] = []
+    found: dict[str, list[Row]] = {}
+    for case, arm in (("paper, no masses", "massless arm"), ("paper", "with the links' weights")):
+        cell = cell_of(CASES[case])
+        plan = embedded_plan(cell)
+        found[arm] = each(compared, ((cell, plan, name, candidates) for name in CRITERIA))
+        shown += [f"\n{arm}; task in m, A and D in urad/(N m)", table(found[arm])]
+    return shown, found
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 ``python -m studies.research.withheld make 600 --seed 1 FOLDER``, then ``run FOLDER --workers 2``, then
 ``score FOLDER --json score.json``. ``make .. --arm-noise`` draws arms that scatter from approach to
 approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
-first families; ``make .. --instruments`` arms that cameras, wires, motion capture and sockets read.
+first families; ``make .. --foreign`` causes of the catalogue by other formulas; ``make ..
+--instruments`` arms that cameras, wires, motion capture and sockets read.
 ``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
 ``black-box`` are the others); ``score`` sets all that answered side by side. ``run .. --first N`` where
 time is short: only the first cases are answered and count.
@@ -32,6 +33,7 @@ def main() -> None:
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Fresh for every check.")
 @click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
 @click.option("--real-arms", is_flag=True, help="Arms as real ones are: scatter, ripple, mixtures.")
+@click.option("--foreign", is_flag=True, help="Causes by formulas that no model has.")
 @click.option("--instruments", is_flag=True, help="Other instruments read, and faults of these.")
 def make(count: int, folder: Path, seed: int, **kinds: bool) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +33,12 @@ class Cause:
     size: float = 1.0
     shape: tuple[int, float] | None = None
 
-    def sized(self, factor: float) -> Cause:
+    @property
+    def scored(self) -> bool:
+        """Whether intervals of its parameters are to hold their values."""
+        return self.shape is None
+
+    def sized(self, factor: float) -> Self:
         """The same, so many times as large."""
         return replace(self, size=self.size * factor)
 
@@ -43,6 +49,26 @@ class Cause:
             joint, phase = self.shape
             factor *= 1.0 + 0.35 * np.sin(2.0 * scene.session.q[:, joint] + phase)
         action.add(_ACTS[self.effect](scene, state, self.where, self.values), factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign(Cause):
+    """A cause of the catalogue by another formula; its values are those of tuned parameters alone.
+
+    act : what it does at size one; alike : further names that are right
+    """
+
+    act: Callable[[Scene, State], Action] = field(kw_only=True)
+    alike: tuple[str, ...] = ()
+
+    @property
+    def scored(self) -> bool:
+        """Never: the parameters of its formula are not the catalogue's."""
+        return False
+
+    def add_to(self, action: Action, scene: Scene, state: State) -> None:
+        """Add what it does in a state."""
+        action.add(self.act(scene, state), np.full(scene.count, self.size))
 
 
 def places(scene: Scene) -> dict[str, list[str]]:

@@ -101,16 +101,21 @@ def class_of(effect: Entry) -> set[str]:
     return listed if len(listed) <= LARGEST_CLASS else {name_of(effect)}
 
 
+def names_of(truth: Entry) -> set[str]:
+    """Effects of a key that are right."""
+    return {name_of(truth), *truth.get("alike", ())}
+
+
 def is_named(effect: Entry, truth: Entry) -> bool:
     """The effect is the one of the key, at its cycles or its moment."""
-    return name_of(effect) == name_of(truth) and _tuned(effect, truth)
+    return name_of(effect) in names_of(truth) and _tuned(effect, truth)
 
 
 def is_listed(effect: Entry, truth: Entry) -> bool:
     """The same, or the one of the key is in its class."""
-    if name_of(effect) == name_of(truth):
+    if name_of(effect) in names_of(truth):
         return _tuned(effect, truth)
-    return name_of(truth) in class_of(effect)
+    return bool(names_of(truth) & class_of(effect))
 
 
 def is_true(effect: Entry, truths: Iterable[Entry], outside: Entry | None) -> bool:

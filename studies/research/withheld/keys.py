@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.research.withheld.causes import Cause, fitted_clock
+from studies.research.withheld.causes import Cause, Foreign, fitted_clock
 from studies.research.withheld.draw import Case
 from studies.research.withheld.effects import TUNED
 from studies.research.withheld.judge import SI, unit
@@ -266,6 +266,8 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str,
     if cause.shape is not None:
         entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
     slides = any(j.slides and j.name == cause.where for j in scene.arm.joints)
+    if isinstance(cause, Foreign) and cause.alike:
+        entry["alike"] = list(cause.alike)
     if cause.effect == "friction_windup":
         entry["twins"] = [f"backlash:{cause.where}"]  # both follow the approach alone
     entry |= tuning_of(scene, cause)
@@ -277,7 +279,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str,
                 "name": name,
                 "value": value * size / SI[shown],
                 "unit": shown,
-                "scored": cause.effect not in UNSCORED and cause.shape is None,
+                "scored": cause.effect not in UNSCORED and cause.scored,
             }
         )
     return entry

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.research.withheld import draw, instruments, keys, real_arms
+from studies.research.withheld import draw, foreign, instruments, keys, real_arms
 from studies.research.withheld.seal import COMMITMENT, commit_keys, write_json
 
 
@@ -29,6 +29,7 @@ POPULATIONS = {
     "first": Population(draw.SHARES, draw.draw_case),
     "arm_noise": Population(draw.SHARES, lambda rng, f: draw.draw_case(rng, f, arm_noise=True)),
     "real_arms": Population(real_arms.SHARES, real_arms.draw_real_case),
+    "foreign": Population(foreign.SHARES, foreign.draw_foreign_case),
     "instruments": Population(
         instruments.SHARES,
         instruments.draw_sensed,
@@ -36,7 +37,8 @@ POPULATIONS = {
         instruments.key_of,
     ),
 }
-"""The first families; the same with arms that scatter; arms as real ones are; other instruments."""
+"""The first families; the same with arms that scatter; arms as real ones are; causes by
+other formulas; other instruments."""
 
 
 def families(rng: np.random.Generator, count: int, shares: Mapping[str, float]) -> list[str]:

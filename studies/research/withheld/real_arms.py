@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -157,12 +157,12 @@ def draw_real_case(rng: np.random.Generator, family: str) -> Case:
         if family == "whole":
             scene = replace(scene, compliance=scene.compliance * 0.0, modelled=(), knots={})
         try:
-            return _filled(rng, family, conditions, scene)
+            return filled(rng, family, conditions, scene, _CAUSES)
         except NoSuchCase:
             continue
 
 
-class _Draft:
+class Draft:
     """A scene at rest, and how to measure what moves it."""
 
     def __init__(self, rng: np.random.Generator, conditions: RealConditions, scene: Scene) -> None:
@@ -196,19 +196,24 @@ class _Draft:
 Draw = Callable[[np.random.Generator, Scene], Cause]
 
 
-def _filled(
-    rng: np.random.Generator, family: str, conditions: RealConditions, scene: Scene
+def filled(
+    rng: np.random.Generator,
+    family: str,
+    conditions: RealConditions,
+    scene: Scene,
+    drawn_by: Mapping[str, Callable[[Draft], list[Cause]]],
 ) -> Case:
+    """A scene with the causes of a family. Raises NoSuchCase."""
     try:
-        draft = _Draft(rng, conditions, scene)
-        causes = _CAUSES[family](draft)
+        draft = Draft(rng, conditions, scene)
+        causes = drawn_by[family](draft)
         background = _background(draft, causes) if conditions.background else []
         return _case(draft, family, conditions, causes, background)
     except RuntimeError:  # too soft for its loads
         raise NoSuchCase from None
 
 
-def _mixture(draft: _Draft) -> list[Cause]:
+def _mixture(draft: Draft) -> list[Cause]:
     """Three to eight causes, each of a size of its own, no two of one kind at one place."""
     count, found = int(draft.rng.integers(*MIXED, endpoint=True)), dict[tuple[str, str], Cause]()
     for _ in range(4 * count):
@@ -219,12 +224,17 @@ def _mixture(draft: _Draft) -> list[Cause]:
     raise NoSuchCase
 
 
-def _whole(draft: _Draft) -> list[Cause]:
+def _whole(draft: Draft) -> list[Cause]:
     """The same kind at every joint, of one spread over the joints."""
     scene, rng = draft.scene, draft.rng
     found = all_places(scene)
     kind = str(rng.choice([kind for kind in WHOLE if len(found.get(kind, [])) > 2]))
-    drawn = [_member(rng, scene, kind, where) for where in found[kind]]
+    return sized_together(draft, [_member(rng, scene, kind, where) for where in found[kind]])
+
+
+def sized_together(draft: Draft, drawn: Sequence[Cause]) -> list[Cause]:
+    """Causes scaled alike until all together have a drawn noncentrality. Raises NoSuchCase."""
+    scene, rng = draft.scene, draft.rng
     low, high = np.log(_TOGETHER)
     wanted = float(np.exp(rng.uniform(low, high)))
     for _ in range(3):
@@ -236,7 +246,7 @@ def _whole(draft: _Draft) -> list[Cause]:
         map(_too_rough, drawn)
     ):
         raise NoSuchCase
-    return drawn
+    return list(drawn)
 
 
 def _member(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Cause:
@@ -250,7 +260,7 @@ def _member(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Ca
     return Cause(kind, where, direction(rng, ("cos_1", "sin_1", "cos_2", "sin_2")))
 
 
-_CAUSES: dict[str, Callable[[_Draft], list[Cause]]] = {
+_CAUSES: dict[str, Callable[[Draft], list[Cause]]] = {
     "null": lambda _: [],
     "single": lambda draft: [draft.sized(draw_real, None)],
     "mixture": _mixture,
@@ -259,7 +269,7 @@ _CAUSES: dict[str, Callable[[_Draft], list[Cause]]] = {
 }
 
 
-def _background(draft: _Draft, causes: list[Cause]) -> list[Cause]:
+def _background(draft: Draft, causes: list[Cause]) -> list[Cause]:
     """Fine ripples at the joints that have none of their own."""
     own = {c.where for c in causes if c.effect == "gear_ripple"}
     joints = [name for name in draft.scene.ratios if name not in own]
@@ -277,7 +287,7 @@ def _too_rough(cause: Cause) -> bool:
 
 
 def _case(
-    draft: _Draft,
+    draft: Draft,
     family: str,
     conditions: RealConditions,
     causes: list[Cause],
@@ -317,7 +327,7 @@ def _case(
 
 
 def _excess(
-    draft: _Draft, everything: list[Cause], moves: list[Array], beside: tuple[float, ...]
+    draft: Draft, everything: list[Cause], moves: list[Array], beside: tuple[float, ...]
 ) -> float:
     """Of a fit that has the visible causes and no others."""
     seen = [b > VISIBLE for b, _ in zip(beside, moves, strict=False)]

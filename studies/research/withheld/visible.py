@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
-from studies.research.withheld.causes import Cause
+from studies.research.withheld.causes import Cause, Foreign
 from studies.research.withheld.effects import TUNED
 from studies.research.withheld.outside import BEYOND, OUTSIDE
 from studies.research.withheld.robots import Array
@@ -125,7 +125,8 @@ def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> 
     By differences of the simulator at the true size; cycles, time constants and moments stand at
     their true values.
     """
-    if cause.effect in BEYOND or cause.effect in OUTSIDE:  # of which nobody fits a parameter
+    # Of which nobody fits a parameter.
+    if isinstance(cause, Foreign) or cause.effect in BEYOND or cause.effect in OUTSIDE:
         return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
     names = [name for name in cause.values if name not in TUNED]
     tuned = {name: value for name, value in cause.values.items() if name in TUNED}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.causes import NameEvidence
-from studies.research.benchmarks.conclusions.weights import chance, fitted
+from studies.research.benchmarks.weights import chance, fitted
 
 PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
 
@@ -36,4 +36,4 @@ def test_weights_are_found_again() -> None:
     rng, truth = np.random.default_rng(3), np.array([1.0, -2.0, 0.5])
     A = np.column_stack([np.ones(4000), rng.normal(size=(4000, 2))])
     right = (rng.random(4000) < chance(A, truth)).astype(float)
-    assert fitted(A, right, np.ones(4000), (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)
+    assert fitted(A, right, (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)

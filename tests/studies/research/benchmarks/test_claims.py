@@ -3,14 +3,44 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 pytest.importorskip("mujoco")
 
 from studies.research.benchmarks.claims import SENTENCES, Said, main, summaries
+from studies.research.benchmarks.day import ARMS, SIGMA, Setting, draw_day
+
+
+@pytest.mark.parametrize("index", [0, 1], ids=["joints", "tip"])
+@pytest.mark.parametrize("arm", ARMS)
+def test_tip_scatters_by_so_much(arm: str, index: int) -> None:
+    """The tip from its markers: weights that add up to one and balance them at its origin."""
+    day = draw_day(Setting(arm, 30e-6, 1, 40, 6), index, 0)
+    assert bool(day.scatter.joints.any()) == (index == 0)
+    sums = np.vstack([day.markers.T, np.ones(6)])
+    weights = np.linalg.lstsq(sums, [0.0, 0.0, 0.0, 1.0], rcond=None)[0]
+    moved = np.einsum("m,tmi->ti", weights, day.approached - day.reached)
+    rms = np.sqrt(np.mean(np.sum(moved**2, axis=1)))
+    assert rms == pytest.approx(30e-6, rel=0.15)
+
+
+def test_instrument_and_approaches() -> None:
+    """Each pose so often, others between; without scatter the noise of the instrument alone."""
+    day = draw_day(Setting("6R", 0.0, 3, 40, 3), 0, 0)
+    poses = [name[:4] for name in day.names]
+    assert all(poses.count(pose) == 3 for pose in set(poses))
+    assert all(a != b for a, b in pairwise(poses))
+    assert np.std(day.read - day.exact) == pytest.approx(SIGMA, rel=0.06)
+    np.testing.assert_array_equal(day.approached, day.reached)
+    loose = draw_day(Setting("6R", 30e-6, 3, 40, 3), 0, 0)
+    assert np.std(loose.read - loose.exact) > 1.4 * SIGMA
+    again = draw_day(Setting("6R", 30e-6, 3, 40, 3), 0, 0)
+    np.testing.assert_array_equal(loose.read, again.read)
 
 
 def test_summaries_by_hand() -> None:

@@ -99,15 +99,8 @@ def test_a_thousand_calibrations_scatter_as_predicted() -> None:
         assert judged.p > 0.01
 
 
-def test_the_gain_is_the_weighting_of_approach_one() -> None:
-    plain, full = table_one.random_factors(30, seed=4)
-    assert plain.min() > 1.0 - 1e-9
-    assert np.median(plain, axis=0).max() > 1.2
-    np.testing.assert_allclose(full, 1.0, rtol=1e-9)
-
-
 def test_printed_side_by_side() -> None:
-    done = CliRunner().invoke(table_one.main, ["--trials", "50", "--settings", "5"])
+    done = CliRunner().invoke(table_one.main, ["--trials", "50"])
     assert done.exit_code == 0, done.output
     line = next(row for row in done.output.splitlines() if row.startswith("dq2"))
     assert line.split()[:4] == ["dq2", "mdeg", "3.742", "3.650"]

@@ -96,7 +96,7 @@ def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
     own = [ids.index(f"joint_offset:{joint}.offset") for joint in ("j2", "j3", "j4")]
     np.testing.assert_allclose(np.sqrt(np.diag(cov))[own], found.assessment.std[own], rtol=1e-3)
     rng, statistics = np.random.default_rng(0), []
-    for _ in range(8):
+    for _ in range(5):
         touched = settled(q, site, missed, rng)
         names = np.array(["a", "b"])[site] if kind == "sockets" else None
         readings = np.zeros((len(q), 1, 3 if kind == "sockets" else 1))

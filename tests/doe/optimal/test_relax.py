@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doe.optimal.allowed import Allowed, bound, survivors
+from doe.optimal.allowed import Allowed, bound
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.exchange import exchange, greedy, robust_exchange, smallest_left
 from doe.optimal.relax import conic_weights, newton_weights, relax
@@ -86,7 +86,7 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("rules", SMALL)
 @pytest.mark.parametrize("name", ["D", "A", "task", "E", "task-worst"])
 def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
@@ -99,17 +99,6 @@ def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
     assert relaxed.bound >= optimum * (1.0 - 1e-9)
     assert value <= optimum * (1.0 + 1e-9)
     assert value >= 0.999 * optimum
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_survivors_hold_the_optimum(name: str) -> None:
-    rng = np.random.default_rng(21)
-    allowed = SMALL["levels"]
-    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
-    optimum, plan = best_by_exhaustion(criterion, blocks, allowed)
-    relaxed = relax(criterion, blocks, allowed)
-    kept = survivors(relaxed.G, blocks, allowed, optimum * (1.0 - 1e-6))
-    assert np.isin(plan, kept).all()
 
 
 def test_fixed_rows_count() -> None:

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arm.robot import Convention, Robot
-from calib.arm.se3 import displacement, inverse, rotate, so3_exp, so3_log, transform
+from calib.arm.se3 import displacement, inverse, rotate, so3_exp, so3_log, transform, transformed
 from calib.arrays import Array
 
 
@@ -224,7 +224,7 @@ def _normal(
     to_axis : ndarray, shape (4, 4), that takes the base to the frame; point, z : of the next axis, in
         the base; d0 : m, the foot on parallel axes, None for the one that is level with ``point``
     """
-    p, z = rotate(to_axis[:3, :3], point) + to_axis[:3, 3], rotate(to_axis[:3, :3], z)
+    p, z = transformed(to_axis, point), rotate(to_axis[:3, :3], z)
     x = np.array([-z[1], z[0], 0.0])
     parallel = np.linalg.norm(x) < _PARALLEL
     if parallel:

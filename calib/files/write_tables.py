@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +64,11 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return out.getvalue()
 
 
+def columns_text(columns: Mapping[str, Sequence[str]]) -> str:
+    """The text of a CSV table of columns that are equally long."""
+    return csv_text(list(columns), zip(*columns.values(), strict=True))
+
+
 def measurements_csv(cell: Cell, data: Measurements) -> str:
     """The text of ``measurements.csv``: a row for each reading, with all that is known of it.
 
@@ -73,37 +78,42 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
     read_by = [i for i, part in cell.channels.blocks for _ in range(part.start, part.stop)]
     channels = list(zip(read_by, cell.channel_names, strict=True))
+    pose, channel = (part.tolist() for part in np.nonzero(data.seen))
+    read = [channels[c] for c in channel]
+
+    def each(texts: Sequence[str]) -> list[str]:
+        return [texts[i] for i in pose]
+
+    table = {"pose": each(poses.names), "marker": [marker for _, marker in read]}
+    if sum(len(own.names) for own in cell.instruments) > 1:
+        sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
+        table["instrument"] = [
+            own.name_at(sites[i]) for i, (own, _) in zip(pose, read, strict=True)
+        ]
+    table |= {name: each(texts) for name, texts in _joint_texts(cell.robot, poses.q).items()}
+    shown = [
+        _reading_texts(own, data.readings[i, c])
+        for i, c, (own, _) in zip(pose, channel, read, strict=True)
+    ]
     columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
-    header = measurement_columns(cell.robot, cell.instruments, poses.q)
-    joints = _joint_texts(cell.robot, poses.q)
-    several = "instrument" in header
-    loaded = bool(wrench.any())
-    header += WRENCH if loaded else ()
-    session = _session(cell, poses)
-    header += session
-    rows = []
-    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
-    for i, c in np.argwhere(data.seen):
-        instrument, marker = channels[c]
-        row = [poses.names[i], marker, *([instrument.name_at(sites[i])] if several else [])]
-        row += [texts[i] for texts in joints.values()]
-        row += _reading_text(instrument, data.readings[i, c], columns)
-        row += [f"{value:.6f}" for value in wrench[i]] if loaded else []
-        row += [texts[i] for texts in session.values()]
-        rows.append(row)
-    return csv_text(header, rows)
+    table |= {name: [texts.get(name, "") for texts in shown] for name in columns}
+    if wrench.any():
+        loads = zip(WRENCH, wrench.T, strict=True)
+        table |= {name: each([f"{value:.6f}" for value in own]) for name, own in loads}
+    table |= {name: each(texts) for name, texts in _session(cell, poses).items()}
+    return columns_text(table)
 
 
-def _reading_text(instrument: Instrument, numbers: Array, columns: Iterable[str]) -> list[str]:
-    """A row of an instrument, empty in the columns of others."""
-    own = written_columns(instrument)
+def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
+    """A row of an instrument by its columns."""
     entries = instrument.entries_of(numbers[: instrument.rows])
     digits = (5 if column.quantity == "length" else 9 for column in instrument.columns)
-    shown = {
+    return {
         name: f"{value / scale:.{places}f}"
-        for (name, scale), value, places in zip(own, entries, digits, strict=True)
+        for (name, scale), value, places in zip(
+            written_columns(instrument), entries, digits, strict=True
+        )
     }
-    return [shown.get(name, "") for name in columns]
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
@@ -131,14 +141,10 @@ def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
 
     level : ndarray, shape (m,), as shown; NaN for none
     """
-    with_level = bool(np.isfinite(level).any())
-    joints = _joint_texts(cell.robot, poses.q)
-    header = ["pose", *joints, *(["level"] if with_level else [])]
-    rows = []
-    for i, (name, own) in enumerate(zip(poses.names, level, strict=True)):
-        row = [name, *(texts[i] for texts in joints.values())]
-        rows.append([*row, f"{own:.9g}"] if with_level else row)
-    return csv_text(header, rows)
+    columns = {"pose": list(poses.names), **_joint_texts(cell.robot, poses.q)}
+    if np.isfinite(level).any():
+        columns["level"] = [f"{own:.9g}" for own in level]
+    return columns_text(columns)
 
 
 _MM = 1e3
@@ -172,7 +178,7 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
     columns |= _added(cell, found)
-    return csv_text(list(columns), zip(*columns.values(), strict=True))
+    return columns_text(columns)
 
 
 def _added(cell: Cell, found: Compensation) -> dict[str, list[str]]:

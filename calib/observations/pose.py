@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform
+from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform, transformed
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.observations.points import Observation, Points, points_of
@@ -88,7 +88,7 @@ class PoseObservation(Observation):
         With the full weighting the fit of the pose is itself weighted by the noise of the points.
         """
         T = fit_rigid(self.data.points, self._congruent, self._fitted)
-        marked = rotate(T[..., None, :3, :3], self._congruent) + T[..., None, :3, 3]
+        marked = transformed(T[..., None, :, :], self._congruent)
         used = self.data.seen & self.usable[:, None]
         weights = self.weights if self.weighting == "full" else None
         L = pose_from_points(marked, T[..., :3, 3], used, weights)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp
+from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp, transformed
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
 from calib.model import Model
@@ -80,7 +80,7 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
     shape = np.broadcast_to(markers, (*points.shape[:-3], *markers.shape))
     for _ in range(_ROUNDS):
         T = fit_rigid(points, shape[..., None, :, :], seen.astype(float))
-        marked = rotate(T[..., None, :3, :3], shape[..., None, :, :]) + T[..., None, :3, 3]
+        marked = transformed(T[..., None, :, :], shape[..., None, :, :])
         rest = ((points - marked) * seen[..., None]).reshape((*T.shape[:-2], -1))
         step = rotate(shape_response(T, shape, seen), rest).sum(axis=-2)
         shape = shape + step.reshape(shape.shape)
@@ -97,7 +97,7 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
 def _laid(shape: Array, markers: Array, free: Mask) -> Array:
     """The shape moved onto the markers, and then so that what is not free coincides."""
     T = fit_rigid(np.broadcast_to(markers, shape.shape), shape)
-    laid = rotate(T[..., None, :3, :3], shape) + T[..., None, :3, 3]
+    laid = transformed(T[..., None, :, :], shape)
     for _ in range(_ROUNDS if not free.all() else 0):
         off = (laid - markers)[..., ~free]
         if np.abs(off).max(initial=0.0) < _SETTLED_M:

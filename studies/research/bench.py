@@ -23,7 +23,6 @@ from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
-from studies.research.withheld.figures import wilson
 from studies.research.withheld.tables import table as table
 
 Row = dict[str, Any]
@@ -117,16 +116,6 @@ class _Here:
         return None
 
     map = staticmethod(map)
-
-
-def rate(hits: int, n: int, ends: bool = True) -> str:
-    """So many of so many, and where asked the share with Wilson's interval, in percent."""
-    if not n:
-        return "-"
-    if not ends:
-        return f"{hits} of {n}"
-    low, high = wilson(hits, n)
-    return f"{hits} of {n}\n{100 * hits / n:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
 
 
 def median_or_more(counts: Sequence[int | None], most: int) -> str:

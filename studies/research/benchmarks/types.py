@@ -35,7 +35,7 @@ from calib.population import Prior, population
 from calib.population.hierarchy import RobotEstimate
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
-from studies.research.bench import Output, Row, bench, count, each, median_or_more, rate, table
+from studies.research.bench import Output, Row, bench, count, each, median_or_more, table
 from studies.research.benchmarks.changes import arms
 
 LEARNT = (0, 1, 3, 10, 100)
@@ -187,8 +187,8 @@ def _row(own: list[Outcome]) -> Row:
         "poses simulated": median_or_more([o.needed for o in own], max(POSES)),
         "held": f"{held:.3f}",
         "tail": f"{tail:.3f}",
-        "strangers": rate(sum(strange), len(strange), ends=False),
-        "knocked": rate(sum(knocked), len(knocked), ends=False),
+        "strangers": f"{sum(strange)} of {len(strange)}",
+        "knocked": f"{sum(knocked)} of {len(knocked)}",
     }
 
 

@@ -61,34 +61,14 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
 Figure: TypeAlias = tuple[str, bool | None, str, Test, Bar | None]
 FIGURES: tuple[Figure, ...] = (
     ("null", None, "false alarms", lambda j: j.alarm, (0.0, 0.04)),
-    ("single", True, "something found", lambda j: j.gap, None),
     ("single", True, "named exactly", lambda j: j.exact, (0.85, 1.0)),
-    (
-        "single",
-        True,
-        "named exactly, or has a twin",
-        lambda j: j.exact or (j.twin and j.found),
-        None,
-    ),
     ("single", True, "within its class", lambda j: j.found, (0.93, 1.0)),
-    ("single", True, "the same, and nothing else", lambda j: j.found and not j.further, None),
     ("single", True, "located", lambda j: j.located, (0.93, 1.0)),
-    ("single", True, "further effects named", lambda j: j.further, None),
-    ("single", True, "confidently misnamed", lambda j: j.misnamed, None),
-    ("single", False, "something found", lambda j: j.gap, None),
-    ("single", False, "within its class", lambda j: j.found, None),
-    ("single", False, "confidently misnamed", lambda j: j.misnamed, None),
+    ("single", True, "called explained", lambda j: j.explained, None),
     ("pair", True, "both found", lambda j: j.found, (0.75, 1.0)),
-    ("pair", True, "named exactly", lambda j: j.exact, None),
-    ("pair", True, "both located", lambda j: j.located, None),
-    ("pair", False, "both found", lambda j: j.found, None),
-    ("outside", True, "something found", lambda j: j.gap, None),
     ("outside", True, "unknown and located", lambda j: j.unknown_located, (0.85, 1.0)),
-    ("outside", True, "located", lambda j: j.located, None),
-    ("outside", True, "located with its variable", lambda j: j.depends, None),
     ("outside", True, "confidently misnamed", lambda j: j.misnamed, (0.0, 0.04)),
     ("shape", True, "right cause listed", lambda j: j.found, (0.85, 1.0)),
-    ("shape", True, "located", lambda j: j.located, None),
     ("shape", True, "called explained", lambda j: j.explained, (0.0, 0.10)),
 )
 
@@ -122,26 +102,19 @@ FIRST = Questions(FIGURES, ("single",), (1.05, 1.2))
 _REAL_FIGURES: tuple[Figure, ...] = (
     ("null", None, "false alarms", lambda j: j.alarm, (0.0, 0.04)),
     ("null", None, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
-    ("single", True, "something found", lambda j: j.gap, None),
     ("single", True, "named exactly", lambda j: j.exact, None),
     ("single", True, "within its class", lambda j: j.found, (0.93, 1.0)),
     ("single", True, "located", lambda j: j.located, (0.95, 1.0)),
     ("single", True, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
-    ("single", False, "within its class", lambda j: j.found, None),
     ("single", False, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
-    ("mixture", True, "something found", lambda j: j.gap, None),
     ("mixture", True, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
     ("whole", True, "its kind named", lambda j: _kind_named(j), None),
     ("whole", True, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
-    ("outside", True, "something found", lambda j: j.gap, None),
     ("outside", True, "unknown and located", lambda j: j.unknown_located, (0.85, 1.0)),
-    ("outside", True, "located", lambda j: j.located, None),
-    ("outside", True, "located with its variable", lambda j: j.depends, None),
     ("outside", True, "confidently misnamed", lambda j: j.sure_wrong, (0.0, 0.03)),
 )
 _EACH = "mixture, each visible cause"
 _JOINT = "whole, each visible joint"
-_SIZES = ((60.0, 200.0), (200.0, 600.0), (600.0, float("inf")))
 
 
 @dataclass(frozen=True)
@@ -156,18 +129,10 @@ REAL = _Real(_REAL_FIGURES, ("single", "mixture", "whole"), (1.06, 1.2))
 def _each(judged: Sequence[Judgement]) -> list[Rate]:
     """Causes of mixtures and joints of whole arms, one by one, by class membership."""
     mixed, joints = _causes(judged, "mixture"), _causes(judged, "whole")
-    found = [
+    return [
         _found(_EACH, "cause found", mixed, (0.75, 1.0)),
-        *(
-            _found(_EACH, _band(size), [c for c in mixed if _sized_within(c, size)])
-            for size in _SIZES
-        ),
+        _found(_JOINT, "joint found", joints),
     ]
-    several = [j for j in judged if j.family == "mixture" and j.visible]
-    for low, high in ((3, 4), (5, 6), (7, 8)):
-        own = [j for j in several if low <= len(j.causes) <= high]
-        found.append(_found(_EACH, f"of {low} or {high} causes", _causes(own, "mixture")))
-    return [*found, _found(_JOINT, "joint found", joints)]
 
 
 def _overall(judged: Sequence[Judgement]) -> list[Rate]:
@@ -198,19 +163,6 @@ def _found(family: str, figure: str, causes: Sequence[CauseJudged], bar: Bar | N
     return Rate(family, figure, sum(c.found for c in causes), len(causes), bar)
 
 
-def _sized_within(cause: CauseJudged, size: tuple[float, float]) -> bool:
-    return size[0] < cause.beside <= size[1]
-
-
-def _band(size: tuple[float, float]) -> str:
-    low, high = size
-    return (
-        f"noncentrality above {low:g}"
-        if high == float("inf")
-        else f"noncentrality {low:g} to {high:g}"
-    )
-
-
 def _kind_named(j: Judgement) -> bool:
     kind = j.truth[0].partition(":")[0]
     return any(name.partition(":")[0] == kind for name in j.named)
@@ -225,7 +177,6 @@ _READ_FIGURES: tuple[Figure, ...] = (
         own
         for family in ("single", "instrument")
         for own in (
-            (family, True, "something found", lambda j: j.gap, None),
             (family, True, "named exactly", lambda j: j.exact, None),
             (family, True, "within its class", lambda j: j.found, (0.93, 1.0)),
             (family, True, "located", lambda j: j.located, (0.93, 1.0)),

@@ -184,21 +184,17 @@ class Judgement:
 
     visible : every cause's noncentrality, beside the others, is above 60; of a mixture or a whole
         arm that of one is
-    twin : another effect moves everything alike, so that its own name is a matter of luck
     answered : there is an answer
-    gap : it says that there is something
     alarm : it says so where nothing is; that an arm scatters is true of one that does
     exact : it names the causes and nothing else, each by its own name
     found : every cause is named, or is in a class of at most four
     located : the place of largest share is right; of two causes, the first two
     unknown_located : it calls the cause unknown, and its place is right; or names it, where the
         catalogue holds it by now
-    depends : what the located cause depends on is right too
     misnamed : an effect that is not there is explained with confidence
     sure_wrong : an effect that is not there is named with confidence, whatever the verdict
     causes : each by itself
     explained : it says that nothing is left to explain
-    further : it names effects that are not there
     statements : probability and truth of each named effect
     covered : effect, and whether the 95 % interval of a parameter holds the truth, of each parameter
         of a rightly named effect
@@ -215,22 +211,18 @@ class Judgement:
     truth: tuple[str, ...]
     noncentrality: float
     visible: bool
-    twin: bool
     answered: bool
     verdict: str
     named: tuple[str, ...]
-    gap: bool
     alarm: bool
     exact: bool
     found: bool
     located: bool
     unknown_located: bool
-    depends: bool
     misnamed: bool
     sure_wrong: bool
     causes: tuple[CauseJudged, ...]
     explained: bool
-    further: bool
     statements: tuple[tuple[float, bool], ...]
     covered: tuple[tuple[str, bool], ...]
     over_floor: float
@@ -267,17 +259,14 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
         noncentrality=key["noncentrality"],
         visible=bool(causes)
         and _SEEN.get(key["family"], min)(cause["beside"] for cause in causes) > VISIBLE,
-        twin=any(len(cause["places"]) > 1 or cause.get("twins") for cause in causes),
         answered=answer is not None,
         verdict=verdict,
         named=tuple(name_of(effect) for effect in effects),
-        gap=answer is not None and verdict != "no_gap",
         alarm=not (causes or _silent(key, given)),
         exact=bool(main) and _exactly(main, truths, effects),
         found=bool(main) and all(any(is_listed(e, t) for e in effects) for t in main),
         located=located,
         unknown_located=located and (verdict == "unknown" or (held and not wrong)),
-        depends=located and _depends_right(causes, given),
         misnamed=verdict == "explained"
         and any((e.get("probability") or 0.0) > CONFIDENT for e in wrong),
         sure_wrong=bool(sure),
@@ -286,7 +275,6 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
             for t in main
         ),
         explained=verdict == "explained",
-        further=len(wrong) > 0 and len(effects) > len(main),
         statements=tuple(
             (float(e["probability"]), any(is_named(e, truth) for truth in truths))
             for e in effects
@@ -307,11 +295,6 @@ def _exactly(
     """Each cause is named once, and nothing but what is there."""
     once = all(sum(is_named(e, truth) for e in effects) == 1 for truth in main)
     return once and all(any(is_named(e, truth) for truth in truths) for e in effects)
-
-
-def _depends_right(causes: list[dict[str, Any]], answer: dict[str, Any]) -> bool:
-    first = answer["located"][0].get("depends_on")
-    return any(first in cause["depends_on"] for cause in causes)
 
 
 def _silent(key: dict[str, Any], answer: dict[str, Any]) -> bool:

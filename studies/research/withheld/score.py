@@ -134,7 +134,7 @@ def _short(j: Judgement) -> dict[str, Any]:
 
 
 Row = dict[str, Any]
-_BY_ANYONE = ("false alarms", "something found")  # figures of programs that name nothing, too
+_BY_ANYONE = ("false alarms",)  # figures of programs that name nothing, too
 _NONE = "-"
 
 
@@ -152,7 +152,6 @@ def show(console: Console, result: Row) -> None:
     figures = zip(*map(_rated, scores.values()), strict=True)
     console.print(table(_figure(scores, rows) for rows in figures))
     console.print("  visible: noncentrality above 60 beside all that is modelled; faint: below.")
-    console.print("  twin: another effect moves every marker alike.")
     console.print("\nOf effects named with some probability, how many are there (in %)")
     naming = {name: score for name, score in scores.items() if score["names"]}
     bins = zip(*(score["reliability"] for score in naming.values()), strict=True)

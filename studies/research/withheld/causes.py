@@ -9,13 +9,13 @@ from typing import Self
 import numpy as np
 
 from studies.research.withheld.effects import AXES, CATALOGUE, EFFECTS, segment
-from studies.research.withheld.outside import BEYOND, OUTSIDE
+from studies.research.withheld.outside import BEYOND, OUTSIDE, outside_here
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.truth import Action, State
 
 Values = dict[str, float]
-_ACTS = {**CATALOGUE, **EFFECTS, **{name: o.act for name, o in {**OUTSIDE, **BEYOND}.items()}}
+_ACTS = {**CATALOGUE, **EFFECTS, **OUTSIDE, **BEYOND}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +122,7 @@ def draw_cause(rng: np.random.Generator, scene: Scene) -> Cause:
 
 def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:
     """A cause that the catalogue does not hold."""
-    kinds = [name for name, o in OUTSIDE.items() if not o.needs or o.needs in scene.columns]
-    return outside_of(rng, scene, str(rng.choice(kinds)))
+    return outside_of(rng, scene, str(rng.choice(outside_here(scene))))
 
 
 def outside_of(rng: np.random.Generator, scene: Scene, kind: str) -> Cause:
@@ -303,8 +302,9 @@ def cause_at(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> C
 def draw_beyond(rng: np.random.Generator, scene: Scene) -> Cause:
     """A cause that the catalogue does not hold, one of the further ones every other time."""
     if rng.random() < 0.5:
-        allowed = [k for k, o in OUTSIDE.items() if not o.needs or o.needs in scene.columns]
-        usual = [kind for kind in allowed if kind not in _HELD and _possible(scene, kind)]
+        usual = [
+            kind for kind in outside_here(scene) if kind not in _HELD and _possible(scene, kind)
+        ]
         return outside_of(rng, scene, str(rng.choice(usual)))
     kinds = [kind for kind in BEYOND if kind != "cable_force" or scene.modelled]
     kind = str(rng.choice(kinds))

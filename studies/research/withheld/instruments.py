@@ -384,7 +384,6 @@ def _entry(case: Sensed, cause: Cause | Fault) -> dict[str, Any]:
         "where": where[0],
         "places": list(where),
         "twins": [f"{cause.effect}:{other}" for other in where[1:]],
-        "depends_on": [],
         "noncentrality": case.noncentrality,
         "beside": case.noncentrality,
         "parameters": list(_parameters(cause)),

@@ -255,7 +255,6 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str,
         "effect": cause.effect,
         "where": cause.where,
         "places": _places(scene, cause),
-        "depends_on": _depends(scene, cause),
         "noncentrality": alone,
         "beside": beside,
         "parameters": [],
@@ -314,14 +313,3 @@ def _places(scene: Scene, cause: Cause) -> list[str]:
         # The first axis stands upright: its bearing tilts as the base does.
         return ["base", upright]
     return [where]
-
-
-def _depends(scene: Scene, cause: Cause) -> list[str]:
-    """What the answer may say that the cause depends on; empty where this is not scored."""
-    if cause.effect not in _BEYOND_CATALOGUE:
-        return []
-    names = scene.arm.names
-    k = names.index(cause.where) if cause.where in names else 0
-    return [
-        text.format(k=names[k], j=names[k - 1]) for text in _BEYOND_CATALOGUE[cause.effect].depends
-    ]

@@ -1,8 +1,6 @@
-"""Causes that no catalogue holds. Each says where it sits and on what it may be said to depend."""
+"""Causes that no catalogue holds."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -105,32 +103,22 @@ def settling_base(scene: Scene, state: State, where: str, values: Values) -> Act
     return action
 
 
-@dataclass(frozen=True)
-class Outside:
-    """act : the cause; depends : what the answer may name, {k} the joint and {j} the one before it."""
+OUTSIDE: dict[str, Effect] = {
+    effect.__name__: effect
+    for effect in (
+        marker_drift, marker_heat, marker_load, third_harmonic, damaged_teeth, creep, cable_pull,
+        wandering_axis, overshoot, warm_encoder, hardening_drive, slipped_joint, bent_beam,
+        settling_base,
+    )
+}  # fmt: skip
+_NEEDS = {"marker_heat": "temperature", "warm_encoder": "temperature"} | dict.fromkeys(
+    ("marker_drift", "creep", "overshoot", "slipped_joint", "settling_base"), "time"
+)
 
-    act: Effect
-    depends: tuple[str, ...]
-    needs: str = ""
 
-
-_TURN = ("q:{k}",)
-OUTSIDE: dict[str, Outside] = {
-    "marker_drift": Outside(marker_drift, ("time",), "time"),
-    "marker_heat": Outside(marker_heat, ("temperature",), "temperature"),
-    "marker_load": Outside(marker_load, ("load",)),
-    "third_harmonic": Outside(third_harmonic, _TURN),
-    "damaged_teeth": Outside(damaged_teeth, _TURN),
-    "creep": Outside(creep, ("load", "time"), "time"),
-    "cable_pull": Outside(cable_pull, ("q:{k}", "q:{j}")),
-    "wandering_axis": Outside(wandering_axis, ("q:{j}", "q:{k}")),
-    "overshoot": Outside(overshoot, ("motion:{k}",), "time"),
-    "warm_encoder": Outside(warm_encoder, ("temperature",), "temperature"),
-    "hardening_drive": Outside(hardening_drive, ("load",)),
-    "slipped_joint": Outside(slipped_joint, ("time",), "time"),
-    "bent_beam": Outside(bent_beam, ("range",)),
-    "settling_base": Outside(settling_base, ("time",), "time"),
-}
+def outside_here(scene: Scene) -> list[str]:
+    """Kinds whose variable the files of a scene show."""
+    return [kind for kind in OUTSIDE if kind not in _NEEDS or _NEEDS[kind] in scene.columns]
 
 
 def _marker(scene: Scene, where: str, values: Values, by: Array) -> Action:
@@ -174,9 +162,6 @@ def saturating_lag(scene: Scene, state: State, where: str, values: Values) -> Ac
     return action
 
 
-BEYOND: dict[str, Outside] = {
-    "two_jumps": Outside(two_jumps, ("time",)),
-    "random_walk": Outside(random_walk, ("time",)),
-    "cable_force": Outside(cable_force, ("load", "pose")),
-    "saturating_lag": Outside(saturating_lag, ("motion:{k}", "approach:{k}")),
+BEYOND: dict[str, Effect] = {
+    effect.__name__: effect for effect in (two_jumps, random_walk, cable_force, saturating_lag)
 }

@@ -35,7 +35,7 @@ def effect(name: str, where: str, **more: Any) -> dict[str, Any]:
 def key(
     family: str, *effects: dict[str, Any], outside: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    common = {"beside": 200.0, "noncentrality": 200.0, "depends_on": [], "parameters": []}
+    common = {"beside": 200.0, "noncentrality": 200.0, "parameters": []}
     filled = [{**common, "places": [e["where"]], **e} for e in effects]
     return {
         "case": "case_0000",
@@ -170,7 +170,7 @@ def test_two_causes() -> None:
 
 
 def test_outside() -> None:
-    cause = effect("marker_drift", "marker:m1", places=["marker:m1"], depends_on=["time"])
+    cause = effect("marker_drift", "marker:m1", places=["marker:m1"])
     honest = judge(key("outside", outside=cause), answer("unknown", located=("marker:m1",)))
     assert honest.unknown_located
     elsewhere = judge(key("outside", outside=cause), answer("unknown", located=("A3", "marker:m1")))

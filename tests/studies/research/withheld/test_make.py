@@ -147,9 +147,7 @@ def perfect(key: dict[str, Any]) -> dict[str, Any]:
     return {
         "verdict": verdicts.get(key["family"], "explained"),
         "effects": effects,
-        "located": [
-            {"where": c["where"], "depends_on": (c["depends_on"] or ["none"])[0]} for c in causes
-        ],
+        "located": [{"where": c["where"], "depends_on": "none"} for c in causes],
         "gap": {"heldout_after_mm": key["heldout_noise_rms_mm"]},
     }
 

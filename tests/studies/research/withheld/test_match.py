@@ -149,7 +149,7 @@ def test_causes_of_a_mixture_one_by_one() -> None:
     ],
 )
 def test_what_the_catalogue_came_to_hold_may_be_named(kind: str, said: str, right: bool) -> None:
-    cause = effect(kind, "A3", places=["A3"], depends_on=["time"])
+    cause = effect(kind, "A3", places=["A3"])
     told = answer("explained", effect(said, "A3", probability=0.99), located=("A3",))
     j = judge(key("outside", outside=cause), told)
     assert (j.unknown_located, j.misnamed, j.sure_wrong) == (right, not right, not right)

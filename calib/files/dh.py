@@ -17,7 +17,7 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS
 from calib.files.csv_table import CsvTable, read_table
-from calib.files.write_tables import csv_text
+from calib.files.write_tables import columns_text
 
 KINDS = ("revolute", "prismatic")
 COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta": ANGLES}
@@ -76,19 +76,13 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 def dh_text(table: DhTable, units: dict[str, str] | None = None) -> str:
     """The text of a table to 15 digits, in degrees and millimetres if nothing else is said."""
     units = _SHOWN_UNITS | (units or {})
-    shown = ["alpha", "a", "theta", "d", *(["beta"] if table.beta.any() else [])]
-    kinds = table.prismatic.any()
-    header = ["joint", *(["kind"] if kinds else []), *(f"{name}_{units[name]}" for name in shown)]
-    numbers = [getattr(table, name) / COLUMNS[name][units[name]] for name in shown]
-    rows = [
-        [
-            table.joints[k],
-            *([KINDS[int(table.prismatic[k])]] if kinds else []),
-            *(f"{column[k] + 0.0:.15g}" for column in numbers),
-        ]
-        for k in range(len(table.joints))
-    ]
-    return csv_text(header, rows)
+    columns: dict[str, list[str]] = {"joint": list(table.joints)}
+    if table.prismatic.any():
+        columns["kind"] = [KINDS[int(slides)] for slides in table.prismatic]
+    for name in ("alpha", "a", "theta", "d", *(("beta",) if table.beta.any() else ())):
+        values = getattr(table, name) / COLUMNS[name][units[name]]
+        columns[f"{name}_{units[name]}"] = [f"{value + 0.0:.15g}" for value in values]
+    return columns_text(columns)
 
 
 def _check_columns(path: Path, columns: tuple[str, ...]) -> None:

@@ -175,7 +175,9 @@ def mjcf_of_urdf(source: Path, text: str, tip: str) -> str:
     for body in written.iter("body"):
         if body.get("name") == tip:
             for marker in body.findall("body"):
-                _as_site(marker)
+                if marker.get("name", "").startswith(MARKER):
+                    marker[:] = []
+                    marker.tag = "site"
     ElementTree.indent(written)
     return ElementTree.tostring(written, encoding="unicode") + "\n"
 
@@ -183,9 +185,3 @@ def mjcf_of_urdf(source: Path, text: str, tip: str) -> str:
 def _exact(element: Element, **values: object) -> None:
     for key, numbers in values.items():
         element.set(key, " ".join(repr(float(x)) for x in numbers))  # type: ignore[attr-defined]
-
-
-def _as_site(body: Element) -> None:
-    if body.get("name", "").startswith(MARKER):
-        body[:] = []
-        body.tag = "site"

@@ -28,7 +28,7 @@ from calib.files.mjcf_out import corrected_mjcf, mjcf_of_urdf
 from calib.files.shapes import mjcf_shapes, urdf_shapes
 from calib.files.urdf import load_urdf
 from calib.files.urdf_out import chain_urdf, corrected_urdf
-from calib.files.write_tables import csv_text
+from calib.files.write_tables import columns_text
 from calib.model import Model
 
 _FARTHEST = 50.0  # m: no link is as long
@@ -201,13 +201,16 @@ def zero_offsets_csv(
             turning = [j for j, p in zip(robot.joints, robot.prismatic, strict=True) if not p]
             what = f"no joint {name!r} that turns"
             raise InputError("--counts-per-deg", "", what, f"use {', '.join(turning)}")
-    header = ["joint", "offset", "reads_at_zero", "unit"]
-    header += ["master_count_change"] if counts else []
-    rows = []
-    for joint, slides, offset in zip(robot.joints, robot.prismatic, found.offsets, strict=True):
-        shown, unit = (offset * 1e3, "mm") if slides else (np.degrees(offset), "deg")
-        row = [joint, f"{shown + 0.0:.9g}", f"{-shown + 0.0:.9g}", unit]
-        if counts:
-            row.append(f"{-shown * counts[joint]:.0f}" if joint in counts else "")
-        rows.append(row)
-    return csv_text(header, rows)
+    shown = np.where(robot.prismatic, found.offsets * 1e3, np.degrees(found.offsets))
+    columns = {
+        "joint": list(robot.joints),
+        "offset": [f"{value + 0.0:.9g}" for value in shown],
+        "reads_at_zero": [f"{-value + 0.0:.9g}" for value in shown],
+        "unit": ["mm" if slides else "deg" for slides in robot.prismatic],
+    }
+    if counts:
+        columns["master_count_change"] = [
+            f"{-value * counts[joint]:.0f}" if joint in counts else ""
+            for joint, value in zip(robot.joints, shown, strict=True)
+        ]
+    return columns_text(columns)

@@ -93,7 +93,11 @@ def chain_urdf(robot: Robot, corrections: Array, markers: dict[str, Array]) -> s
         link = _free_name(robot, f"{name}_link")
         SubElement(joint, "axis", xyz=_words(robot.axes[k]))
         _limit(joint, robot, k)
-        _inertial(root[-1], robot, k)
+        if robot.masses[k] > 0:
+            inertial = SubElement(root[-1], "inertial")
+            _write_origin(inertial, transform(np.eye(3), robot.coms[k]))
+            SubElement(inertial, "mass", value=f"{robot.masses[k]:.15g}")
+            SubElement(inertial, "inertia", _NO_INERTIA)
     _joint(root, _free_name(robot, "tip_mount"), link, robot.tip, origins[-1]).set("type", "fixed")
     _write_markers(root, robot.tip, np.eye(4), markers)
     return _text(root)
@@ -127,11 +131,3 @@ def _limit(joint: Element, robot: Robot, k: int) -> None:
         low, high = np.clip(robot.limits[k], -_WIDE, _WIDE)
         limit.set("lower", f"{low:.15g}")
         limit.set("upper", f"{high:.15g}")
-
-
-def _inertial(link: Element, robot: Robot, k: int) -> None:
-    if robot.masses[k] > 0:
-        inertial = SubElement(link, "inertial")
-        _write_origin(inertial, transform(np.eye(3), robot.coms[k]))
-        SubElement(inertial, "mass", value=f"{robot.masses[k]:.15g}")
-        SubElement(inertial, "inertia", _NO_INERTIA)

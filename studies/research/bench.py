@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +94,9 @@ def each(
     tasks = list(tasks)
     one = functools.partial(_one, work, options)
     bar = click.progressbar(length=len(tasks), file=sys.stderr, label=work.__name__)
-    with bar, ProcessPoolExecutor(workers) if workers > 1 else _Here() as pool:
+    with bar, ProcessPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
         found = []
-        for result in pool.map(one, tasks):
+        for result in map(one, tasks) if pool is None else pool.map(one, tasks):
             found.append(result)
             bar.update(1)
     return found
@@ -104,18 +105,6 @@ def each(
 @one_blas_thread
 def _one(work: Callable[..., Any], options: Mapping[str, Any], task: Sequence[Any]) -> Any:
     return work(*task, **options)
-
-
-class _Here:
-    """What runs tasks in the same process."""
-
-    def __enter__(self) -> _Here:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
-    map = staticmethod(map)
 
 
 def median_or_more(counts: Sequence[int | None], most: int) -> str:

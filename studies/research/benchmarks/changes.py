@@ -52,10 +52,11 @@ from studies.research.bench import Output, Row, bench, count, each, table
 
 POSES = 25
 NONCENTRALITY = (60.0, 400.0)
-VISIBLE = (
-    2.0  # standard deviations that a plausible size shifts: ten times that is the largest drawn
-)
+# Standard deviations that a plausible size shifts: ten times that is the largest drawn.
+VISIBLE = 2.0
 SCATTER = Repeatability(2e-5, 2e-5)
+PLACE = (3.0, 1.0, 0.5, 0.1, 0.3, -0.4)  # m and rad, of the base before the instrument
+ELSEWHERE = (2.0, -1.5, 0.4, 0.2, -0.1, 0.9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +100,7 @@ def drawn_poses(cell: Cell, rng: np.random.Generator) -> Poses:
 def drawn_truth(model: Model, rng: np.random.Generator, moved: bool) -> Array:
     """A robot off by plausible errors; ``moved``: with the instrument elsewhere."""
     truth = 0.3 * rng.normal(size=len(model.sizes)) * model.sizes
-    place = [2.0, -1.5, 0.4, 0.2, -0.1, 0.9] if moved else [3.0, 1.0, 0.5, 0.1, 0.3, -0.4]
-    truth[[p.effect == "base" for p in model.parameters]] = place
+    truth[[p.effect == "base" for p in model.parameters]] = ELSEWHERE if moved else PLACE
     return truth
 
 

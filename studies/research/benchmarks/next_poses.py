@@ -39,7 +39,7 @@ from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
 from doe.ahead.next_poses import next_poses
 from studies.research.bench import Output, Row, bench, count, each, median_or_more, table
-from studies.research.benchmarks.changes import arms
+from studies.research.benchmarks.changes import arms, drawn_truth
 
 START, STEP, LENGTH = 6, 2, 20
 CAUSES = (("transmission_scale", "A3"), ("transmission_scale", "A2"), ("joint_coupling", "A3"))
@@ -60,9 +60,7 @@ class Robot:
     def drawn(cls, rng: np.random.Generator) -> Robot:
         cell = arms()[0]
         model = build(cell).model
-        truth = 0.3 * rng.normal(size=len(model.sizes)) * model.sizes
-        truth[[p.effect == "base" for p in model.parameters]] = [3.0, 1.0, 0.5, 0.1, 0.3, -0.4]
-        return cls(cell, model, truth)
+        return cls(cell, model, drawn_truth(model, rng, moved=False))
 
     def random(self, count: int, rng: np.random.Generator) -> Array:
         """Joint values within the limits, (count, dof)."""

@@ -36,7 +36,7 @@ from calib.population.hierarchy import RobotEstimate
 from calib.poses import Poses, poses_at
 from calib.simulation import drawn_readings
 from studies.research.bench import Output, Row, bench, count, each, median_or_more, table
-from studies.research.benchmarks.changes import arms
+from studies.research.benchmarks.changes import PLACE, arms
 
 LEARNT = (0, 1, 3, 10, 100)
 POSES = (2, 3, 4, 5, 6, 8, 11, 15, 20, 28)
@@ -60,14 +60,7 @@ class Type:
         z = rng.normal(size=len(self.own))
         values = self.model.initial
         values[self.own] = self.mean + self.spread * z
-        values[[p.effect == "base" for p in self.model.parameters]] = [
-            3.0,
-            1.0,
-            0.5,
-            0.1,
-            0.3,
-            -0.4,
-        ]
+        values[[p.effect == "base" for p in self.model.parameters]] = PLACE
         return values, float(np.sqrt(np.mean(z**2)))
 
     def poses(self, count: int, rng: np.random.Generator) -> Poses:

@@ -33,17 +33,6 @@ def test_embedded_figures_are_those_printed() -> None:
     assert own["interval"] == [printed["A2_at_deg"][a] for a in angles] + [printed[j] for j in rest]
 
 
-def test_order_of_the_parameters_is_the_papers(
-    campaign: tuple[calib.Measurements, calib.Cell, np.ndarray, list[int]],
-) -> None:
-    data, cell, truth, order = campaign
-    names = [calib.parameters(cell, data)[i] for i in order]
-    assert names[0].endswith("compliance@-0.01")
-    assert names[4].endswith("compliance@-140")
-    assert [name.split(":")[1][:2] for name in names[5:]] == ["A3", "A4", "A5", "A6"]
-    np.testing.assert_allclose(truth[order] / MICRO, elastostatic.tables()["compliance"])
-
-
 def test_both_solvers_find_table_four(
     campaign: tuple[calib.Measurements, calib.Cell, np.ndarray, list[int]],
 ) -> None:

@@ -6,7 +6,6 @@ import io
 import json
 import shutil
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,10 @@ pytest.importorskip("mujoco")
 
 import calib
 from studies.research.withheld.__main__ import main
-from studies.research.withheld.causes import Cause, places
+from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import NONCENTRALITY, SHARES, draw_case
 from studies.research.withheld.keys import key_of
-from studies.research.withheld.make import families, make
+from studies.research.withheld.make import make
 from studies.research.withheld.robots import ARMS
 from studies.research.withheld.score import score, show
 from studies.research.withheld.seal import (
@@ -120,14 +119,6 @@ def test_what_is_modelled_is_invisible() -> None:
         )
         share = np.linalg.norm(projector.left(moved)) * scene.noise.sigma / np.linalg.norm(moved)
         assert (share > 0.1) == (effect == "backlash"), effect
-
-
-def test_families_and_places() -> None:
-    drawn = Counter(families(np.random.default_rng(0), 600, SHARES))
-    assert drawn == {"null": 150, "single": 210, "pair": 78, "shape": 78, "outside": 84}
-    for arm in ARMS:
-        scene = scene_of(arm)
-        assert set(places(scene).get("joint_compliance", [])).isdisjoint(scene.modelled)
 
 
 def perfect(key: dict[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import tomllib
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,8 @@ import calib
 from studies.research.withheld.causes import RATIO
 from studies.research.withheld.draw import NONCENTRALITY, Case
 from studies.research.withheld.keys import cell_text, key_of, table_text, write_case
-from studies.research.withheld.make import POPULATIONS, families
-from studies.research.withheld.real_arms import SHARES, WHOLE, draw_conditions
+from studies.research.withheld.make import POPULATIONS
+from studies.research.withheld.real_arms import SHARES, WHOLE
 from studies.research.withheld.visible import beside_others
 
 SEED = 20
@@ -62,21 +61,6 @@ def test_families_hold_what_they_say(keys: dict[str, dict[str, Any]]) -> None:
             bounds = (1.0, 20.0) if entry.get("background") else (low, high)
             if key["family"] != "whole" or entry.get("background"):
                 assert 0.9 * bounds[0] < entry["noncentrality"] < 1.1 * bounds[1]
-
-
-def test_shares_and_conditions() -> None:
-    counted = Counter(families(np.random.default_rng(0), 600, SHARES))
-    assert counted == {"null": 120, "single": 204, "mixture": 120, "whole": 72, "outside": 84}
-    rng = np.random.default_rng(0)
-    drawn = [draw_conditions(rng) for _ in range(2000)]
-    assert np.mean([c.background for c in drawn]) == pytest.approx(0.5, abs=0.05)
-    assert np.mean([c.one_marker for c in drawn]) == pytest.approx(0.12, abs=0.03)
-    assert np.mean([c.missing == "time" for c in drawn]) == pytest.approx(0.2, abs=0.03)
-    readings = {"once": 1, "free and loaded": 2, "thrice": 3}
-    for c in drawn:
-        assert c.configurations >= 40
-        assert c.configurations * readings[c.visit] <= 150
-        assert not (c.one_marker and c.visit == "once" and c.configurations > 80)
 
 
 @pytest.mark.long

@@ -7,31 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+_MICRO = (
+    "urad", "um", "ppm", "ppm/h", "ppm/K", "urad/rad", "um/m", "um/rad", "urad/m", "urad/(N m)",
+    "um/h", "urad/h", "um/(m K)",
+)  # fmt: skip
+_ONE = ("kg", "N", "1", "1/turn", "N m", "s", "readings")
 SI = {
-    "urad": 1e-6,
-    "um": 1e-6,
-    "mm": 1e-3,
-    "kg": 1.0,
-    "N": 1.0,
-    "1": 1.0,
-    "N/mm": 1e3,
-    "ppm": 1e-6,
-    "ppm/h": 1e-6,
-    "ppm/K": 1e-6,
-    "urad/rad": 1e-6,
-    "um/m": 1e-6,
-    "um/rad": 1e-6,
-    "urad/m": 1e-6,
-    "urad/(N m)": 1e-6,
-    "nm/N": 1e-9,
-    "um/h": 1e-6,
-    "urad/h": 1e-6,
-    "um/(m K)": 1e-6,
-    "1/turn": 1.0,
-    "N m": 1.0,
-    "s": 1.0,
-    "min": 60.0,
-    "readings": 1.0,
+    **dict.fromkeys(_MICRO, 1e-6),
+    **dict.fromkeys(_ONE, 1.0),
+    **{"mm": 1e-3, "N/mm": 1e3, "nm/N": 1e-9, "min": 60.0},
 }
 
 _BY_PREFIX = {

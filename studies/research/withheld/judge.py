@@ -15,7 +15,10 @@ _ONE = ("kg", "N", "1", "1/turn", "N m", "s", "readings")
 SI = {
     **dict.fromkeys(_MICRO, 1e-6),
     **dict.fromkeys(_ONE, 1.0),
-    **{"mm": 1e-3, "N/mm": 1e3, "nm/N": 1e-9, "min": 60.0},
+    "mm": 1e-3,
+    "N/mm": 1e3,
+    "nm/N": 1e-9,
+    "min": 60.0,
 }
 
 _BY_PREFIX = {

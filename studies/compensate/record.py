@@ -53,7 +53,7 @@ class Rms(TargetErrors):
 class Target(JointValues):
     """A target with its command: corrected, nominal, and the difference."""
 
-    pose: str
+    pose: Annotated[str, Shown("target")]
     nominal_joints_deg: dict[str, Number]
     nominal_joints_mm: dict[str, Number] = Field(default_factory=dict)
     correction_joints_deg: dict[str, Number]
@@ -197,12 +197,8 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
     yield doc.Figure(lambda: errors_by_target(record), highlight=False)
     yield from _limited(record)
-    commands: tuple[doc.Column[Target], ...] = (
-        _POSE,
-        *joint_columns(record.targets),
-        _BEFORE,
-        _EXPECTED,
-    )
+    joints = joint_columns(record.targets)
+    commands = doc.columns(Target, "pose", *joints, "before_mm expected_mm")
     yield doc.Detail((doc.Table(commands, record.targets, "Corrected commands"),))
 
 
@@ -245,10 +241,7 @@ def errors_by_target(record: CompensateRecord) -> Picture:
     return Picture("errors_by_target", title, caption, figure, header, rows)
 
 
-_POSE: doc.Column[Target] = doc.Column("target", lambda row: row.pose)
-_BEFORE: doc.Column[Target] = doc.Column("before", lambda row: row.before_mm, doc.MM, "mm")
-_EXPECTED: doc.Column[Target] = doc.Column("expected", lambda row: row.expected_mm, doc.MM, "mm")
-_LIMITED = doc.columns(Target, _POSE, "left_mm turn_left_mrad limited_by")
+_LIMITED = doc.columns(Target, "pose left_mm turn_left_mrad limited_by")
 
 
 def _limited(record: CompensateRecord) -> Iterator[doc.Part]:

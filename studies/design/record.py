@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.document import Shown
+from studies.document import FOUR, Shown
 from studies.entries import JointValues, TargetAccuracy, at_targets, check_same_joints, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
 
@@ -46,7 +46,7 @@ class DesignPose(JointValues):
     """A pose of the plan; level : deg or mm, None without levels."""
 
     pose: str
-    level: Maybe
+    level: Annotated[Maybe, Shown(detail=True)]
 
 
 class PredictedStd(Entry):
@@ -136,10 +136,10 @@ class RivalPlan(PlanAccuracy):
 class CurveStepEntry(Entry):
     """The best plan found of so many poses."""
 
-    poses: int = Field(gt=0, lt=10**6)
+    poses: Annotated[int, Shown(rule=FOUR)] = Field(gt=0, lt=10**6)
     value: Maybe
-    task_rms_mm: MaybePositive
-    efficiency: Maybe
+    task_rms_mm: Annotated[MaybePositive, Shown("task RMS")]
+    efficiency: Annotated[Maybe, Shown("efficiency\n(bound)")]
 
 
 class InformationShare(Entry):

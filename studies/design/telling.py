@@ -155,12 +155,8 @@ def _travel(record: DesignRecord) -> str:
 
 
 def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
-    named: doc.Column[DesignPose] = doc.Column("pose", lambda row: row.pose)
-    level: doc.Column[DesignPose] = doc.Column(
-        "level", lambda row: row.level, doc.FOUR, detail=True
-    )
     joints = joint_columns(record.poses, doc.HUNDREDTH, detail=False)
-    return (named, *joints, level) if record.level_joint else (named, *joints)
+    return doc.columns(DesignPose, "pose", *joints, "level" if record.level_joint else "")
 
 
 _DETERMINED = doc.columns(PredictedStd, "effect where name std unit")
@@ -215,18 +211,10 @@ def _plans(record: DesignRecord) -> doc.Table[tuple[Any, ...]]:
     return doc.Table(columns, rows, "Plans judged by the same bound")
 
 
-_STEP_RMS: doc.Column[CurveStepEntry] = doc.Column(
-    "task RMS", lambda row: row.task_rms_mm, doc.MM, "mm"
-)
-
-
 def _steps(record: DesignRecord) -> tuple[doc.Column[CurveStepEntry], ...]:
-    return (
-        doc.Column("poses", lambda row: row.poses, doc.FOUR),
-        doc.Column(record.criterion, lambda row: row.value, doc.FOUR),
-        *(() if record.criterion == "task" else (_STEP_RMS,)),
-        doc.Column("efficiency\n(bound)", lambda row: row.efficiency, doc.FOUR),
-    )
+    value = doc.Column[CurveStepEntry](record.criterion, lambda row: row.value, doc.FOUR)
+    rms = "" if record.criterion == "task" else "task_rms_mm"
+    return doc.columns(CurveStepEntry, "poses", value, rms, "efficiency")
 
 
 def _reading(record: DesignRecord) -> Iterator[doc.Sentence]:

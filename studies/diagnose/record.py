@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.document import PROBABILITY, Shown
+from studies.document import PROBABILITY, Rule, Shown
 from studies.entries import CauseEntry, JointValues, NotAskedEntry, Sought, check_same_joints
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
@@ -187,11 +187,14 @@ class SpectrumEntry(Entry):
         return self
 
 
+_SPLITS = Rule(lambda pairs: "; ".join(" from ".join(pair) for pair in pairs), number=False)
+
+
 class NextPose(JointValues):
     """A pose to measure next, and the pairs of causes that it helps to tell apart."""
 
-    pose: str
-    splits: tuple[tuple[str, str], ...]
+    pose: Annotated[str, Shown("next\npose")]
+    splits: Annotated[tuple[tuple[str, str], ...], Shown("tells apart", _SPLITS, detail=True)]
 
 
 class RemedyEntry(Entry):

@@ -276,10 +276,6 @@ _DOUBTS = doc.columns(
     doc.Column("or", lambda row: row.rivals[1]),
     "probability_now probability_after",
 )
-_POSE: doc.Column[NextPose] = doc.Column("next\npose", lambda row: row.pose)
-_SPLITS: doc.Column[NextPose] = doc.Column(
-    "tells apart", lambda row: "; ".join(" from ".join(p) for p in row.splits), detail=True
-)
 
 
 def _further(record: DiagnoseRecord) -> Iterator[doc.Part]:
@@ -296,11 +292,8 @@ def _further(record: DiagnoseRecord) -> Iterator[doc.Part]:
         yield from _remedies(doubt)
     if poses:
         yield doc.Sentence("Measure these poses: they tell the causes apart.")
-        columns: tuple[doc.Column[NextPose], ...] = (
-            _POSE,
-            *joint_columns(poses, doc.HUNDREDTH, detail=False),
-            _SPLITS,
-        )
+        joints = joint_columns(poses, doc.HUNDREDTH, detail=False)
+        columns = doc.columns(NextPose, "pose", *joints, "splits")
         yield doc.Table(columns, poses, "The next poses")
         if record.next_poses_assume:
             yield doc.Sentence(f"Read {'; '.join(record.next_poses_assume)}.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
@@ -27,8 +27,8 @@ Stop: TypeAlias = Literal[
 class ProposedPose(JointValues):
     """A pose to be read next; serves : what it is for."""
 
-    pose: str
-    serves: Literal["task", "causes", "both"]
+    pose: Annotated[str, Shown("next pose")]
+    serves: Annotated[Literal["task", "causes", "both"], Shown("for")]
 
 
 class ExpectedAccuracy(Entry):
@@ -187,19 +187,14 @@ def _headline(record: NextRecord) -> Iterator[doc.Sentence]:
 
 
 def _parts(record: NextRecord) -> Iterator[doc.Part]:
-    columns: tuple[doc.Column[Any], ...] = (
-        _POSE,
-        *joint_columns(record.poses, detail=False),
-        _SERVES,
-    )
+    joints = joint_columns(record.poses, detail=False)
+    columns = doc.columns(ProposedPose, "pose", *joints, "serves")
     yield doc.Table(columns, record.poses, "Poses to measure next")
     yield doc.Table(_DOUBTS, record.doubts, "Causes to tell apart")
     yield doc.Table(_FORMS, record.forms, "Causes whose form is not checked yet")
 
 
 _SERVES_BOTH = {"both": ("causes", "task")}
-_POSE: doc.Column[ProposedPose] = doc.Column("next pose", lambda row: row.pose)
-_SERVES: doc.Column[ProposedPose] = doc.Column("for", lambda row: row.serves)
 _DOUBTS = doc.columns(
     RivalPair, doc.Column("causes to tell apart", lambda row: " or ".join(row.rivals)), "now after"
 )

@@ -27,6 +27,7 @@ from calib.effects.instrument_drift import InstrumentDrift
 from calib.effects.joint_compliance import JointCompliance
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
+from calib.effects.lens import Distortion, Focal, PrincipalPoint
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.link_weight import LinkWeight
 from calib.effects.measured_torque import MeasuredTorque
@@ -76,6 +77,9 @@ EFFECTS: dict[str, type[Effect]] = {
     "settling": Settling,
     "friction_windup": FrictionWindup,
     "measured_torque": MeasuredTorque,
+    "focal": Focal,
+    "principal_point": PrincipalPoint,
+    "distortion": Distortion,
     "focal_scale": FocalScale,
     "focal_drift": FocalDrift,
     "focal_expansion": FocalExpansion,

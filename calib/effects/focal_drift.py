@@ -10,6 +10,8 @@ from calib.effects.context import Context
 from calib.effects.drift import drift_rate, since_the_first
 from calib.effects.focal import FocalEffect
 from calib.effects.protocol import Parameter
+from calib.instruments import Camera
+from calib.instruments.lens import CENTER
 from calib.poses import Poses
 
 
@@ -25,8 +27,8 @@ class FocalDrift(FocalEffect):
     uses: ClassVar[tuple[str, ...]] = ("time",)
 
     @classmethod
-    def _of(cls, context: Context, where: str, centre: Array) -> Self:
-        return cls(where, centre, context.clock_unit)
+    def made(cls, context: Context, where: str, camera: Camera) -> Self:
+        return cls(where, camera.lens.values[CENTER], context.clock_unit)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

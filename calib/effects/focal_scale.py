@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.focal import FocalEffect
 from calib.effects.protocol import Parameter
-from calib.instruments import Camera, Instrument
+from calib.instruments import Camera
 from calib.instruments.lens import FOCAL
 from calib.poses import Poses
 
@@ -22,8 +22,8 @@ class FocalScale(FocalEffect):
     kind: ClassVar[str] = "focal_scale"
 
     @classmethod
-    def _acts(cls, instrument: Instrument) -> bool:
-        return isinstance(instrument, Camera) and bool((instrument.free >= FOCAL.stop).all())
+    def acts(cls, camera: Camera) -> bool:
+        return bool((camera.free >= FOCAL.stop).all())
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

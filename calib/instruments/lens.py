@@ -11,6 +11,7 @@ from calib.arrays import Array
 FOCAL, CENTER, DISTORTION = slice(0, 2), slice(2, 4), slice(4, 9)
 _NEAR = 1e-3  # m: what a search puts behind the camera is taken to be this far before it
 _ROUNDS = 20
+_WIDEST = 5.0  # of x' and y': what lies far beside the image, where no lens is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +72,11 @@ class Lens:
         """``x', y'`` (..., 2) of pixels (..., 2): what the lens bends is taken back step by step."""
         own = self.values
         xd, yd = np.moveaxis((pixels - own[CENTER]) / own[FOCAL], -1, 0)
-        x, y = xd, yd
+        x, y = np.clip(xd, -_WIDEST, _WIDEST), np.clip(yd, -_WIDEST, _WIDEST)
         for _ in range(_ROUNDS):
             bent_x, bent_y = _distorted(own, x, y)
-            x, y = x + xd - bent_x, y + yd - bent_y
+            x = np.clip(x + xd - bent_x, -_WIDEST, _WIDEST)
+            y = np.clip(y + yd - bent_y, -_WIDEST, _WIDEST)
         return np.stack([x, y], axis=-1)
 
 

@@ -25,6 +25,9 @@ OF_PARTS = [
     (kind, where)
     for kind in (
         "step",
+        "focal",
+        "principal_point",
+        "distortion",
         "focal_scale",
         "focal_drift",
         "focal_expansion",

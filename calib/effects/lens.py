@@ -1,0 +1,86 @@
+"""A lens that is not the one the cell gives: its focal lengths, its principal point, its distortion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.effects.camera import CameraEffect
+from calib.effects.context import Context
+from calib.effects.protocol import Parameter
+from calib.instruments import Camera
+from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
+from calib.poses import Poses
+
+_OFF, _FAR = 3e-3, 5e-2  # of the focal length: plausible and largest error of it and of the centre
+_BENT, _VERY = 2e-2, 1.0  # of a coefficient of distortion
+
+
+@dataclass(frozen=True, eq=False)
+class LensEffect(CameraEffect):
+    """Some values of the lens are others than the cell's.
+
+    lens : Lens, as the cell gives it; values : slice, which of its values; names : of them
+    """
+
+    lens: Lens
+    values: ClassVar[slice]
+    names: ClassVar[tuple[str, ...]]
+
+    @classmethod
+    def acts(cls, camera: Camera) -> bool:
+        return not np.isin(np.arange(9)[cls.values], camera.free).any()
+
+    @classmethod
+    def made(cls, context: Context, where: str, camera: Camera) -> Self:
+        del context
+        return cls(where, camera.lens)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        focal = float(self.lens.values[FOCAL].mean())
+        unit, size, largest = ("px", _OFF * focal, _FAR * focal)
+        if self.values == DISTORTION:
+            unit, size, largest = "1", _BENT, _VERY
+        return tuple(
+            Parameter(self.kind, self.where, n, unit, 1.0, size, largest) for n in self.names
+        )
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """Each pixel is led back to its ray by the cell's lens, and on by the true one."""
+        ideal = self.lens.ideal(points)
+        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
+        _, by_ray, _ = self.lens.linearise(ray)
+        by = np.zeros((*values.shape[:-1], 9))
+        by[..., self.values] = values
+        pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
+        turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
+        return pixels, turn, by_lens[..., self.values]
+
+
+class Focal(LensEffect):
+    """Both focal lengths, each by its own amount: an old calibration, or a lens that was refocused."""
+
+    kind: ClassVar[str] = "focal"
+    parts: ClassVar[tuple[str, ...]] = ("focal_scale",)
+    values: ClassVar[slice] = FOCAL
+    names: ClassVar[tuple[str, ...]] = ("fx", "fy")
+
+
+class PrincipalPoint(LensEffect):
+    """The point where the optical axis meets the image."""
+
+    kind: ClassVar[str] = "principal_point"
+    values: ClassVar[slice] = CENTER
+    names: ClassVar[tuple[str, ...]] = ("cx", "cy")
+
+
+class Distortion(LensEffect):
+    """The coefficients of OpenCV's radial and tangential distortion."""
+
+    kind: ClassVar[str] = "distortion"
+    values: ClassVar[slice] = DISTORTION
+    names: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")

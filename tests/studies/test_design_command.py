@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -87,6 +88,33 @@ def test_a_plan_found_is_its_own_equal(folder: Path, fields: dict[str, Any]) -> 
     assert rival["efficiency"] <= 1.0
     assert again["value"] == pytest.approx(fields["value"], rel=1e-12)
     assert set(again["against"]) == {str(plan) for plan in plans}
+
+
+@pytest.mark.long
+def test_result_holds_what_the_contract_names(folder: Path, fields: dict[str, Any]) -> None:
+    assert (fields["schema"], fields["command"], fields["seed"]) == (1, "design", 0)
+    named = {Path(entry["file"]).name: entry["sha256"] for entry in fields["inputs"]}
+    assert set(named) == {"cell.toml", "kr270.urdf", "plan.csv"}
+    assert named["plan.csv"] == hashlib.sha256((folder / "plan.csv").read_bytes()).hexdigest()
+    assert fields["criterion"] == "task"
+    assert fields["value"] >= fields["bound"] > 0.0
+    assert fields["efficiency"] == pytest.approx((fields["bound"] / fields["value"]) ** 2)
+    assert fields["value"] == pytest.approx(fields["task_rms_mm"], rel=1e-5)
+    assert len(fields["poses"]) == 15
+    for pose in fields["poses"]:
+        assert set(pose["joints_deg"]) == {f"A{k}" for k in range(1, 7)}
+        assert pose["level"] == pytest.approx(pose["joints_deg"]["A2"])
+    assert fields["levels_deg"] == {"A2": [-140.0, -99.85, -56.9, -25.24, -0.01]}
+    assert [p["name"] for p in fields["predicted_std"]][:2] == [
+        "compliance@-140",
+        "compliance@-99.85",
+    ]
+    assert all(p["unit"] == "urad/(N m)" and p["std"] > 0 for p in fields["predicted_std"])
+    candidates = fields["candidates"]
+    assert candidates["drawn"] == candidates["feasible"] == 2000
+    assert fields["seconds"] > 0.0
+    assert fields["against"]["plan.csv"]["poses"] == 15
+    assert [step["poses"] for step in fields["curve"]] == [5, 10, 15, 20, 25, 30]
 
 
 def test_help_names_every_criterion() -> None:

@@ -47,6 +47,18 @@ def compensate(demo: Path, *more: object) -> Result:
     return run("compensate", demo / "cell.toml", demo / "result.json", demo / "targets.csv", *more)
 
 
+@pytest.mark.long
+def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "--json", tmp_path / "c.json")
+    fields = json.loads((tmp_path / "c.json").read_text())
+    cell = calib.load_cell(demo / "cell.toml")
+    result = calib.identify(cell, calib.load_measurements(cell, demo / "measurements.csv"))
+    found = calib.compensate(cell, result, demo / "targets.csv")
+    assert found.rms(found.expected) * 1e3 == pytest.approx(fields["rms_mm"]["expected"], rel=1e-6)
+    shown = [t["joints_deg"]["A3"] for t in fields["targets"]]
+    np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
+
+
 def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) -> None:
     done = compensate(demo, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
     assert done.exit_code == 0, done.output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -31,6 +32,25 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fields(demo: Path) -> dict[str, Any]:
     return json.loads((demo / "result.json").read_text())
+
+
+def test_result_holds_what_the_contract_names(demo: Path, fields: dict[str, Any]) -> None:
+    assert fields["schema"] == 1
+    assert fields["command"] == "identify"
+    assert fields["seed"] == 0
+    for entry in fields["inputs"]:
+        assert entry["sha256"] == hashlib.sha256(Path(entry["file"]).read_bytes()).hexdigest()
+    assert fields["status"] == "converged"
+    assert fields["rank"] == len(fields["parameters"]) == 42
+    assert {"sigma_mm", "believed_sigma_mm", "source"} <= set(fields["noise"])
+    assert {"name", "effect", "where", "value", "std", "unit"} <= set(fields["parameters"][0])
+    keys = {"nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed"}
+    for name in ("rms_mm", "max_mm", "p95_mm"):
+        assert set(fields[name]) == keys
+        assert fields[name]["heldout"] is None
+    assert len(fields["residuals"]) == 90
+    knots = [p["name"] for p in fields["parameters"] if p["effect"] == "stiffness_vs_angle"]
+    assert knots[0] == "compliance@-140"
 
 
 def test_the_truth_is_recovered(demo: Path, fields: dict[str, Any]) -> None:

@@ -20,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from calib.arm.se3 import same_turn
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError, InputError
+from calib.model import Model
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.experiment import POINTS, SimulatedExperiment, Way
@@ -98,7 +100,8 @@ def from_scratch(
             "the program or an added effect is at fault, or these poses mislead it; report it with "
             f"what identify says: {error}",
         ) from None
-    off = (found.values - refitted) / prediction.std
+    ended = _turned_alike(found.model, found.values, refitted)
+    off = (ended - refitted) / prediction.std
     correlation = prediction.covariance / np.outer(prediction.std, prediction.std)
     values, vectors = np.linalg.eigh(correlation)
     free = values > 1e-9
@@ -108,6 +111,15 @@ def from_scratch(
     whole = way == POINTS and experiment.arm is None
     left_p = found.noise.lack_of_fit_p if whole else None
     return FromScratch(apart, outliers, found.noise.source, left_p)
+
+
+def _turned_alike(model: Model, values: Array, like: Array) -> Array:
+    """The values (p,), a turn by half a circle written as in others: it has two rotation vectors."""
+    values, names = values.copy(), [parameter.name for parameter in model.parameters]
+    for i, name in enumerate(names):
+        if name.endswith("rx") and [own[-2:] for own in names[i : i + 3]] == ["rx", "ry", "rz"]:
+            values[i : i + 3] = same_turn(values[i : i + 3], like[i : i + 3])
+    return values
 
 
 def surprising(done: Sequence[FromScratch]) -> tuple[bool, bool, bool]:

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from studies.document import FOUR, MM, mm
-from studies.record import Entry, NotNegative, Positive
+from studies.record import Entry, MaybePositive, NotNegative, Positive
 
 Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
 if TYPE_CHECKING:
+    from calib.model import Model
     from calib.scatter import Scatter, VarianceEstimate
 
 _COUNTS = 0.5  # of what is expected: less hides beside the rest
@@ -27,6 +28,8 @@ class NoiseEntry(Entry):
 
     configuration_of : whose it is (:mod:`calib.uncertainty.pose_to_pose`); None where nobody judged it
     usual_mm : between what arms of this size repeat by data sheets
+    pixel_mm : of a pixel at the points read, where no reading is a length; lengths are then those of
+        pixels at the points
     """
 
     sigma_mm: NotNegative
@@ -39,6 +42,7 @@ class NoiseEntry(Entry):
     instrument_seen: bool | None = None
     configuration_of: Owner | None = None
     usual_mm: tuple[NotNegative, NotNegative] | None = None
+    pixel_mm: MaybePositive = None
 
     @property
     def scatters(self) -> bool:
@@ -105,23 +109,45 @@ def by_level(
     }
 
 
+def pixel_mm(model: Model, footprint: float) -> float | None:
+    """Millimetres of a pixel at the points read, None where any reading is a length.
+
+    footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
+    """
+    return None if model.readout.channels.metric else footprint * _MM
+
+
+def in_its_unit(sigma_mm: float, pixel_mm: float | None) -> str:
+    """A deviation in the unit that the instrument reads, and what that is at the points."""
+    if pixel_mm is None:
+        return mm(sigma_mm)
+    return f"{FOUR(sigma_mm / pixel_mm)} px ({mm(sigma_mm)} at the points)"
+
+
 def noise_words(noise: NoiseEntry) -> list[str]:
     """Lines on the noise of a result."""
     return [_instrument(noise), *_arm(noise), *_untold(noise)]
 
 
 def _instrument(noise: NoiseEntry) -> str:
-    stated = f"the cell states {MM(noise.believed_sigma_mm)}"
+    sigma = in_its_unit(noise.sigma_mm, noise.pixel_mm)
+    pixel = noise.pixel_mm
+    believed = (
+        MM(noise.believed_sigma_mm)
+        if pixel is None
+        else f"{FOUR(noise.believed_sigma_mm / pixel)} px"
+    )
+    stated = f"the cell states {believed}"
     if not noise.scatters:
         source = {
             "cell": "as the cell states",
             "replicates": f"from repeated readings; {stated}",
             "residual": f"from what is left; {stated}",
         }[noise.source]
-        return f"{mm(noise.sigma_mm)} in each coordinate, {source}"
+        return f"{sigma} in each coordinate, {source}"
     same = abs(noise.sigma_mm - noise.believed_sigma_mm) <= _SAME * noise.believed_sigma_mm
     source = "as the cell states" if same else stated
-    return f"instrument {mm(noise.sigma_mm)} in each coordinate ({source})"
+    return f"instrument {sigma} in each coordinate ({source})"
 
 
 def _arm(noise: NoiseEntry) -> Iterator[str]:

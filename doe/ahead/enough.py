@@ -52,6 +52,7 @@ class Enough(Result):
     model : Model, of the whole day
     found : Identification of the data so far, None where they do not suffice for one; why : str
     sigma : float, m, standard deviation of a coordinate, as the data show it
+    footprint : float, metres to one unit of the readings: 1 where any is a length, else of a pixel
     match : Match, which readings of the plan are done
     steps : tuple of ForecastStep, the first one now, then the poses still to come in the best order
     goal : float, m, or None
@@ -65,6 +66,7 @@ class Enough(Result):
     found: Identification | None
     why: str
     sigma: float
+    footprint: float
     match: Match
     steps: tuple[ForecastStep, ...]
     goal: float | None
@@ -192,8 +194,9 @@ def enough(
     order = _best_order(forecast.criterion, rows.rows.by_reading, so_far, plan, done.left, held)
     further = ((name, count, rows.equations(upto, held, pull)) for name, count, upto in order)
     steps = tuple(forecast.steps(now, len(data), further))
+    footprint = model.footprint(at.values, data)
     sigma = believed_sigma(day, at.weights(day), model.readout.channels.lengths) * arm.scale
-    result = Enough(model, found, why, sigma, done, steps, goal, lacking, ())
+    result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):

@@ -44,7 +44,7 @@ from studies.diagnose.record import (
 from studies.diagnose.shown import DiagnosisShown, shown
 from studies.entries import Sought, shown_joints
 from studies.fitted import estimated
-from studies.noise import by_level
+from studies.noise import by_level, pixel_mm
 from studies.record import Envelope, Outlier, envelope
 
 _MM = 1e3
@@ -135,6 +135,7 @@ def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
             noise,
             sigma_mm=noise.sigma * mm,
             believed_sigma_mm=noise.believed * mm,
+            pixel_mm=pixel_mm(found.after.model, mm / _MM),
             grows_with_range=found.growth,
             **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
         ),

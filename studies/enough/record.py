@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
 
+from studies.noise import pixel_mm
 from studies.record import (
     BeforeAfter,
     Count,
     Entry,
     Envelope,
     Maybe,
+    MaybePositive,
     NotNegative,
     Positive,
     Record,
@@ -32,6 +34,7 @@ class NoiseSoFar(Entry):
 
     sigma_mm: NotNegative
     source: Literal["cell", "replicates", "residual"]
+    pixel_mm: MaybePositive = None
 
 
 class SeenElsewhere(Entry):
@@ -171,7 +174,9 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
         status="too_few" if found is None else found.status,
         reason=answer.why or None,
         noise=NoiseSoFar.from_result(
-            answer, source="cell" if found is None else found.noise.source
+            answer,
+            source="cell" if found is None else found.noise.source,
+            pixel_mm=pixel_mm(answer.model, answer.footprint),
         ),
         lacking=_lacking(answer),
         plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),

@@ -14,7 +14,7 @@ from studies.enough.record import (
     LackingEntry,
     StateEntry,
 )
-from studies.noise import counts, lacks, moves_on, undecided
+from studies.noise import counts, in_its_unit, lacks, moves_on, undecided
 from studies.plots import style
 
 _WEAKEST = 5
@@ -143,7 +143,9 @@ def _parts(record: EnoughRecord) -> Iterator[doc.Part]:
 def _facts(record: EnoughRecord) -> Iterator[doc.Sentence]:
     noise = record.noise
     source = _SOURCES[noise.source]
-    yield doc.Sentence(f"{mm(noise.sigma_mm)} in each coordinate, {source}", label="noise")
+    yield doc.Sentence(
+        f"{in_its_unit(noise.sigma_mm, noise.pixel_mm)} in each coordinate, {source}", label="noise"
+    )
     if record.reason:
         yield doc.Sentence(f"nothing can be identified yet: {record.reason}")
     yield doc.Sentence(f"{_expected(record.now)}, at {record.targets}", label="now")

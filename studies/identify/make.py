@@ -36,7 +36,7 @@ from studies.identify.of_type import of_type_entry
 from studies.identify.outliers import outlier_entries, together_entry
 from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
-from studies.noise import by_level
+from studies.noise import by_level, pixel_mm
 from studies.record import Envelope, envelope
 
 _MM = 1e3
@@ -159,6 +159,7 @@ def _noise(found: Identification) -> IdentifyNoise:
         noise,
         sigma_mm=noise.sigma * mm,
         believed_sigma_mm=noise.believed * mm,
+        pixel_mm=pixel_mm(found.model, found.footprint),
         replicate_sigma_mm=None if again is None else again * noise.believed * mm,
         degrees_of_freedom=float(noise.dof),
         **by_level(found.levels, found.scatter, found.model.robot.reach),

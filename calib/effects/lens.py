@@ -49,17 +49,6 @@ class LensEffect(CameraEffect):
             Parameter(self.kind, self.where, n, unit, 1.0, size, largest) for n in self.names
         )
 
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """Each pixel is led back to its ray by the cell's lens, and on by the true one."""
-        ideal = self.lens.ideal(points)
-        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
-        _, by_ray, _ = self.lens.linearise(ray)
-        by = np.zeros((*values.shape[:-1], 9))
-        by[..., self.values] = values
-        pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
-        turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
-        return pixels, turn, by_lens[..., self.values]
-
 
 class Focal(LensEffect):
     """Both focal lengths, each by its own amount: an old calibration, or a lens that was refocused."""
@@ -69,6 +58,14 @@ class Focal(LensEffect):
     values: ClassVar[slice] = FOCAL
     names: ClassVar[tuple[str, ...]] = ("fx", "fy")
 
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """The image grows about the principal point."""
+        focal, centre = self.lens.values[FOCAL], self.lens.values[CENTER]
+        grown = 1.0 + values[..., None, None, :] / focal
+        away = points - centre
+        turn, by = grown[..., None] * np.eye(2), (away / focal)[..., None] * np.eye(2)
+        return centre + grown * away, turn, by
+
 
 class PrincipalPoint(LensEffect):
     """The point where the optical axis meets the image."""
@@ -77,6 +74,11 @@ class PrincipalPoint(LensEffect):
     values: ClassVar[slice] = CENTER
     names: ClassVar[tuple[str, ...]] = ("cx", "cy")
 
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """The image is shifted."""
+        shifted = points + values[..., None, None, :]
+        return shifted, np.eye(2), np.broadcast_to(np.eye(2), (*shifted.shape, 2))
+
 
 class Distortion(LensEffect):
     """The coefficients of OpenCV's radial and tangential distortion."""
@@ -84,3 +86,15 @@ class Distortion(LensEffect):
     kind: ClassVar[str] = "distortion"
     values: ClassVar[slice] = DISTORTION
     names: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")
+    first: ClassVar[bool] = True
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """Each pixel is led back to its ray by the cell's lens, and on by the true distortion."""
+        ideal = self.lens.ideal(points)
+        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
+        _, by_ray, _ = self.lens.linearise(ray)
+        by = np.zeros((*values.shape[:-1], 9))
+        by[..., self.values] = values
+        pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
+        turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
+        return pixels, turn, by_lens[..., self.values]

@@ -34,9 +34,11 @@ class ReadingEffect(Effect):
     """The instrument reads a point elsewhere than it is.
 
     of : kind of the instruments whose rows it changes
+    first : whether it changes rows as the cell's instrument reads them, before other effects do
     """
 
     of: ClassVar[str] = "points"
+    first: ClassVar[bool] = False
 
     def changes(self, instrument: Instrument) -> bool:
         """Whether it changes the rows of an instrument."""

@@ -16,11 +16,11 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.effects.base import Base
 from calib.errors import InputError
 from calib.files.read import read_text
 from calib.files.schema import CellFile
 from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
+from calib.identification.lenses import LENS_EFFECTS, lens_of
 from calib.instruments import Camera
 from calib.instruments.camera_table import CameraTable
 
@@ -209,25 +209,23 @@ def camera_named(cell: Cell, name: str) -> Camera:
         remedy = f"write NAME=FILE, of {', '.join(cameras)}" if cameras else "leave it out"
         raise InputError("--calibration", "", what, remedy)
     camera = cameras[name or next(iter(cameras))]
-    if not len(camera.free):
+    named = {effect.partition(":")[0] for effect in cell.effects}
+    if not len(camera.free) and not named & LENS_EFFECTS:
         what = f"the lens of {camera.name!r} is given as known: nothing of it is found"
         raise InputError("--calibration", "", what, 'set free = ["focal", "center"] in the cell')
     return camera
 
 
 def lens_found(cell: Cell, result: Identification, camera: Camera) -> str:
-    """The text of a camera's calibration with what was free of its lens as found.
+    """The text of a camera's calibration with its lens as found.
 
-    In the form of the camera's own file, else in OpenCV's. Raises InputError for a model without base.
+    In the form of the camera's own file, else in OpenCV's. Raises InputError where nothing of it was.
     """
-    effects = zip(result.model.effects, result.model.slices, strict=True)
-    own = [p for e, p in effects if isinstance(e, Base) and e.of.name == camera.name]
-    if not own:
-        what = "has no base: lenses are taken as known"
-        raise InputError(cell.path, "model.effects", what, 'add "base"')
-    by = np.zeros(9)
-    by[camera.free] = result.values[own[0]][-len(camera.free) :]
-    values = camera.lens.moved(by).values
+    values, std = lens_of(result, camera)
+    if not np.isfinite(std).any():
+        what = "finds nothing of the lens"
+        remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
+        raise InputError(cell.path, "model.effects", what, remedy)
     tables = tomllib.loads(read_text(cell.path, _LARGEST_FILE))["instruments"]
     named = tables[camera.name].get("calibration")
     form: LensForm = "opencv" if named is None else read_lens(cell.path.parent / named).form

@@ -244,10 +244,11 @@ class Model:
     @cached_property
     def readout(self) -> Readout:
         """What makes readings of points."""
+        reading = [(e, part) for e, part in self._parts if isinstance(e, ReadingEffect)]
         return Readout(
             Channels(self.instruments, len(self.markers)),
             tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
-            tuple((e, part) for e, part in self._parts if isinstance(e, ReadingEffect)),
+            tuple(sorted(reading, key=lambda own: not own[0].first)),
             tuple((e, p) for e, p in self._parts if isinstance(e, PartEffect) and e.body is None),
         )
 

@@ -32,6 +32,7 @@ from studies.identify.errors import (
     residual_entries,
     rms_of,
 )
+from studies.identify.lenses import lens_entries
 from studies.identify.of_type import of_type_entry
 from studies.identify.outliers import outlier_entries, together_entry
 from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
@@ -147,6 +148,7 @@ def identify_record(
         drift=None if drift is None else drift_entry(drift),
         of_type=None if found.of_type is None else of_type_entry(found, found.of_type),
         sizes=None if found.sizes is None else sizes_entry(found.sizes),
+        lenses=tuple(lens_entries(found)),
         estimate=estimated(estimate),
     )
 

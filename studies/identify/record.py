@@ -20,6 +20,7 @@ from studies.identify.errors import (
     Pairs,
     told_errors,
 )
+from studies.identify.lenses import LensValue, told_lenses
 from studies.identify.of_type import OfType, told_of_type
 from studies.identify.outliers import OutliersTogether
 from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry, told_parameters
@@ -108,6 +109,7 @@ class IdentifyRecord(Record):
     drift: DriftEntry | None = None
     of_type: OfType | None = None
     sizes: SizesEntry | None = None
+    lenses: tuple[LensValue, ...] = ()
     estimate: Estimated
 
     @model_validator(mode="after")
@@ -165,7 +167,7 @@ _WRONG_TABLE = (
 
 def told(record: IdentifyRecord) -> Document:
     """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
-    kin = record.of_type
+    kin, lenses = record.of_type, tuple(told_lenses(record.lenses))
     workspace = Figure(lambda: over_the_workspace(record.at_targets))
     return Document(
         (_fell(record), *accepted(record.acceptance), _next(record)),
@@ -173,6 +175,7 @@ def told(record: IdentifyRecord) -> Document:
             Section("errors", "Errors before and after", tuple(told_errors(record))),
             *drift_section(record),
             Section("parameters", "What was identified", tuple(told_parameters(record))),
+            *([Section("lenses", "Lenses", lenses)] if record.lenses else []),
             *([] if kin is None else [Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
             Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
             *budget_section(record.budget, record.targets, record.noise.missing),
@@ -206,6 +209,10 @@ def _next(record: IdentifyRecord) -> Sentence:
     if lacking:
         said = lacks(lacking)
         return Sentence(f"{said[0].upper()}{said[1:]}.", "warn")
+    if after >= before and not record.noise.lacks and record.lenses:
+        return Sentence(
+            "The nominal arm is as good: the lens that was found is the result.", "good"
+        )
     if after >= before and not record.noise.lacks:
         return Sentence("The nominal model is as good: there is nothing to correct.")
     if after >= before:

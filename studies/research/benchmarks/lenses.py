@@ -100,23 +100,11 @@ def main(case: Sequence[str], days: int, seed: int, workers: int) -> Output:
 
 def a_day(name: str, seed: int) -> Row:
     """One day, measured and diagnosed."""
-    (shares, centre, k1, k2), arm, size, truth = _CASES[name]
-    rng = np.random.default_rng([seed, ord(name)])
-    chain = Chain(data_folder("panda_sockets_2") / "robot.urdf")
+    truth = _CASES[name][3]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "cell.toml"
-        path.write_text(
-            _CELL.format(
-                urdf=chain.path, mass=_PAYLOAD, focal=_FOCAL, center=list(_CENTER), noise=_NOISE
-            )
-        )
+        path, table_path, lens = written(Path(folder), name, seed)
         cell = calib.load_cell(path)
-        q = _poses(cell, rng)
-        lens = np.array([*shares, *centre, k1, k2])
-        uv = pixels(chain, q, lens, arm, size) + rng.normal(0.0, _NOISE, (len(q), 88, 2))
-        written = Path(folder) / "measurements.csv"
-        written.write_text(_table(cell.robot.joints, q, uv))
-        found = calib.diagnose(cell, calib.load_measurements(cell, written))
+        found = calib.diagnose(cell, calib.load_measurements(cell, table_path))
     sides = {_side(cause.where) for cause in found.causes}
     likely = [cause for cause in found.causes if cause.probability > _UNLIKELY]
     return {
@@ -128,6 +116,22 @@ def a_day(name: str, seed: int) -> Row:
         "lens": _inside(found, lens),
         "after_px": float(found.gap.fit_after),
     }
+
+
+def written(folder: Path, name: str, seed: int) -> tuple[Path, Path, Array]:
+    """Cell and table of a day in a folder; the lens, (6,): shares of fx and fy, cx and cy, k1, k2."""
+    (shares, centre, k1, k2), arm, size, _ = _CASES[name]
+    rng = np.random.default_rng([seed, ord(name)])
+    chain = Chain(data_folder("panda_sockets_2") / "robot.urdf")
+    path, table_path = folder / "cell.toml", folder / "measurements.csv"
+    known = {"mass": _PAYLOAD, "focal": _FOCAL, "center": list(_CENTER), "noise": _NOISE}
+    path.write_text(_CELL.format(urdf=chain.path, **known))
+    cell = calib.load_cell(path)
+    q = _poses(cell, rng)
+    lens = np.array([*shares, *centre, k1, k2])
+    uv = pixels(chain, q, lens, arm, size) + rng.normal(0.0, _NOISE, (len(q), 88, 2))
+    table_path.write_text(_table(cell.robot.joints, q, uv))
+    return path, table_path, lens
 
 
 def _poses(cell: calib.Cell, rng: np.random.Generator) -> Array:

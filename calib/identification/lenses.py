@@ -1,0 +1,33 @@
+"""The lens that an identification found: by what was free of it, or by effects of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.effects.base import Base
+from calib.effects.focal_scale import FocalScale
+from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
+from calib.identification.identification import Identification
+from calib.instruments import Camera
+from calib.instruments.lens import FOCAL
+
+LENS_EFFECTS = frozenset({Focal.kind, PrincipalPoint.kind, Distortion.kind, FocalScale.kind})
+"""Kinds of effects that are an error of a lens."""
+
+
+def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array]:
+    """Values (9,) of a camera's lens, and their standard deviations, NaN for what was known.
+
+    In the order and the units of :class:`calib.instruments.lens.Lens`.
+    """
+    by = np.zeros((9, len(result.values)))
+    for effect, part in zip(result.model.effects, result.model.slices, strict=True):
+        if isinstance(effect, Base) and effect.of.name == camera.name:
+            by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
+        elif isinstance(effect, LensEffect) and effect.changes(camera):
+            by[effect.values, part] = np.eye(part.stop - part.start)
+        elif isinstance(effect, FocalScale) and effect.changes(camera):
+            by[FOCAL, part.start] = camera.lens.values[FOCAL]
+    std = np.sqrt(np.diag(by @ result.covariance @ by.T))
+    return camera.lens.values + by @ result.values, np.where(by.any(axis=1), std, np.nan)

@@ -1,0 +1,69 @@
+"""The lenses of cameras, as they were found: entries, and how they are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from studies import document as doc
+from studies.document import Shown
+from studies.record import Entry, MaybePositive, Number
+
+if TYPE_CHECKING:
+    from calib import Identification
+
+_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_IN_PIXELS = 4
+
+
+class LensValue(Entry):
+    """A value of a camera's lens: as the cell gives it, and as it was found.
+
+    std : None where it was not estimated
+    """
+
+    camera: str
+    name: Annotated[str, Shown("value")]
+    nominal: Number
+    value: Number
+    std: MaybePositive
+    unit: str
+
+
+def lens_entries(found: Identification) -> Iterator[LensValue]:
+    """All values of the lenses of which anything was found."""
+    from calib.identification.lenses import lens_of
+    from calib.instruments import Camera
+
+    for camera in found.model.readout.channels.instruments:
+        if not isinstance(camera, Camera):
+            continue
+        values, std = lens_of(found, camera)
+        if np.isfinite(std).any():
+            for i, name in enumerate(_NAMES):
+                yield LensValue(
+                    camera=camera.name,
+                    name=name,
+                    nominal=float(camera.lens.values[i]),
+                    value=float(values[i]),
+                    std=float(std[i]) if std[i] > 0.0 else None,
+                    unit="px" if i < _IN_PIXELS else "1",
+                )
+
+
+_LENSES = doc.columns(
+    LensValue,
+    "camera name",
+    doc.Column("cell", lambda row: (row.nominal, row.std), doc.TO_STD),
+    doc.Column("found", lambda row: (row.value, row.std), doc.TO_STD),
+    doc.Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), doc.TO_STD),
+    "unit",
+)
+
+
+def told_lenses(lenses: tuple[LensValue, ...]) -> Iterator[doc.Part]:
+    """The values, and how they get into a file."""
+    yield doc.Table(_LENSES, list(lenses))
+    yield doc.Sentence("`--calibration cam.yaml` writes the lens as OpenCV or ROS reads it")

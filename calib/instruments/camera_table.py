@@ -136,7 +136,12 @@ def _believed(given: IntrinsicsStd | list[float]) -> Array:
 
 
 def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Board:
-    """The board, with what OpenCV needs to find it: a chessboard whole, else some of its points."""
+    """The board, with what OpenCV needs to find it: a chessboard whole, else some of its points.
+
+    Where nobody said how it stands, nobody knows which way it faces.
+    """
+    if not table.stated:
+        return Board(name, channels, points)
     if table.squares is not None and table.marker_mm is None:
         printed = (table.pitch_mm or 0.0) * MM
         across, down = (n * printed for n in table.squares)

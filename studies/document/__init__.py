@@ -195,11 +195,9 @@ def columns(kind: type[E], *of: str | Column[E]) -> tuple[Column[E], ...]:
     of : names of fields and properties with blanks between them, ``outer_mm.inner`` too; or columns
 
     >>> from typing import Annotated
-    >>> from pydantic import BaseModel
-    >>> class Reach(BaseModel):
-    ...     pose: str
-    ...     left_mm: float
-    ...     turn: Annotated[float, Shown("turned", MRAD, "mrad")]
+    >>> from pydantic import create_model
+    >>> turned = Annotated[float, Shown("turned", MRAD, "mrad")]
+    >>> Reach = create_model("Reach", pose=(str, ...), left_mm=(float, ...), turn=(turned, ...))
     >>> [(c.title, c.unit, c.cell(Reach(pose="p1", left_mm=0.5, turn=2.0)))
     ...  for c in columns(Reach, "pose left_mm turn")]
     [('pose', '', 'p1'), ('left', 'mm', '0.5000'), ('turned', 'mrad', '2.000')]

@@ -26,7 +26,7 @@ NUMBERS = 6
 """Even numbers that place a board before a camera."""
 _TURN = 0.6  # of the reach: what a radian weighs
 _RELUCTANT = 1e-2  # damping: goals are many that no arm reaches
-_FARTHEST = 2.0  # times the reach
+_NEAREST, _FARTHEST = 0.02, 2.0  # times the reach
 _BESIDE = 0.8  # of half the image, in which the middle of a board lies of which a part is enough
 
 
@@ -68,19 +68,16 @@ class View:
         R = so3_exp(leaning) @ so3_exp(turn[:, None] * np.array([0.0, 0.0, 1.0]))
 
         fills = focal * radius / float(half.min())
-        nearest = max(fills if whole else 0.5 * fills, limits.focus[0])
+        nearest = max(fills if whole else 0.5 * fills, limits.focus[0], _NEAREST * reach)
         farthest = np.full(len(even), min(_FARTHEST * reach, limits.focus[1]))
         if self.board.printed:
             square = self.board.square if limits.square is None else limits.square
             farthest = np.minimum(farthest, focal * self.board.printed * cosine / square)
         depth = nearest * (np.maximum(farthest, nearest) / nearest) ** even[:, 3]
 
-        room = (
-            half - focal * radius / depth[:, None]
-            if whole
-            else _BESIDE * half + 0.0 * depth[:, None]
-        )
-        pixels = 0.5 * image + np.maximum(room, 0.0) * (2.0 * even[:, 4:] - 1.0)
+        taken = focal * radius / depth[:, None] if whole else (1.0 - _BESIDE) * half
+        room = np.maximum(half - taken, 0.0)
+        pixels = 0.5 * image + room * (2.0 * even[:, 4:] - 1.0)
         ray = np.concatenate([self.camera.lens.ideal(pixels), np.ones((len(even), 1))], axis=1)
         return transform(R, depth[:, None] * ray - rotate(R, centre))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from calib.errors import InputError
 from calib.files.exports.images import pattern_of, read_images
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
+from doe.problem.pool import drawn
+from studies.explain.topics import written
 from tests.calib.files.test_images import SQUARES, chessboard
 from tests.camera_cells import kr270_cell
 from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph
@@ -110,3 +113,12 @@ def test_what_stands_before_a_board_hides_it(tmp_path: Path) -> None:
     hidden = ~visible(scene_of(walled, q)).any(axis=1)
     assert hidden[above].all()
     assert "behind obstacle 1 (box)" in hidden_by(scene_of(walled, q)).values()
+
+
+def test_the_cell_of_the_topic_sees_its_board(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```toml\n(.*?)```", written()["camera"], flags=re.S)
+    kr270_cell(tmp_path, effects=EFFECTS)
+    (tmp_path / "cell.toml").write_text(text.replace("arm.urdf", "kr270.urdf"))
+    cell = load_cell(tmp_path / "cell.toml")
+    q = np.concatenate(list(drawn(cell, 1024, None, 0)))
+    assert visible(scene_of(cell, q)).any(axis=1).mean() > 0.2

@@ -98,3 +98,7 @@ class Distortion(LensEffect):
         pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
         turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
         return pixels, turn, by_lens[..., self.values]
+
+
+LENS_EFFECTS = frozenset({Focal.kind, *Focal.parts, PrincipalPoint.kind, Distortion.kind})
+"""Kinds of effects that are an error of a lens."""

@@ -10,23 +10,19 @@ import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.effects.lens import LENS_EFFECTS
 from calib.errors import InputError
 from calib.files.read import read_text
 from calib.files.schema import CellFile
 from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
-from calib.identification.lenses import LENS_EFFECTS, lens_of
 from calib.instruments import Camera
 from calib.instruments.camera_table import CameraTable
-
-if TYPE_CHECKING:
-    from calib.identification.identification import Identification
-
 
 LensForm: TypeAlias = Literal["opencv", "ros"]
 _MATRIX = ("camera_matrix", "intrinsic_matrix", "K", "mtx")
@@ -216,16 +212,11 @@ def camera_named(cell: Cell, name: str) -> Camera:
     return camera
 
 
-def lens_found(cell: Cell, result: Identification, camera: Camera) -> str:
-    """The text of a camera's calibration with its lens as found.
+def lens_text(cell: Cell, values: Array, camera: Camera) -> str:
+    """The text of a camera's calibration, values (9,) as found, in the form of the camera's own file.
 
-    In the form of the camera's own file, else in OpenCV's. Raises InputError where nothing of it was.
+    In OpenCV's where it has none.
     """
-    values, std = lens_of(result, camera)
-    if not np.isfinite(std).any():
-        what = "finds nothing of the lens"
-        remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
-        raise InputError(cell.path, "model.effects", what, remedy)
     tables = tomllib.loads(read_text(cell.path, _LARGEST_FILE))["instruments"]
     named = tables[camera.name].get("calibration")
     form: LensForm = "opencv" if named is None else read_lens(cell.path.parent / named).form

@@ -7,13 +7,10 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.base import Base
 from calib.effects.focal_scale import FocalScale
-from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
+from calib.effects.lens import LensEffect
 from calib.identification.identification import Identification
 from calib.instruments import Camera
 from calib.instruments.lens import FOCAL
-
-LENS_EFFECTS = frozenset({Focal.kind, PrincipalPoint.kind, Distortion.kind, FocalScale.kind})
-"""Kinds of effects that are an error of a lens."""
 
 
 def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from calib import Cell, Identification
 from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
-from calib.files.lenses import camera_named, lens_found
+from calib.files.lenses import camera_named, lens_text
 from calib.files.robot import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
+from calib.identification.lenses import lens_of
 from calib.instruments import Camera
 from studies.document import listed
 
@@ -88,8 +91,16 @@ def lens_paths(cell: Cell, texts: Sequence[str]) -> dict[Path, Camera]:
 def lens_files(
     cell: Cell, result: Identification, lenses: Mapping[Path, Camera]
 ) -> dict[Path, str]:
-    """Their texts."""
-    return {path: lens_found(cell, result, camera) for path, camera in lenses.items()}
+    """Their texts. Raises InputError where nothing of a lens was found."""
+    found = {}
+    for path, camera in lenses.items():
+        values, std = lens_of(result, camera)
+        if not np.isfinite(std).any():
+            what = "finds nothing of the lens"
+            remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
+            raise InputError(cell.path, "model.effects", what, remedy)
+        found[path] = lens_text(cell, values, camera)
+    return found
 
 
 def counts_of(text: str | None) -> dict[str, float]:

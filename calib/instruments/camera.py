@@ -111,9 +111,12 @@ class Camera(Instrument):
         return (Number("u", "px", 1.0), Number("v", "px", 1.0))
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
-        """Even in both directions; sigma : of a coordinate, px."""
+        """Even in both directions; it grows as figures look smaller, unless sigma says it, px."""
         del place
-        own = np.where(np.isnan(sigma), self.sigma, sigma)[..., None, None]
+        usual = np.full(rows.shape[:-1], self.sigma)
+        for board in self.boards:
+            usual[..., board.channels] *= board.noise(rows[..., board.channels, :])[..., None]
+        own = np.where(np.isnan(sigma), usual, sigma)[..., None, None]
         return np.broadcast_to(np.eye(2) / own, (*rows.shape, 2))
 
     def found_at(self, place: Array) -> Self:

@@ -140,12 +140,13 @@ def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Boar
 
     Where nobody said how it stands, nobody knows which way it faces.
     """
-    if not table.stated:
-        return Board(name, channels, points)
     if table.squares is not None and table.marker_mm is None:
-        printed = (table.pitch_mm or 0.0) * MM
+        printed, square, least = (table.pitch_mm or 0.0) * MM, LEAST_SQUARE, len(points)
         across, down = (n * printed for n in table.squares)
         rim = np.array([[0, 0, 0], [across, 0, 0], [across, down, 0], [0, down, 0]])
-        return Board(name, channels, points, printed, LEAST_SQUARE, len(points), rim)
-    printed = (table.marker_mm or table.tag_mm or 0.0) * MM
-    return Board(name, channels, points, printed, LEAST_MARKER, 4 if printed else 1)
+    else:
+        printed, square = (table.marker_mm or table.tag_mm or 0.0) * MM, LEAST_MARKER
+        least, rim = 4 if printed else 1, np.zeros((0, 3))
+    if not table.stated:
+        least, rim = 1, np.zeros((0, 3))
+    return Board(name, channels, points, printed, square, least, rim, table.stated)

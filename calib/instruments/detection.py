@@ -2,7 +2,7 @@
 
 The limits are those of OpenCV's detectors on drawn photographs
 (``tests.calib.instruments.test_detection``): beside the tilt decides how large a square, or a
-marker, is in the direction in which it is foreshortened.
+marker, is in the direction in which it is foreshortened. So it does how well a point is found.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ LEAST_SQUARE, LEAST_MARKER = 10.0, 20.0
 """px, of a square of a chessboard and of an ArUco marker or AprilTag, across, as OpenCV finds them."""
 
 _BEAMS = 5  # lines of sight to a board
+_THIN = 1e-6  # of a square: points that are nearly on one line show no side
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Board:
     square : float, px, that figure as small as it may look; least : int, fewest points by which the
         board is found
     rim : ndarray, shape (k, 3), m, corners of the print that must be in the image as well
+    faced : whether it is known which way the print faces
     """
 
     name: str
@@ -58,6 +60,7 @@ class Board:
     square: float = 0.0
     least: int = 1
     rim: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    faced: bool = True
 
     def parts(self) -> Iterator[tuple[IntArray, int]]:
         """Points that lie together, by position, and the one among them that stands for them.
@@ -95,7 +98,7 @@ class Board:
         viewed : ndarray, shape (..., n, 3), m, camera axes; seen : ndarray of bool, shape (..., n), in
             the image; focal : px
         """
-        if self.printed:
+        if self.printed and self.faced:
             x, y = np.moveaxis(self._axes(viewed), -2, 0)
             normal = np.cross(x, y)
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
@@ -105,6 +108,29 @@ class Board:
             seen = seen & (cosine >= np.cos(limits.tilt))
             seen &= focal * self.printed * cosine >= square * away
         return np.asarray(seen & self.enough(seen, limits)[..., None])
+
+    def noise(self, rows: Array) -> Array:
+        """By how much noise exceeds that of a large figure, (...), of pixels (..., n, 2) in an image.
+
+        ``sqrt(1 + (2 s_0 / s)^2)``, of the figure's side s, px, across where it is foreshortened most,
+        and s_0, as small as a detector finds it. Points that are not read are zero.
+        """
+        one = np.ones(rows.shape[:-2])
+        if not self.printed:
+            return one
+        read = (rows != 0.0).any(axis=-1)[..., None]
+        count = np.maximum(read.sum(axis=-2, keepdims=True), 1)
+        own = read * (
+            self.points[:, :2] - (read * self.points[:, :2]).sum(-2, keepdims=True) / count
+        )
+        pixels = rows - rows.sum(axis=-2, keepdims=True) / count
+        spread = np.swapaxes(own, -1, -2) @ own
+        known = np.linalg.det(spread) > _THIN * np.trace(spread, axis1=-2, axis2=-1) ** 2
+        spread[~known] = np.eye(2)
+        slopes = np.linalg.solve(spread, np.swapaxes(own, -1, -2) @ pixels)
+        side = self.printed * np.linalg.svd(slopes, compute_uv=False)[..., -1]
+        grown = np.hypot(one, 2.0 * self.square / np.maximum(side, self.square / 2.0))
+        return np.where(known, grown, one)
 
     def enough(self, seen: Mask, limits: Detection) -> Mask:
         """Whether so many of its points are seen (..., n) that a detector finds it, (...)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
+from calib.errors import InputError
 from calib.files.exports.images import pattern_of, read_images
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
 from tests.calib.files.test_images import CHARUCO, SQUARES, TAGS, charuco, chessboard, tags
@@ -23,13 +25,11 @@ PRINTED = {  # keys of the board, the print, the side of its smallest figure [m]
 BLUR, NOISE = 0.7, 3.0  # px, grey levels
 
 
-def found(kind: str, across: float, tilt: float, folder: Path) -> float:
-    """The share of its points that is found where its figure is so many px across, foreshortened."""
-    keys, drawn, side, _ = PRINTED[kind]
-    (folder / "cell.toml").write_text(camera_cell(keys, PINHOLE))
-    pattern = pattern_of(folder / "cell.toml", "b")
+def photographs(kind: str, across: float, tilt: float, cell: Path) -> Iterator[tuple[Any, ...]]:
+    """Six images of a board whose figure is so many px across, foreshortened; its pattern and place."""
+    drawn, side = PRINTED[kind][1:3]
+    pattern = pattern_of(cell, "b")
     rng = np.random.default_rng(0)
-    shares = []
     for _ in range(6):
         way = rng.uniform(0.0, 2.0 * np.pi)
         leaning = tilt * np.cos(way), tilt * np.sin(way)
@@ -39,8 +39,17 @@ def found(kind: str, across: float, tilt: float, folder: Path) -> float:
         assert inside(pixels(pattern.points, T)).all()
         image = cv2.GaussianBlur(photograph("opencv", drawn(), T), (0, 0), BLUR)
         grey = 40.0 + 0.7 * image + rng.normal(0.0, NOISE, image.shape)
-        cv2.imwrite(str(folder / "i.png"), np.clip(grey, 0, 255).astype(np.uint8))
-        shares.append(count(folder / "i.png", pattern) / len(pattern.points))
+        yield np.clip(grey, 0, 255).astype(np.uint8), pattern, T
+
+
+def found(kind: str, across: float, tilt: float, folder: Path) -> float:
+    """The share of its points that is found where its figure is so many px across, foreshortened."""
+    cell = folder / "cell.toml"
+    cell.write_text(camera_cell(PRINTED[kind][0], PINHOLE))
+    shares = [
+        len(points_in(image, pattern, folder)) / len(pattern.points)
+        for image, pattern, _ in photographs(kind, across, tilt, cell)
+    ]
     return float(np.mean(shares))
 
 
@@ -48,13 +57,12 @@ def inside(uv: Array) -> Any:
     return ((uv > 10.0) & (uv < np.array(SIZE) - 10.0)).all(axis=1)
 
 
-def count(image: Path, pattern: Any) -> int:
-    from calib.errors import InputError
-
+def points_in(image: Any, pattern: Any, folder: Path) -> list[Any]:
+    cv2.imwrite(str(folder / "i.png"), image)
     try:
-        return len(read_images([image], [pattern])[0].points)
+        return list(read_images([folder / "i.png"], [pattern])[0].points)
     except InputError:
-        return 0
+        return []
 
 
 @pytest.mark.parametrize("kind", PRINTED)
@@ -91,3 +99,49 @@ def test_five_lines_of_sight_stand_for_a_board() -> None:
     assert sorted(k for few, _ in parts for k in few) == list(range(88))
     assert all(one in few for few, one in parts)
     assert {0, 10, 77, 87} <= {one for _, one in parts}, "the corners"
+
+
+@pytest.mark.parametrize("kind", ["chessboard", "charuco"])
+def test_small_figures_are_found_as_much_worse_as_the_noise_says(kind: str, tmp_path: Path) -> None:
+    """At the least size, and leaning, against more than twice that, face on."""
+    least = PRINTED[kind][3]
+    large = spread(kind, 2.25 * least, 0.0, tmp_path)
+    expected = np.hypot(1.0, 2.0 / 2.25)
+    for across, tilt in ((least, 0.0), (1.5 * least, np.radians(50.0))):
+        ratio = spread(kind, across, tilt, tmp_path) / large
+        assert ratio == pytest.approx(np.hypot(1.0, 2.0 * least / across) / expected, rel=0.25)
+
+
+def spread(kind: str, across: float, tilt: float, folder: Path) -> float:
+    """Standard deviation of a coordinate, px, of the points that are found."""
+    cell = folder / "cell.toml"
+    cell.write_text(camera_cell(PRINTED[kind][0], PINHOLE))
+    off: list[Array] = []
+    for image, pattern, T in photographs(kind, across, tilt, cell):
+        at = dict(zip(pattern.names, pixels(pattern.points, T), strict=True))
+        points = points_in(image, pattern, folder)
+        beyond = np.array([p.values for p in points], float) - [
+            at[p.point.removeprefix("b:")] for p in points
+        ]
+        off.append(beyond - np.median(beyond, axis=0))
+    return float(1.4826 * np.median(np.abs(np.concatenate(off))))
+
+
+def test_noise_grows_as_figures_look_smaller() -> None:
+    points = np.array([[x, y, 0.0] for y in range(8) for x in range(11)]) * 0.02
+    board = Board("b", slice(0, 88), points, 0.02, 10.0, 88)
+
+    def image(away: float, tilt: float) -> Array:
+        R = cv2.Rodrigues(np.array([tilt, 0.0, 0.0]))[0]
+        viewed = (points - points.mean(axis=0)) @ R.T + [0.0, 0.0, away]
+        return 900.0 * viewed[:, :2] / viewed[:, 2:] + 640.0
+
+    faced = image(0.9, 0.0)  # squares of 20 px
+    assert board.noise(faced) == pytest.approx(np.sqrt(2.0))
+    assert board.noise(image(1.8, 0.0)) == pytest.approx(np.sqrt(5.0))
+    assert board.noise(image(0.9, np.radians(60.0))) == pytest.approx(np.sqrt(5.0), rel=0.02)
+    part = np.arange(88)[:, None] % 3 > 0
+    assert board.noise(faced * part) == pytest.approx(np.sqrt(2.0)), "what is hidden is zero"
+    assert board.noise(faced * 0.0) == 1.0
+    line = np.arange(88)[:, None] < 11
+    assert board.noise(faced * line) == 1.0, "points on a line show no side"

@@ -223,7 +223,7 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     for index in by_size(fit.data.poses.configuration):
         B, c = index.shape
         axes, held = _directions(Q[index].reshape(B, c * R, Q.shape[-1]))
-        known[index] = (1.0 - held.max(axis=-1) > _FREE)[:, None]
+        known[index] = (1.0 - held.max(axis=-1, initial=0.0) > _FREE)[:, None]
         gained = 1.0 / np.maximum(1.0 - held, _FREE) - 1.0
         off = r[index].reshape(B, -1, 1)
         off = off + axes @ (gained[..., None] * (np.swapaxes(axes, -1, -2) @ off))

@@ -81,8 +81,8 @@ def believed_sigma(data: Measurements, weights: Array, lengths: Mask) -> float:
     own = weights[data.seen]
     of = np.broadcast_to(lengths, (*data.seen.shape, lengths.shape[-1]))[data.seen]
     of = of & own.any(axis=-2)
-    squares = ((np.linalg.pinv(own) ** 2).sum(axis=-1) * of).sum(axis=-1).mean()
-    return float(np.sqrt(squares / max(of.sum(axis=-1).mean(), 1.0)))
+    squares = (np.linalg.pinv(own) ** 2).sum(axis=-1) * of
+    return float(np.sqrt(squares.sum() / max(of.sum(), 1)))
 
 
 def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:

@@ -36,6 +36,7 @@ _FAINT = (
 _MOST_STEPS = 40
 SETTLED = 0.05
 """Fall of -2 log likelihood that is not worth another step."""
+_ROOM = 4.0  # times the variance that is seen
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 
 
@@ -51,6 +52,7 @@ class Turned:
     beyond_rigid : int, rows that count and that nothing but the instrument moves
     units : ndarray, shape (v,), variances in SI of each theta at one; the first is that of the
         instrument
+    highest : float, no theta but the first becomes larger
     """
 
     blocks: tuple[Block, ...]
@@ -60,6 +62,7 @@ class Turned:
     beyond: int
     beyond_rigid: int
     units: Array
+    highest: float = np.inf
 
     @cached_property
     def beside(self) -> Array:
@@ -130,7 +133,21 @@ def turned(
     rows = int(np.count_nonzero(np.abs(F).sum(axis=-1)))
     rigid = sum(b.moved for b in blocks)
     units = np.concatenate([[1.0], *([1.0 / scale**2] * (2 if two else 1))])
-    return Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
+    problem = Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
+    return replace(problem, highest=_highest(problem, len(weighted)))
+
+
+def _highest(problem: Turned, poses: int) -> float:
+    """The largest variance that the rows of so many poses can show: it moves them by what is left.
+
+    A camera's rows hardly follow some displacements of the tip. Without a bound, metres of these pay
+    for a pixel that the model lacks.
+    """
+    alone = independent(problem, np.eye(1, len(problem.units))[0])
+    left = alone.triangle_of(problem.outside.shape[1])[-1, -1] ** 2
+    scattered = sum(b.rows for b in problem.blocks)
+    spare = max(scattered - problem.known, 1)
+    return float(_ROOM * left * scattered / spare / poses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,13 +259,17 @@ def maximised(
     found = likelihood(problem, theta) if found is None else found
     if not len(free):
         return theta, found
-    low = _lowest(theta)
+    low, high = _lowest(theta), np.maximum(problem.highest, theta)
+    high[0] = np.inf
     for _ in range(_MOST_STEPS):
-        move, promised = step(found, theta, free)
+        inside = free[(theta < high)[free] | (found.gradient > 0.0)[free]]
+        if not len(inside):
+            break
+        move, promised = step(found, theta, inside)
         if promised < settled:
             break
         for _ in range(6):
-            trial = np.maximum(theta + move, low)
+            trial = np.clip(theta + move, low, high)
             fresh = likelihood(problem, trial)
             if fresh.value <= found.value:
                 break

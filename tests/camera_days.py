@@ -1,0 +1,169 @@
+"""Days with cameras: cells of every set-up, and what is read there, by OpenCV's ``projectPoints``.
+
+The arm is composed link by link in :mod:`tests.plain_arm`; nothing here knows how posecal projects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import load_cell
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from tests.plain_arm import frame, tips
+
+cv2 = pytest.importorskip("cv2", exc_type=ImportError)
+IMAGE = (1280, 960)
+LENS = np.array([1000.0, 1000.0, 639.5, 479.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+SIGMA_PX, SIGMA_M = 0.1, 2e-5
+SQUARES, PITCH = (9, 6), 0.03
+MARKERS = np.array([[0.05, 0.0, 0.03], [-0.03, 0.05, 0.03], [-0.03, -0.05, 0.03]])
+
+
+@dataclass(frozen=True)
+class Stands:
+    """Where a camera or a board is thought to be: ``on`` tip or world, mm and deg."""
+
+    on: str
+    position_mm: Sequence[float]
+    rpy_deg: Sequence[float]
+
+    def keys(self) -> str:
+        return (
+            f'on = "{self.on}"\nposition_mm = {list(self.position_mm)}\n'
+            f"rpy_deg = {list(self.rpy_deg)}\n"
+        )
+
+    def frame(self) -> Array:
+        """In the axes of what it stands on, (4, 4)."""
+        roll, pitch, yaw = (frame(np.r_[0, 0, 0, a]) for a in np.diag(np.radians(self.rpy_deg)))
+        T = yaw @ pitch @ roll
+        T[:3, 3] = np.array(self.position_mm) / 1e3
+        return T
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Cameras and boards by name; tracker : three markers on the tip are read, too."""
+
+    cameras: Mapping[str, Stands]
+    boards: Mapping[str, Stands]
+    tracker: bool = False
+
+    def text(self, urdf: str, base: str, tip: str, effects: str = '"base", "tool", "geometry"',
+             more: str = "") -> str:  # fmt: skip
+        """The cell."""
+        tables = [f'schema = 1\n[robot]\nurdf = "{urdf}"\nbase = "{base}"\ntip = "{tip}"\n']
+        if self.tracker:
+            rows = (f"m{k} = {(1e3 * m).tolist()}\n" for k, m in enumerate(MARKERS, 1))
+            tables.append("[markers_mm]\n" + "".join(rows))
+            tables.append(
+                f'[instruments.tracker]\nkind = "points"\nsigma_mm = {1e3 * SIGMA_M}\n'
+                "position_mm = [3000, 1000, 1000]\n"
+            )
+        for name, stands in self.boards.items():
+            printed = f"squares = {list(SQUARES)}\npitch_mm = {1e3 * PITCH}\n"
+            tables.append(f"[boards.{name}]\n{printed}{stands.keys()}")
+        for name, stands in self.cameras.items():
+            lens = f"focal_px = {LENS[0]}\ncenter_px = {LENS[2:4].tolist()}\nimage_px = {list(IMAGE)}\n"
+            tables.append(
+                f'[instruments.{name}]\nkind = "camera"\nsigma_px = {SIGMA_PX}\n{lens}'
+                f"{stands.keys()}{more}"
+            )
+        return "".join(tables) + f"[model]\neffects = [{effects}]\n"
+
+
+TABLE = Stands("world", [450, -120, 20], [180, 0, 0])
+HAND = Stands("tip", [60, 0, 40], [0, 0, 90])
+SETUPS = {
+    "hand": Setup({"cam": HAND}, {"table": TABLE}),
+    "fixed": Setup(
+        {"cam": Stands("world", [1500, 0, 500], [-90, 0, 90])},
+        {"plate": Stands("tip", [130, -75, 20], [0, 180, 0])},
+    ),
+    "two": Setup(
+        {
+            "left": Stands("world", [1500, 600, 500], [-90, 0, 115]),
+            "right": Stands("world", [1500, -600, 500], [-90, 0, 65]),
+        },
+        {"plate": Stands("tip", [130, -75, 20], [0, 180, 0])},
+    ),
+    "tracker": Setup({"cam": HAND}, {"table": TABLE}, tracker=True),
+    "boards": Setup(
+        {"cam": HAND},
+        {"table": TABLE, "side": Stands("world", [-100, 480, 20], [180, 0, 0])},
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """How the day differs from its cell.
+
+    offsets : of the joints, rad; lens : of every camera, as OpenCV writes it, px
+    moved : how far cameras and boards are from where the cell says, (m, rad); size : of the boards
+    seed : of the noise; stands : of where cameras and boards are
+    """
+
+    offsets: Array
+    lens: Array = field(default_factory=LENS.copy)
+    moved: tuple[float, float] = (0.01, 0.02)
+    size: float = 1.0
+    seed: int = 0
+    stands: int = 0
+
+
+def grid() -> Array:
+    """Inner corners of the chessboard, row by row, (n, 3), m."""
+    across, down = SQUARES[0] - 1, SQUARES[1] - 1
+    i = np.indices((down, across))[::-1].reshape(2, -1).T + 1.0
+    return np.c_[i, np.zeros(len(i))] * PITCH
+
+
+def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Sequence[str]) -> str:
+    """The table of a day at the poses q (m, dof), rad: what each camera sees of each board whole."""
+    robot: Robot = load_cell(cell_path).robot
+    rng, placing = np.random.default_rng(truth.seed), np.random.default_rng(truth.stands)
+    off = truth.moved[0] * np.array([1, 1, 1, 0, 0, 0]) + truth.moved[1] * np.array([0, 0, 0, 1, 1, 1])
+    true = {
+        name: s.frame() @ frame(off * placing.uniform(-1, 1, 6))
+        for name, s in (*setup.cameras.items(), *setup.boards.items())
+    }
+    K = np.array([[truth.lens[0], 0, truth.lens[2]], [0, truth.lens[1], truth.lens[3]], [0, 0, 1]])
+    joints = [f"{joint}_rad" for joint in robot.joints]
+    read = ["u_px", "v_px", *(["x_mm", "y_mm", "z_mm"] if setup.tracker else [])]
+    empty = ",,," if setup.tracker else ""
+    lines = [",".join(["pose", "instrument", "marker", *joints, *read])]
+    points = grid() * truth.size
+    station = frame(np.array([-3.0, -1.0, -1.0, 0.3, -0.2, 0.5]))
+    for name, own, tip in zip(names, q, tips(robot, q + truth.offsets), strict=True):
+        shared = ",".join(f"{value:.9f}" for value in own)
+        for camera, s in setup.cameras.items():
+            eye = np.linalg.inv(tip @ true[camera] if s.on == "tip" else true[camera])
+            for board, b in setup.boards.items():
+                if b.on == s.on:
+                    continue
+                T = eye @ (tip @ true[board] if b.on == "tip" else true[board])
+                if T[2, 3] < 0.05 or T[:3, 2] @ T[:3, 3] < 0.5 * np.linalg.norm(T[:3, 3]):
+                    continue  # behind the camera, or seen from behind or from too far aside
+                uv, _ = cv2.projectPoints(points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:])
+                uv = uv[:, 0] + rng.normal(0.0, SIGMA_PX, (len(points), 2))
+                if (uv < 0.0).any() or (uv > np.array(IMAGE) - 1.0).any():
+                    continue
+                lines += [
+                    f"{name},{camera},{board}:{k},{shared},{u:.4f},{v:.4f}{empty}"
+                    for k, (u, v) in enumerate(uv)
+                ]
+        if setup.tracker:
+            seen = MARKERS @ tip[:3, :3].T + tip[:3, 3] @ np.eye(3)
+            seen = seen @ station[:3, :3].T + station[:3, 3] + rng.normal(0.0, SIGMA_M, (3, 3))
+            lines += [
+                f"{name},tracker,m{k},{shared},,,{x:.5f},{y:.5f},{z:.5f}"
+                for k, (x, y, z) in enumerate(1e3 * seen, 1)
+            ]
+    return "\n".join([*lines, ""])

@@ -129,7 +129,9 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
     """The table of a day at the poses q (m, dof), rad: what each camera sees of each board whole."""
     robot: Robot = load_cell(cell_path).robot
     rng, placing = np.random.default_rng(truth.seed), np.random.default_rng(truth.stands)
-    off = truth.moved[0] * np.array([1, 1, 1, 0, 0, 0]) + truth.moved[1] * np.array([0, 0, 0, 1, 1, 1])
+    off = truth.moved[0] * np.array([1, 1, 1, 0, 0, 0]) + truth.moved[1] * np.array(
+        [0, 0, 0, 1, 1, 1]
+    )
     true = {
         name: s.frame() @ frame(off * placing.uniform(-1, 1, 6))
         for name, s in (*setup.cameras.items(), *setup.boards.items())
@@ -151,7 +153,9 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
                 T = eye @ (tip @ true[board] if b.on == "tip" else true[board])
                 if T[2, 3] < 0.05 or T[:3, 2] @ T[:3, 3] < 0.5 * np.linalg.norm(T[:3, 3]):
                     continue  # behind the camera, or seen from behind or from too far aside
-                uv, _ = cv2.projectPoints(points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:])
+                uv, _ = cv2.projectPoints(
+                    points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:]
+                )
                 uv = uv[:, 0] + rng.normal(0.0, SIGMA_PX, (len(points), 2))
                 if (uv < 0.0).any() or (uv > np.array(IMAGE) - 1.0).any():
                     continue

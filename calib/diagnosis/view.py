@@ -181,9 +181,15 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGr
 def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
     """A cause at the tunings of its kind elsewhere: what it would be in their place."""
     for c in active:
-        same = c.effect.kind == candidate.effect.kind and not c.is_like(candidate)
-        if isinstance(c.effect, Timed) and same:
+        if isinstance(c.effect, Timed) and not c.is_like(candidate) and _as_timed(candidate, c):
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
+
+
+def _as_timed(candidate: Candidate, other: Candidate) -> bool:
+    """Whether both follow the clock by one function: a camera that moved does as a base that stepped."""
+    mine, theirs = candidate.effect, other.effect
+    timed = isinstance(mine, Timed) and isinstance(theirs, Timed)
+    return timed and type(mine).functions is type(theirs).functions
 
 
 def _unseen(free: Array, shown: Array) -> Array:

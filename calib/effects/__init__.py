@@ -13,6 +13,7 @@ from calib.effects.base import Base
 from calib.effects.base_compliance import BaseCompliance
 from calib.effects.base_drift import BaseDrift
 from calib.effects.bearing_compliance import BearingCompliance
+from calib.effects.board_bend import BoardBend
 from calib.effects.board_scale import BoardScale
 from calib.effects.context import Context
 from calib.effects.focal_drift import FocalDrift
@@ -31,6 +32,7 @@ from calib.effects.lens import Distortion, Focal, PrincipalPoint
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.link_weight import LinkWeight
 from calib.effects.measured_torque import MeasuredTorque
+from calib.effects.moved import Moved
 from calib.effects.payload import PayloadError
 from calib.effects.protocol import Effect, Parameter, State
 from calib.effects.settling import Settling
@@ -38,6 +40,7 @@ from calib.effects.socket_seat import SocketSeat
 from calib.effects.step import Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.thermal_expansion import ThermalExpansion
+from calib.effects.time_offset import TimeOffset
 from calib.effects.tool import Tool
 from calib.effects.tool_compliance import ToolCompliance
 from calib.effects.tracker_drift import TrackerDrift
@@ -84,6 +87,9 @@ EFFECTS: dict[str, type[Effect]] = {
     "focal_drift": FocalDrift,
     "focal_expansion": FocalExpansion,
     "board_scale": BoardScale,
+    "board_bend": BoardBend,
+    "moved": Moved,
+    "time_offset": TimeOffset,
     "socket_seat": SocketSeat,
     "instrument_drift": InstrumentDrift,
     "wire_scale": WireScale,

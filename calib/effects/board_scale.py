@@ -26,7 +26,7 @@ class BoardScale(PartEffect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return tuple(w for w, part in context.parts.items() if part.numbers == SCALE.stop)
+        return tuple(w for w, part in context.parts.items() if part.board is not None)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:

@@ -12,8 +12,9 @@ from calib.arm.robot import Robot
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
-from calib.instruments import TRACKER, Instrument
-from calib.instruments.protocol import MOTION, SCALE
+from calib.instruments import TRACKER, Camera, Instrument
+from calib.instruments.detection import Board
+from calib.instruments.protocol import MOTION
 
 ARM = "arm"
 """The place that stands for all links, or all joints, at once."""
@@ -35,10 +36,11 @@ class Expectation(NamedTuple):
 
 
 class MovablePart(NamedTuple):
-    """What may come loose: in how many numbers, and which markers on the tip it is, if it is there."""
+    """What may come loose: in how many numbers, which markers on the tip it is, and of what shape."""
 
     numbers: int
     body: slice | None
+    board: Board | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +84,9 @@ class Context:
         found: dict[str, MovablePart] = {}
         for instrument in self.instruments:
             found |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
-            looked = (board for board in instrument.shapes if board in self.bodies)
-            found |= {
-                f"board:{board}": MovablePart(SCALE.stop, self.bodies[board]) for board in looked
-            }
+            for board in instrument.boards if isinstance(instrument, Camera) else ():
+                own = MovablePart(board.numbers, self.bodies.get(board.name), board)
+                found[f"board:{board.name}"] = own
         return found
 
     def reads(self, kind: str) -> bool:

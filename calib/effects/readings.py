@@ -96,15 +96,29 @@ class PartEffect(DirectedEffect):
         name = self.where.partition(":")[2]
         return name if name in instrument.sites else None
 
-    def moved(self, poses: Poses, values: Array, markers: Array) -> tuple[Array, Array, Array]:
+    def moved(self, poses: Poses, values: Array, markers: Array) -> tuple[Array, Array]:
         """Its markers (..., m, k, 3), m, tip frame, displaced about their middle.
 
-        Returns them, what turns and scales them (..., m, 1, 3, 3), and derivatives (..., m, k, 3, p).
+        Returns derivatives (..., m, k, 3, p) by its parameters, too.
         """
-        by = np.zeros((*values.shape[:-1], len(poses), SCALE.stop))
-        by[..., self.numbers] = self.amounts(poses, values)
+        by = self._by(poses, values)
         middle = markers.mean(axis=-2, keepdims=True)
         placed, columns = displaced_shape(by, markers - middle)
-        A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
         columns = columns[..., self.numbers] @ self.response(poses, values)[..., None, :, :]
-        return middle + placed, A[..., None, :, :], columns
+        return middle + placed, columns
+
+    def carried(self, poses: Poses, values: Array, markers: Array, before: Array) -> Array:
+        """How what moves the markers where it acts not, ``before`` (..., m, k, 3, q), moves them here.
+
+        markers : ndarray, shape (..., m, k, 3), m, before they are displaced; all in tip axes
+        """
+        del markers
+        by = self._by(poses, values)
+        A = so3_exp(by[..., MOTION][..., 3:]) * (1.0 + by[..., SCALE])[..., None]
+        middle = before.mean(axis=-3, keepdims=True)
+        return np.asarray(middle + A[..., None, :, :] @ (before - middle))
+
+    def _by(self, poses: Poses, values: Array) -> Array:
+        by = np.zeros((*values.shape[:-1], len(poses), SCALE.stop))
+        by[..., self.numbers] = self.amounts(poses, values)
+        return by

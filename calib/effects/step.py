@@ -38,7 +38,8 @@ class Step(Timed):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return (*everything(context), *markers(context), *context.parts)
+        parts = (w for w, part in context.parts.items() if not w.startswith("camera:") and not part.board)
+        return (*everything(context), *markers(context), *parts)
 
     @property
     def tuning_parameter(self) -> Parameter:
@@ -83,4 +84,4 @@ class StepOfMarker(Step, TunedMarker):
 
 @dataclass(frozen=True, eq=False)
 class StepOfPart(Step, TunedPart):
-    """A step of a camera, a board or a socket."""
+    """A step of a socket, or of an instrument that is no camera: those are ``moved``."""

@@ -150,7 +150,8 @@ def shared_columns(robot: Robot) -> set[str]:
     """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
     joints = (*robot.joints, *robot.told)
     shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
-    shared |= {f"{j}_{unit}" for j in joints for unit in (*ANGLES, *LENGTHS)}
+    units = (*ANGLES, *LENGTHS)
+    shared |= {f"{j}_{unit}{per}" for j in joints for unit in units for per in ("", "_s")}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
@@ -161,6 +162,15 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
         f"{joint}_{force if slides else torque}"
         for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
     )
+
+
+def velocity_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], ...]:
+    """Column of the velocity of each joint, and its unit in SI; of any unit that the table has."""
+    own = []
+    for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
+        units = {f"{joint}_{unit}_s": scale for unit, scale in (LENGTHS if slides else ANGLES).items()}
+        own.append(next((u for u in units.items() if u[0] in table.columns), [*units.items()][0]))
+    return tuple(own)
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
@@ -216,6 +226,9 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     torques = torque_columns(robot)
     if _every_joint(table, torques):
         found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])
+    speeds = velocity_columns(table, robot)
+    if _every_joint(table, tuple(name for name, _ in speeds)):
+        found["velocity"] = np.column_stack([table.numbers(c)[rows] * s for c, s in speeds])
     # A joint tells itself from which side it came, else its master does.
     sided = [
         next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])

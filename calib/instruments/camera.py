@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.arm.se3 import (
     cross,
-    displaced_shape,
     fit_rigid,
     moved_as_one,
     rotate,
@@ -26,7 +25,6 @@ from calib.instruments.points import Tracker
 from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
     MOTION,
-    SCALE,
     Instrument,
     Linear,
     Nominal,
@@ -97,10 +95,6 @@ class Camera(Instrument):
     @property
     def parts(self) -> Mapping[str, slice]:
         return {f"camera:{self.name}": MOTION}
-
-    @property
-    def shapes(self) -> tuple[str, ...]:
-        return tuple(board.name for board in self.boards)
 
     @property
     def metric(self) -> bool:
@@ -273,10 +267,10 @@ class ArmCamera(Camera):
 
     @property
     def parts(self) -> Mapping[str, slice]:
-        each, first = SCALE.stop, MOTION.stop
+        ends = MOTION.stop + np.cumsum([0, *(board.numbers for board in self.boards)])
         boards = {
-            f"board:{board.name}": slice(first + each * k, first + each * (k + 1))
-            for k, board in enumerate(self.boards)
+            f"board:{board.name}": slice(int(a), int(b))
+            for board, a, b in zip(self.boards, ends, ends[1:], strict=False)
         }
         return {**super().parts, **boards}
 
@@ -313,17 +307,19 @@ class ArmCamera(Camera):
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
 
-        Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards, 7 numbers each
+        Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards, their numbers
         """
         batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
         count = sum(len(board.points) for board in self.boards)
         points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
         by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
+        first = 0
         for k, board in enumerate(self.boards):
             shape = board.points
-            part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
+            part = slice(first, first + board.numbers)
+            first = part.stop
             if loose.shape[-1]:
-                shape, by_part = displaced_shape(loose[..., part], shape)
+                shape, by_part = board.displaced(loose[..., part])
             moved, R, by_place = moved_as_one(places[..., k, :], shape)
             points[..., board.channels, :] = moved
             by[..., board.channels, :, 6 * k : 6 * k + 6] = by_place

@@ -41,8 +41,9 @@ class Unknown(NamedTuple):
     size: float
 
 
-ZERO, MOTION, SCALE = slice(0, 1), slice(0, 6), slice(6, 7)
-"""Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
+ZERO, MOTION, SCALE, BEND = slice(0, 1), slice(0, 6), slice(6, 7), slice(7, 10)
+"""Of a part that may come loose: a displacement in its own axes, what it is too large by, and how far
+its middle stands out of the plane of its edges."""
 
 
 UNITS = {
@@ -178,11 +179,6 @@ class Instrument(ABC):
         These numbers, zero at rest, a place may have after its unknowns.
         """
         return {}
-
-    @property
-    def shapes(self) -> tuple[str, ...]:
-        """Names of the shapes that it looks at, on the tip or in the world."""
-        return ()
 
     @property
     def unforeseen(self) -> str:

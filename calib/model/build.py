@@ -41,6 +41,10 @@ _COVARIATES = {
         "nothing says how far the joints went before",
         "give measured poses in their order",
     ),
+    "velocity": (
+        "the arm stood still at each pose, or nothing says how fast it moved",
+        "add columns <joint>_deg_s, or give readings of a moving arm in their order with time_s",
+    ),
     "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
 

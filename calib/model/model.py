@@ -299,13 +299,12 @@ class Model:
         for effect, part in self._bodies:
             own = J[..., effect.body, :, :]
             here = markers[..., effect.body, :]
-            placed, turned, columns = effect.moved(poses, values[..., part], here)
+            placed, columns = effect.moved(poses, values[..., part], here)
+            R = R_tip[..., None, :, :]
+            before = np.swapaxes(R, -1, -2) @ own[..., on_tip]
+            own[..., on_tip] = R @ effect.carried(poses, values[..., part], here, before)
             markers[..., effect.body, :] = placed
-            turned = (R_tip @ turned[..., 0, :, :] @ np.swapaxes(R_tip, -1, -2))[..., None, :, :]
-            before = own[..., on_tip]
-            middle = before.mean(axis=-3, keepdims=True)
-            own[..., on_tip] = middle + turned @ (before - middle)
-            own[..., part] = R_tip[..., None, :, :] @ columns
+            own[..., part] = R @ columns
 
     def predict(self, values: Array, poses: Poses) -> Array:
         """Readings of the markers, shape (..., m, C, r); of a tracker its points in station axes, m."""

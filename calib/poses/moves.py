@@ -17,6 +17,7 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
+_STRAIGHT, _FEWEST = 0.4, 4  # change of a velocity over two of them, of a path; readings that show one
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
@@ -59,7 +60,31 @@ def with_moves(poses: Poses) -> Poses:
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=motion,
+        velocity=_velocity(poses, order) if poses.velocity is None else poses.velocity,
     )
+
+
+def _velocity(poses: Poses, order: IntArray) -> Array | None:
+    """Velocity of the joints at each reading, (m, n), None where the readings follow no path.
+
+    They do where the way bends little from one to the next: an arm that was filmed as it moved. Stops
+    that were chosen one by one, at which it stood still, lie anywhere.
+    """
+    from scipy.interpolate import CubicSpline
+
+    time = np.arange(float(len(poses))) if poses.time is None else poses.time[order]
+    q, found = poses.q[order], np.zeros_like(poses.q)
+    bends = []
+    for part in np.split(np.arange(len(q)), np.flatnonzero(begins(poses)[order])[1:]):
+        if len(part) < _FEWEST or not (np.diff(time[part]) > 0.0).all():
+            continue
+        speed = np.diff(q[part], axis=0) / np.diff(time[part])[:, None]
+        turn, along = (np.linalg.norm(v, axis=1) for v in (np.diff(speed, axis=0), speed))
+        moving = along[1:] + along[:-1] > 0.0
+        bends.append((turn / np.maximum(along[1:] + along[:-1], 1e-300))[moving])
+        found[order[part]] = CubicSpline(time[part], q[part])(time[part], 1)
+    bent = np.concatenate(bends) if bends else np.zeros(0)
+    return found if len(bent) and float(np.median(bent)) < _STRAIGHT else None
 
 
 def begins(poses: Poses) -> Mask:
@@ -101,7 +126,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
     if parts_of_one_table(first, second):
         return data, heldout
     if first.time is None or second.time is None:
-        return data, replace(heldout, poses=replace(second, time=None, order=None))
+        return data, replace(heldout, poses=replace(second, time=None, order=None, velocity=None))
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
     both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))
     own = both.take(slice(len(first), None))

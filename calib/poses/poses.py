@@ -32,6 +32,8 @@ class Poses(Result):
     approach_derived : bool, whether it follows from the order of measurement
     motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
+    velocity : ndarray, shape (m, n), rad/s or m/s, or per reading where no time is given, at which the
+        joints moved while they were read, or None where nothing tells it
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
     site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
@@ -57,6 +59,7 @@ class Poses(Result):
     load_com: Array
     site: TextArray | None = None
     session: TextArray | None = None
+    velocity: Array | None = None
 
     def sentences(self) -> list[str]:
         return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]

@@ -26,6 +26,7 @@ _COVARIATES = {
     "time": "time_s, or the order of the poses (time in readings)",
     "temperature": "temperature_degC",
     "torque": "<joint>_Nm",
+    "velocity": "<joint>_deg_s, or time_s of an arm that moves",
 }
 _MOST = 12  # parameters that are named
 
@@ -166,7 +167,8 @@ def _parameters(name: str) -> str:
     kind, context = catalogue()[name], context_of(embedded_cell(), None)
     for cell, own_context in (
         ("the demonstration", context),
-        ("a cell with a board, sockets and a wire", _seeing(context)),
+        ("a cell with a board, sockets and a wire", seeing := _seeing(context)),
+        ("a cell with a camera alone", replace(seeing, instruments=seeing.instruments[:1])),
     ):
         for where in kind.places(own_context):
             try:
@@ -188,7 +190,7 @@ def _seeing(context: Context) -> Context:
     from calib.instruments.distance import Distance
     from calib.instruments.socket import Socket
 
-    board = Board("BOARD", slice(0, 3), np.zeros((3, 3)))
+    board = Board("BOARD", slice(0, 3), np.diag([1.0, 1.0, 0.0]))
     sites = ("SOCKET", "another")
     return replace(
         context,

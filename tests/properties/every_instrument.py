@@ -94,7 +94,7 @@ def scene(seed: int, count: int) -> Scene:
     poses = replace(poses, q=q, site=site, time=time)
     tip = tips(robot, middle[None])[0]
     plate, tiles, solid = (rng.uniform(-0.1, 0.1, (n, 3)) for n in (7, 5, 6))
-    tiles[:, 2] = 0.0
+    plate[:, 2] = tiles[:, 2] = 0.0
     camera = framed(rng)
     markers = [
         rng.uniform(-0.2, 0.2, (2, 3)),

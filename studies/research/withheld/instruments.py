@@ -37,8 +37,8 @@ from studies.research.withheld.visible import at_rest
 SHARES = {"null": 0.25, "single": 0.40, "instrument": 0.35}
 _ARM = ("joint_offset", "transmission_harmonic", "backlash", "joint_coupling", "joint_compliance")
 _FAULTS = {
-    "world camera": ("focal_scale", "focal_drift", "focal_expansion", "board_scale", "step"),
-    "tip camera": ("focal_scale", "focal_drift", "focal_expansion", "board_scale", "step"),
+    "world camera": ("focal_scale", "focal_drift", "focal_expansion", "board_scale", "moved"),
+    "tip camera": ("focal_scale", "focal_drift", "focal_expansion", "board_scale", "moved"),
     "socket": ("step", "socket_seat"),
 }
 _NONCENTRALITY = (60.0, 3000.0)
@@ -149,7 +149,7 @@ class Day:
                 "focal_expansion": session.temperature - 20.0,
             }.get(own.effect, np.zeros(count))
             pitch = own.size if own.effect == "board_scale" else 0.0
-            apart = apart + (own.effect == "step") * after * there * own.size * own.motion
+            apart = apart + (own.effect in ("step", "moved")) * after * there * own.size * own.motion
             seat = seat + (own.effect == "socket_seat") * there * own.size * own.motion[:3]
         return View(state.R_link[:, -1], state.o[:, -1], self.site, larger, pitch, apart, seat)
 
@@ -232,7 +232,7 @@ def _drawn(
         where = ("socket:nest_1",)
     elif effect == "board_scale":
         where = ("board:plate",)
-    elif effect == "step" and not (isinstance(reader, Camera) and reader.rides):
+    elif effect == "moved" and not (isinstance(reader, Camera) and reader.rides):
         where = ("camera:eye", "base")  # one and the same, from what it reads
     return Fault(effect, where, motion)
 

@@ -17,7 +17,8 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
-_STRAIGHT, _FEWEST = 0.4, 4  # change of a velocity over two of them, of a path; readings that show one
+_STRAIGHT, _FEWEST = 0.4, 2  # change of a velocity over two of them, of a path; readings that show one
+_PAUSE = 6.0  # times the usual interval, after which a film begins anew
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
@@ -75,9 +76,11 @@ def _velocity(poses: Poses, order: IntArray) -> Array | None:
     time = np.arange(float(len(poses))) if poses.time is None else poses.time[order]
     q, found = poses.q[order], np.zeros_like(poses.q)
     bends = []
-    for part in np.split(np.arange(len(q)), np.flatnonzero(begins(poses)[order])[1:]):
+    pause = np.diff(time, prepend=time[:1])
+    cut = begins(poses)[order] | (pause > _PAUSE * np.median(pause[1:])) if len(q) > 1 else []
+    for part in np.split(np.arange(len(q)), np.flatnonzero(cut)):
         if len(part) < _FEWEST or not (np.diff(time[part]) > 0.0).all():
-            continue
+            continue  # one reading alone has no velocity
         speed = np.diff(q[part], axis=0) / np.diff(time[part])[:, None]
         turn, along = (np.linalg.norm(v, axis=1) for v in (np.diff(speed, axis=0), speed))
         moving = along[1:] + along[:-1] > 0.0

@@ -39,7 +39,8 @@ _POSES, _DRAWN = 45, 4000
 _PAYLOAD, _GRAVITY = 3.0, 9.81  # kg at the tip, m/s^2
 _COMPLIANCE = 8e-5  # rad/(N m) of the fourth joint
 _INTERVAL = 120.0  # s, from one pose to the next
-_FILM, _FRAME, _STOPS = 90, 0.5, 4  # images, s between them, poses that the film passes
+_FILM, _FRAME = 90, 0.5  # images, s between them
+_STOPS, _APART = 9, 0.7  # poses that the film passes, rad between two of them
 _MARGIN = 12.0  # px, of the image that a film does not use
 _CELL = """schema = 1
 name = "panda with a camera"
@@ -181,11 +182,11 @@ def written(folder: Path, name: str, seed: int, on: str = "tip") -> tuple[Path, 
     known |= {"camera": on, "board": other, "camera_at": camera_at, "board_at": board_at}
     path.write_text(_CELL.format(urdf=chain.path, **known))
     cell = calib.load_cell(path)
-    q = _poses(cell, rng)
+    shown = _poses(cell, rng)
+    q = true = shown[:_POSES]
     time = _INTERVAL * np.arange(len(q))
-    true = q
     if truth.delay:
-        q, true, time = _film(chain, q[:_STOPS], truth, on)
+        q, true, time = _film(chain, shown, truth, on)
     uv = pixels(chain, true, truth, on)
     uv += rng.normal(0.0, _NOISE, uv.shape)
     table_path.write_text(_columns(cell.robot.joints, q, time, uv))
@@ -202,18 +203,19 @@ def _poses(cell: calib.Cell, rng: np.random.Generator) -> Array:
     q = rng.uniform(low, high, (_DRAWN, cell.robot.dof))
     even, free = rng.uniform(size=(_DRAWN, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
     q = looking(cell, q, np.zeros(_DRAWN, dtype=int), even, free)
-    return q[visible(scene_of(cell, q)).all(axis=1)][:_POSES]
+    return q[visible(scene_of(cell, q)).all(axis=1)]
 
 
-def _film(chain: Chain, stops: Array, truth: Truth, on: str) -> tuple[Array, Array, Array]:
-    """Joints as they were read and as they were, and times, of images on a way past some stops."""
+def _film(chain: Chain, shown: Array, truth: Truth, on: str) -> tuple[Array, Array, Array]:
+    """Joints as they were read and as they were, and times, of images on a way past some poses."""
     from scipy.interpolate import CubicSpline
 
-    order = [0]
-    while len(order) < len(stops):
-        left = [k for k in range(len(stops)) if k not in order]
-        order.append(min(left, key=lambda k: np.linalg.norm(stops[k] - stops[order[-1]])))
-    way = CubicSpline(np.linspace(0.0, _FILM * _FRAME, len(stops)), stops[order])
+    stops = [shown[0]]
+    while len(stops) < _STOPS:
+        away = np.min([np.linalg.norm(shown - stop, axis=1) for stop in stops], axis=0)
+        from_last = np.linalg.norm(shown - stops[-1], axis=1)
+        stops.append(shown[np.argmin(np.where(away < _APART, np.inf, from_last))])
+    way = CubicSpline(np.linspace(0.0, _FILM * _FRAME, len(stops)), stops)
     time = np.linspace(0.0, _FILM * _FRAME, _FILM)
     true = way(time + truth.delay)
     size = 2.0 * np.array(_CENTER)

@@ -38,7 +38,9 @@ class Step(Timed):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        parts = (w for w, part in context.parts.items() if not w.startswith("camera:") and not part.board)
+        parts = (
+            w for w, part in context.parts.items() if not w.startswith("camera:") and not part.board
+        )
         return (*everything(context), *markers(context), *parts)
 
     @property

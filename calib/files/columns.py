@@ -168,7 +168,9 @@ def velocity_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], 
     """Column of the velocity of each joint, and its unit in SI; of any unit that the table has."""
     own = []
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        units = {f"{joint}_{unit}_s": scale for unit, scale in (LENGTHS if slides else ANGLES).items()}
+        units = {
+            f"{joint}_{unit}_s": scale for unit, scale in (LENGTHS if slides else ANGLES).items()
+        }
         own.append(next((u for u in units.items() if u[0] in table.columns), [*units.items()][0]))
     return tuple(own)
 

@@ -17,7 +17,10 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
-_STRAIGHT, _FEWEST = 0.4, 2  # change of a velocity over two of them, of a path; readings that show one
+_STRAIGHT, _FEWEST = (
+    0.4,
+    2,
+)  # change of a velocity over two of them, of a path; readings that show one
 _PAUSE = 6.0  # times the usual interval, after which a film begins anew
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 

@@ -149,7 +149,9 @@ class Day:
                 "focal_expansion": session.temperature - 20.0,
             }.get(own.effect, np.zeros(count))
             pitch = own.size if own.effect == "board_scale" else 0.0
-            apart = apart + (own.effect in ("step", "moved")) * after * there * own.size * own.motion
+            apart = (
+                apart + (own.effect in ("step", "moved")) * after * there * own.size * own.motion
+            )
             seat = seat + (own.effect == "socket_seat") * there * own.size * own.motion[:3]
         return View(state.R_link[:, -1], state.o[:, -1], self.site, larger, pitch, apart, seat)
 

@@ -13,7 +13,7 @@ from calib.poses.moves import with_moves
 
 
 def filmed(time: Array) -> tuple[Poses, Array]:
-    phase = np.outer(time, [0.3, 0.2]) + [0.0, 1.0]
+    phase = np.column_stack([0.3 * time, 0.2 * time + 1.0])
     return poses_at(np.sin(phase), time=time), np.cos(phase) * [0.3, 0.2]
 
 
@@ -50,4 +50,6 @@ def test_an_arm_that_never_moves_has_none() -> None:
 def test_what_a_table_states_is_kept() -> None:
     poses, true = filmed(np.linspace(0.0, 20.0, 60))
     assert with_moves(replace(poses, velocity=2.0 * true)).velocity is not None
-    np.testing.assert_array_equal(with_moves(replace(poses, velocity=2.0 * true)).velocity, 2.0 * true)
+    np.testing.assert_array_equal(
+        with_moves(replace(poses, velocity=2.0 * true)).velocity, 2.0 * true
+    )

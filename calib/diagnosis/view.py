@@ -186,10 +186,11 @@ def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candi
 
 
 def _as_timed(candidate: Candidate, other: Candidate) -> bool:
-    """Whether both follow the clock by one function: a camera that moved does as a base that stepped."""
+    """Whether both follow the clock by one function: a camera that moved does as a step of the base."""
     mine, theirs = candidate.effect, other.effect
-    timed = isinstance(mine, Timed) and isinstance(theirs, Timed)
-    return timed and type(mine).functions is type(theirs).functions
+    if not (isinstance(mine, Timed) and isinstance(theirs, Timed)):
+        return False
+    return type(mine).functions is type(theirs).functions
 
 
 def _unseen(free: Array, shown: Array) -> Array:

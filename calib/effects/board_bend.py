@@ -20,8 +20,8 @@ from calib.poses import Poses
 class BoardBend(PartEffect):
     """The middle of a board stands out of the plane of its edges, along its z axis.
 
-    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board: every
-    curvature that is the same all over it. That its edges come nearer is of second order and left out.
+    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board:
+    every curvature that is the same all over it. That its edges come nearer is of second order.
     """
 
     board: Board

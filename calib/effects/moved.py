@@ -1,4 +1,4 @@
-"""A camera, a hand-eye bracket or a board that was knocked, slipped or was put elsewhere at one moment."""
+"""A camera, its bracket on the hand, or a board that slipped or was knocked at one moment."""
 
 from __future__ import annotations
 

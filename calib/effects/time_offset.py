@@ -20,7 +20,7 @@ class TimeOffset(PoseEffect):
     """The arm is where it will be, or was: ``q = q_read + delay * dq/dt`` at every joint.
 
     The image was taken ``delay`` after the joints were read. Only an arm that moves shows it, so that
-    poses need a velocity. It moves the arm of all that reads, and is asked where one camera reads alone.
+    poses need a velocity. It moves the arm of all that reads: it is asked where one camera reads alone.
 
     axes : ndarray, shape (n, 6), unit displacement along each joint's variable
     clock : str, unit of the session's clock

@@ -171,7 +171,8 @@ def velocity_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], 
         units = {
             f"{joint}_{unit}_s": scale for unit, scale in (LENGTHS if slides else ANGLES).items()
         }
-        own.append(next((u for u in units.items() if u[0] in table.columns), [*units.items()][0]))
+        told = [unit for unit in units.items() if unit[0] in table.columns]
+        own.append((told or list(units.items()))[0])
     return tuple(own)
 
 

@@ -85,7 +85,7 @@ class Board:
 
     @property
     def numbers(self) -> int:
-        """How many numbers say what may be wrong with it: where it stands, its size, a flat one's bend."""
+        """How many numbers say what may be wrong with it: place, size, and a flat one's bend."""
         extent = np.ptp(self.points, axis=0)
         return BEND.stop if extent[2] < _FLAT <= extent[:2].min() else SCALE.stop
 

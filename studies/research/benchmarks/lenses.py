@@ -184,7 +184,7 @@ def written(folder: Path, name: str, seed: int, on: str = "tip") -> tuple[Path, 
     cell = calib.load_cell(path)
     shown = _poses(cell, rng)
     q = true = shown[:_POSES]
-    time = _INTERVAL * np.arange(len(q))
+    time: Array = _INTERVAL * np.arange(float(len(q)))
     if truth.delay:
         q, true, time = _film(chain, shown, truth, on)
     uv = pixels(chain, true, truth, on)

@@ -103,13 +103,13 @@ class Pose(Tracker):
         factor = np.where(np.isnan(sigma), 1.0, own / sigma)
         half = np.linalg.inv(np.linalg.cholesky(self.covariance))
         W = np.zeros((*rows.shape, 9))
-        W[..., :6, :] = factor[..., None, None] * (half @ _tangent(_rotation(rows)))
+        W[..., :6, :] = factor[..., None, None] * (half @ _tangent(rotation_of(rows)))
         return W
 
     def shown(self, measured: Array, off: Array) -> Array:
         """``predicted^-1 measured``: its translation, and the logarithm of its rotation."""
-        back = np.swapaxes(_rotation(measured - off), -1, -2)
-        turn = so3_log(back @ _rotation(measured))
+        back = np.swapaxes(rotation_of(measured - off), -1, -2)
+        turn = so3_log(back @ rotation_of(measured))
         return np.concatenate([rotate(back, off[..., :3]), turn], axis=-1)
 
     def row_of(self, entries: Array) -> Array:
@@ -122,7 +122,7 @@ class Pose(Tracker):
         return np.concatenate([entries[..., :3], np.stack([*e1, *e2], axis=-1)], axis=-1)
 
     def entries_of(self, rows: Array) -> Array:
-        r = so3_log(_rotation(rows))
+        r = so3_log(rotation_of(rows))
         half = np.linalg.norm(r, axis=-1, keepdims=True) / 2.0
         sine = r / 2.0 * np.sinc(half / np.pi)
         return np.concatenate([rows[..., :3], np.cos(half), sine], axis=-1)
@@ -131,7 +131,7 @@ class Pose(Tracker):
         """Of each body the position of its origin among markers (M, 3), and p and rotation vector."""
         for first in self.read_of(len(markers))[::CORNERS].tolist():
             frame = _frame(markers[first : first + CORNERS].reshape(9))
-            yield first, (frame[0], so3_log(_rotation(_flat(frame))))
+            yield first, (frame[0], so3_log(rotation_of(_flat(frame))))
 
     @property
     def even(self) -> float | None:
@@ -146,7 +146,7 @@ class Pose(Tracker):
         corners, free = arm.markers.reshape(-1, CORNERS, 3), arm.free.reshape(-1, CORNERS, 3)
         known, read = ~free.any(axis=(1, 2)), np.asarray(seen.any(axis=0))
         R, t, frames = hand_eye(
-            (_rotation(rows), rows[..., :3]),
+            (rotation_of(rows), rows[..., :3]),
             seen,
             (arm.R_tip, arm.p_tip),
             _frame(_flat(corners)),
@@ -178,7 +178,7 @@ def _flat(corners: Array) -> Array:
     return corners.reshape((*corners.shape[:-2], 9))
 
 
-def _rotation(rows: Array) -> Array:
+def rotation_of(rows: Array) -> Array:
     """R_station_body (..., 3, 3) of rows (..., 9)."""
     x, y = rows[..., 3:6], rows[..., 6:9]
     return np.stack([x, y, np.cross(x, y)], axis=-1)

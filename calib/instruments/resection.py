@@ -45,7 +45,7 @@ def board_poses(ideal: Array, seen: Mask, shapes: tuple[Shape, ...]) -> tuple[Mo
                 R[images, k], t[images, k], whole[images, k] = found
         if whole[:, k].any():
             good = whole[:, k]
-            R[good, k], t[good, k] = _refined(
+            R[good, k], t[good, k] = refined(
                 ideal[good, own], seen[good, own], points, R[good, k], t[good, k]
             )
     return (R, t), whole
@@ -105,7 +105,7 @@ def projection(ideal: Array, points: Array) -> Array:
     return np.asarray(Vt[..., -1, :].reshape((*ideal.shape[:-2], 3, width)))
 
 
-def _refined(ideal: Array, seen: Mask, points: Array, R: Array, t: Array) -> tuple[Array, Array]:
+def refined(ideal: Array, seen: Mask, points: Array, R: Array, t: Array) -> tuple[Array, Array]:
     """Poses (n) that fit the rays best, each image by itself."""
     weights = np.repeat(seen, 2, axis=-1) / RESOLUTION
 

@@ -16,6 +16,7 @@ from calib.diagnosis.stage import Fit, positions
 from calib.diagnosis.stepwise import linear_scores
 from calib.effects.base import Base
 from calib.effects.protocol import Effect
+from calib.identification import Identification
 from calib.instruments import Camera
 from calib.linear import LinearProblem
 from doe.ahead.evidence import RivalEvidence
@@ -99,10 +100,10 @@ def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) 
     after = diagnosis.after
     model, values = after.model.extended(after.values, rivals)
     arm = replace(after.variances, scale=diagnosis.noise.factor)
-    return situation_of(Linearisation(_as_found(cell, after), model, values, arm), diagnosis.data)
+    return situation_of(Linearisation(as_found(cell, after), model, values, arm), diagnosis.data)
 
 
-def _as_found(cell: Cell, after: Fit) -> Cell:
+def as_found(cell: Cell, after: Fit | Identification) -> Cell:
     """The cell with its cameras where they were found: what they see of other poses hangs on that."""
     if not any(isinstance(i, Camera) for i in cell.instruments):
         return cell

@@ -95,6 +95,33 @@ def _iso9283() -> list[Record]:
     ]  # fmt: skip
 
 
+def _hand_eye() -> list[Record]:
+    old = old_fields("hand-eye")
+    plain, whole, *others = old["methods"]
+    as_it_is = [{**plain, "used": True}, {**whole, "used": False}]
+    better = [{**others[0], "px": {**plain["px"], "value": 0.1}, "better_p": 1e-4}]
+    lost = [{**own, "px": None, "mm": None, "mrad": None} for own in others]
+    two = [{**own, "camera": "other"} for own in (plain, whole)]
+    cameras = [*old["cameras"], {**old["cameras"][0], "camera": "other", "image_px": 0.1}]
+    poses = [{**own, "px": None} for own in as_it_is]
+    silent = {"ahead": [], "ahead_untold": "no pose is seen", "next_poses": []}
+    open_ = [{**old["ahead"][0], "open": ["a:b.c"]}]
+    alone = {"arm_calibrated": False, "opencv": "OpenCV's five methods are left out"}
+    return [
+        changed("hand-eye"),
+        changed("hand-eye", methods=[*as_it_is, *better], arm_calibrated=False, goal_mm=None),
+        changed("hand-eye", methods=[*as_it_is, *lost], arm_calibrated=False, poses_to_goal=0),
+        changed("hand-eye", methods=[plain, whole, *others[1:], lost[0]], poses_to_goal=7),
+        changed("hand-eye", methods=[plain, whole, *two], cameras=cameras, goal_beyond_reach=True),
+        changed(
+            "hand-eye", methods=poses, **alone, **silent, arm_p=None, arm_untold="too few poses"
+        ),
+        changed(
+            "hand-eye", methods=as_it_is[:1], **alone, ahead=open_, arm_p=None, arm_untold="few"
+        ),
+    ]
+
+
 def _changes() -> list[Record]:
     old = old_fields("changes")
     first, second = old["causes"][:2]
@@ -452,6 +479,7 @@ EXAMPLES = {
     "enough": _enough(),
     "compensate": _compensate(),
     "iso9283": _iso9283(),
+    "hand-eye": _hand_eye(),
     "fleet": _fleet(),
     "changes": _changes(),
     "prior": _prior(),

@@ -1,0 +1,1 @@
+"""``posecal hand-eye``: its record, how it is told, its command."""

@@ -1,0 +1,271 @@
+"""What ``posecal hand-eye`` finds: errors by method, where cameras sit, what more poses bring."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from calib.handeye.opencv import Method
+from studies.document import FOUR, Rule, Shown
+from studies.entries import JointValues, check_same_joints, shown_joints
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Number,
+    Positive,
+    Record,
+    Three,
+    three,
+)
+
+if TYPE_CHECKING:
+    from calib import Cell, HandEye, Measurements
+    from calib.arrays import Array
+    from calib.handeye.judge import Standing
+    from calib.uncertainty.expanded import Interval
+    from doe import Enough
+
+_MM = 1e3
+_MORE = 10  # poses that are tried where no goal is given
+_SHOWN = 3  # poses to go to next
+
+_FIGURE = Rule(lambda own: FOUR(own.value))
+
+
+class MissedEntry(Entry):
+    """RMS error, and between what it lies at other poses like these, 19 times in 20."""
+
+    value: NotNegative
+    low: NotNegative
+    high: Maybe
+
+
+class MethodEntry(Entry):
+    """What a method misses at the held-out poses; None in units that are not read, or without result.
+
+    px : distance of a point; mm, mrad : place and turn of the target as the image shows it
+    used : whether this is the result to use
+    better_p : probability by chance that it misses as much less than that
+    """
+
+    camera: str
+    target: str
+    method: Method
+    used: bool
+    images: Count
+    px: Annotated[MissedEntry | None, Shown("points", _FIGURE, "px")]
+    mm: Annotated[MissedEntry | None, Shown("place", _FIGURE, "mm")]
+    mrad: Annotated[MissedEntry | None, Shown("turn", _FIGURE, "mrad")]
+    better_p: Maybe
+
+
+class CameraEntry(Entry):
+    """Where a camera sits: its frame has z ahead and x to the right of the image.
+
+    on : the link that carries it; std, ci95 : standard deviation, and half of the 95 % interval, of
+        x, y, z along the axes of the link, and of the turn about those of the camera
+    image_px : RMS distance of a point that an image by itself leaves; None where poses are read
+    """
+
+    camera: str
+    on: str
+    position_mm: Three
+    rpy_deg: Three
+    quaternion_xyzw: tuple[Number, Number, Number, Number]
+    std_mm: tuple[MaybePositive, MaybePositive, MaybePositive]
+    std_mrad: tuple[MaybePositive, MaybePositive, MaybePositive]
+    ci95_mm: tuple[MaybePositive, MaybePositive, MaybePositive]
+    ci95_mrad: tuple[MaybePositive, MaybePositive, MaybePositive]
+    image_px: Maybe
+
+
+class AheadEntry(Entry):
+    """The error at the targets.
+
+    most : what it exceeds once in twenty; open : parameters that cannot be told by then
+    """
+
+    readings: Count
+    task_rms_mm: NotNegative
+    task_most_mm: NotNegative
+    open: tuple[str, ...]
+
+
+class NextPose(JointValues):
+    """A pose to measure next."""
+
+    pose: Annotated[str, Shown("next pose")]
+
+
+class HandEyeRecord(Record):
+    """Where cameras sit, how good that is, and what limits it.
+
+    crossed : whether each fifth of the poses was predicted from the others; else poses were held out
+    arm_calibrated : whether the result to use has the arm calibrated
+    arm_p : probability by chance that its calibration lowers the errors as much; None where untold
+    arm_untold : why
+    opencv : why methods of OpenCV are missing, empty where they are there
+    ahead : what is expected now, then after each further pose; empty where ``ahead_untold`` says why
+    poses_to_goal : None where no goal is given, or no number of poses tried reaches it
+    """
+
+    command: Literal["hand-eye"] = "hand-eye"
+    poses: Count
+    crossed: bool
+    arm_calibrated: bool
+    arm_p: Maybe
+    arm_untold: str
+    opencv: str
+    methods: tuple[MethodEntry, ...] = Field(min_length=1)
+    cameras: tuple[CameraEntry, ...] = Field(min_length=1)
+    targets: str
+    goal_mm: Positive | None
+    goal_beyond_reach: bool
+    poses_to_goal: Count | None
+    lacking_mm: Maybe
+    ahead: tuple[AheadEntry, ...]
+    ahead_untold: str
+    next_poses: tuple[NextPose, ...]
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        check_same_joints(self.next_poses)
+        cameras = {own.camera for own in self.cameras}
+        if {own.camera for own in self.methods if own.used} != cameras:
+            raise ValueError("cameras are not those of the methods in use")
+        if bool(self.ahead) == bool(self.ahead_untold):
+            raise ValueError("ahead is empty without ahead_untold, or both are given")
+        return self
+
+
+class Ahead(NamedTuple):
+    """What more poses bring: of ``doe.enough``, or why it is not foreseen."""
+
+    enough: Enough | None
+    why: str
+
+    def table(self, path: Path, cell: Cell) -> dict[Path, str | bytes]:
+        """The next poses as a plan; none where there are none."""
+        from calib.files.write_tables import plan_csv
+        from doe.plan import named
+
+        if self.enough is None or not len(self.enough.fresh_q):
+            return {}
+        poses = named(self.enough.fresh_q, "n")
+        return {path: plan_csv(cell, poses, np.full(len(poses), np.nan))}
+
+
+def next_poses(
+    found: HandEye, data: Measurements, heldout: Measurements | None, goal: float | None, seed: int
+) -> Ahead:
+    """Poses beyond those measured, with the model in use; goal : m."""
+    import doe
+    from calib.errors import CalibError
+    from doe.ahead.rivals import as_found
+
+    cell = as_found(found.cell, found.found)
+    fresh = _MORE if goal is None else 0
+    try:
+        answer = doe.enough(cell, data, heldout=heldout, goal=goal, fresh=fresh, seed=seed)
+    except CalibError as error:
+        return Ahead(None, str(error))
+    return Ahead(answer, "")
+
+
+def hand_eye_record(
+    found: HandEye,
+    ahead: Ahead,
+    goal: float | None,
+    made_from: Envelope,
+    warnings: tuple[str, ...] = (),
+) -> HandEyeRecord:
+    """The record of a result; goal : m."""
+    answer, robot = ahead.enough, found.cell.robot
+    steps = () if answer is None else (answer.steps[0], *answer.fresh)
+    q = np.zeros((0, robot.dof)) if answer is None else answer.fresh_q[:_SHOWN]
+    return HandEyeRecord(
+        **made_from,
+        warnings=tuple(dict.fromkeys((*warnings, *found.found.warnings))),
+        poses=found.poses,
+        crossed=found.crossed,
+        arm_calibrated=found.calibrated,
+        arm_p=found.p,
+        arm_untold=found.why,
+        opencv=found.left_out,
+        methods=tuple(_methods(found)),
+        cameras=tuple(_camera(own, found) for own in found.standing),
+        targets=found.cell.targets_in_words,
+        goal_mm=None if goal is None else goal * _MM,
+        goal_beyond_reach=answer is not None and answer.beyond_reach,
+        poses_to_goal=_to_goal(answer),
+        lacking_mm=None if answer is None else answer.lacking.rms * _MM,
+        ahead=tuple(AheadEntry.from_result(step) for step in steps),
+        ahead_untold=ahead.why,
+        next_poses=tuple(
+            NextPose(pose=f"n{k:02d}", **shown_joints(robot, own)) for k, own in enumerate(q, 1)
+        ),
+    )
+
+
+def _to_goal(answer: Enough | None) -> int | None:
+    if answer is None or answer.goal is None:
+        return None
+    return 0 if answer.needed == 0 else answer.fresh_needed
+
+
+def _methods(found: HandEye) -> Iterator[MethodEntry]:
+    for own in found.judged:
+        px, mm, mrad = (_missed(own.missed.rms(unit)) for unit in ("px", "mm", "mrad"))
+        yield MethodEntry(
+            camera=own.pair.camera,
+            target=own.pair.target,
+            method=own.method,
+            used=own.method == found.used,
+            images=len(own.missed.group),
+            px=px,
+            mm=mm,
+            mrad=mrad,
+            better_p=own.better,
+        )
+
+
+def _missed(rms: Interval | None) -> MissedEntry | None:
+    if rms is None:
+        return None
+    high = rms.high if np.isfinite(rms.high) else None
+    return MissedEntry(value=rms.value, low=rms.low, high=high)
+
+
+def _camera(own: Standing, found: HandEye) -> CameraEntry:
+    from scipy.spatial.transform import Rotation
+
+    from calib.arm.se3 import rpy_from_rotation
+
+    robot = found.cell.robot
+    x, y, z, w = Rotation.from_matrix(own.T[:3, :3]).as_quat().tolist()
+    std, half = own.std * _MM, own.half * _MM
+    return CameraEntry(
+        camera=own.camera,
+        on=robot.tip if own.carrier == "tip" else robot.base,
+        position_mm=three(own.T[:3, 3] * _MM),
+        rpy_deg=three(np.degrees(rpy_from_rotation(own.T[:3, :3]))),
+        quaternion_xyzw=(x, y, z, w),
+        std_mm=_three_or_none(std[:3]),
+        std_mrad=_three_or_none(std[3:]),
+        ci95_mm=_three_or_none(half[:3]),
+        ci95_mrad=_three_or_none(half[3:]),
+        image_px=found.alone.get(own.camera),
+    )
+
+
+def _three_or_none(values: Array) -> tuple[float | None, float | None, float | None]:
+    x, y, z = (own if np.isfinite(own) else None for own in values.tolist())
+    return x, y, z

@@ -203,7 +203,7 @@ def test_every_effect_is_named() -> None:
 
 
 def test_every_command_and_only_topics_that_are_there() -> None:
-    assert set(main.commands) <= set(re.findall(r"posecal (\w+)", README))
+    assert set(main.commands) <= set(re.findall(r"posecal ([\w-]+)", README))
     table = README[README.index("more: `posecal explain`") : README.index("Every command can")]
     named = re.findall(r"posecal explain ([\w-]+)`", README)
     for row in table.splitlines()[2:]:

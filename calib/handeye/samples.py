@@ -17,7 +17,7 @@ from calib.effects.tool import Body
 from calib.errors import CalibError
 from calib.instruments import ArmCamera, FixedCamera, Instrument, Pose
 from calib.instruments.pose import CORNERS, rotation_of
-from calib.instruments.resection import refined
+from calib.instruments.posit import refined
 from calib.model import Model
 from calib.poses import Measurements, Poses
 
@@ -78,7 +78,7 @@ class Pair:
         enough, C = seen.sum(axis=1) >= LEAST, first.copy()
         ideal = self.instrument.lens.ideal(rows[enough][..., :2])
         R, t = first[enough, :3, :3], first[enough, :3, 3]
-        C[enough] = transform(*refined(ideal, seen[enough], self.points, R, t))
+        C[enough] = transform(*refined(ideal, seen[enough], self.points, R, t)[:2])
         return C, np.asarray(enough & np.isfinite(C).all(axis=(1, 2)))
 
     def _turned(self, rows: Array) -> Array:

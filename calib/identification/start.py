@@ -14,7 +14,7 @@ from calib.effects.base import Base
 from calib.effects.tool import Body, Tool
 from calib.errors import CalibError, TooFewPoses
 from calib.instruments import Instrument
-from calib.instruments.protocol import Nominal, Start
+from calib.instruments.protocol import Nominal
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
@@ -50,8 +50,9 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 own.seen[:, part],
                 Nominal(R_tip[here], p_tip[here], markers[read], free[read], not bases),
             )
-            place = values[bases[station]] if station in bases else np.zeros(0)
-            if _room(model, data) < _farthest(start, place, markers[read]):
+            told = _of_room(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
+            moved = start.place[told] - values[bases[station]][told] if told.any() else start.place
+            if _room(model, data) < _farthest(moved, start.markers - markers[read]):
                 continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
@@ -66,9 +67,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
 def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
     """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
     limits = _ABSURD * model.sizes
-    for i in model.where(Base, Tool):  # a lens has pixels, which no room holds
-        if model.parameters[i].unit in ("mm", "mrad"):
-            limits[i] = _room(model, data)
+    limits[_of_room(model)] = _room(model, data)
     return np.asarray(~(np.abs(values - start) <= limits))
 
 
@@ -79,11 +78,18 @@ def _room(model: Model, data: Measurements) -> float:
     return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
 
 
-def _farthest(start: Start, place: Array, markers: Array) -> float:
-    """By how much the place, where there is one, or a marker left its guess; infinite for NaN."""
-    placed = start.place - place if len(place) else place
-    moved = np.abs(np.concatenate([placed, (start.markers - markers).ravel()]))
-    return float(np.nan_to_num(moved, nan=np.inf).max(initial=0.0))
+def _of_room(model: Model) -> Mask:
+    """Which values (p,) say where things are, unlike those of a lens, which no room holds."""
+    found = np.zeros(len(model.parameters), dtype=bool)
+    placed = model.where(Base, Tool)
+    found[placed] = [model.parameters[i].unit in ("mm", "mrad") for i in placed]
+    return found
+
+
+def _farthest(*moved: Array) -> float:
+    """By how much any of these left its guess; infinite for NaN."""
+    lengths = np.concatenate([np.abs(own).ravel() for own in moved])
+    return float(np.nan_to_num(lengths, nan=np.inf).max(initial=0.0))
 
 
 def _sessions(

@@ -22,7 +22,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
-from calib.instruments.resection import resected
+from calib.instruments.resection import Mounted, on_tip, resected
 
 _ACROSS = 0.2  # of a unit: below, a direction lies too near to that of a search's axis
 
@@ -100,7 +100,10 @@ class Angle(Instrument):
         own = rotate(Q, rays)
         near = seen & (own[..., 2] > _ACROSS)
         ideal = own[..., :2] / np.where(near, own[..., 2], 1.0)[..., None]
-        R, t, markers = resected(ideal, near, arm, (), None)
+        tips, nowhere = (arm.R_tip, arm.p_tip), (np.eye(3), np.zeros(3))
+        found = resected(ideal, near, Mounted(tips, on_tip(arm, ()), nowhere, arm.placed))
+        markers = np.stack([t for _, t in found.bodies])
+        R, t = found.R, found.t
         told = arm.free & np.any(seen, axis=0)[:, None]
         return Start(np.concatenate([Q.T @ t, so3_log(Q.T @ R)]), markers, told)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.arm.se3 import (
     cross,
-    fit_rigid,
     moved_as_one,
     rotate,
     so3_exp,
@@ -20,7 +19,6 @@ from calib.arm.se3 import (
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.detection import Board, Detection
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
-from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
 from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
@@ -33,10 +31,9 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
-from calib.instruments.resection import Seen, board_poses, resected
+from calib.instruments.resection import Mounted, Ridden, on_tip, resected
 
 _LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_ENOUGH = 4  # images of a board that fix it: three, and one to spare
 _BEFORE = 2e-3  # m
 _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
@@ -156,6 +153,16 @@ class Camera(Instrument):
         inside = (pixels >= margin) & (pixels <= self.image - margin)
         return np.asarray(ahead & inside.all(axis=-1))
 
+    @property
+    def _focal_free(self) -> bool:
+        return bool(np.isin(np.arange(9)[FOCAL], self.free).all())
+
+    def _lens_at(self, focal: float) -> Array:
+        """What is unknown of the lens, with focal lengths of so many times their given values."""
+        by = np.zeros(9)
+        by[FOCAL] = (focal - 1.0) * self.lens.values[FOCAL]
+        return by[self.free]
+
     def _split(self, place: Array) -> tuple[Array, Lens, Array]:
         """Where the camera, or its boards, stand; the lens; and what came loose."""
         count = len(self.unknowns)
@@ -203,22 +210,19 @@ class FixedCamera(Camera):
         return Linear(rows, by_own @ R, by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
-        """By hand-eye calibration where images hold enough of a board, else by resection."""
-        ideal = self.lens.ideal(rows)
-        told = arm.free & np.any(seen, axis=0)[:, None]
-        for board in self.boards:
-            told[board.channels] = arm.free[board.channels]
+        """Where the rays of all images meet what rides on the tip."""
         shapes = tuple((board.channels, board.points) for board in self.boards)
-        measured, whole = board_poses(ideal, seen, shapes)
-        first = None
-        if shapes and (whole.sum(axis=0) >= _ENOUGH).all():
-            laid = np.stack([fit_rigid(arm.markers[own], shape) for own, shape in shapes])
-            frames = np.stack([laid[:, :3, 3], laid[:, :3, 0], laid[:, :3, 1]], axis=1)
-            known = np.array([not arm.free[own].any() for own, _ in shapes])
-            tips = (arm.R_tip, arm.p_tip)
-            first = Seen(*hand_eye(measured, whole, tips, frames, known, arm.placed))
-        R, t, markers = resected(ideal, seen, arm, shapes, first)
-        place = np.concatenate([t, so3_log(R), np.zeros(len(self.free))])
+        bodies = on_tip(arm, shapes)
+        guess = np.zeros(6) if self.standing is None or arm.placed else self.standing
+        camera = so3_exp(guess[3:]), guess[:3]
+        mounted = Mounted((arm.R_tip, arm.p_tip), bodies, camera, arm.placed)
+        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
+        markers, told = arm.markers.copy(), np.zeros_like(arm.free)
+        for body, (R, t) in zip(bodies, found.bodies, strict=True):
+            own = body.channels
+            if not body.known and seen[:, own].any():
+                markers[own], told[own] = body.points @ R.T + t, arm.free[own]
+        place = np.concatenate([found.t, so3_log(found.R), self._lens_at(found.focal)])
         return Start(place, markers, told)
 
     @property
@@ -358,29 +362,29 @@ class ArmCamera(Camera):
         return Linear(rows, by_own @ by_corners, np.concatenate(parts, axis=-1))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
-        """Hand-eye calibration with the board that most images hold; the others from the camera."""
-        shapes = tuple((board.channels, board.points) for board in self.boards)
-        (R, t), whole = board_poses(self.lens.ideal(rows), seen, shapes)
-        back = np.swapaxes(R, -1, -2), -rotate(np.swapaxes(R, -1, -2), t)  # the camera in the board
+        """Where the rays of all images meet the boards: the arm carries the camera, seen from it the
+        base moves.
+        """
+        known = arm.placed
+        guess = np.zeros(6 * len(self.boards)) if self.standing is None or known else self.standing
+        bodies = tuple(
+            Ridden(board.channels, board.points, so3_exp(own[3:]), own[:3], known)
+            for board, own in zip(self.boards, guess.reshape(-1, 6), strict=True)
+        )
         frame = np.einsum("ab,bi->ai", DIFFERENCES, arm.markers[:CORNERS])
-        known = not arm.free[:CORNERS].any()
-        places = np.zeros((len(shapes), 6))
-        for k in np.argsort(-whole.sum(axis=0)):
-            if not whole[:, k].any():
-                continue
-            own = (back[0][:, k : k + 1], back[1][:, k : k + 1])
-            R_board, t_board, bodies = hand_eye(
-                own,
-                whole[:, k : k + 1],
-                (arm.R_tip, arm.p_tip),
-                frame[None],
-                np.array([known]),
-                arm.placed,
-            )
-            frame, known = bodies[0], True
-            places[k, :3], places[k, 3:] = -R_board.T @ t_board, so3_log(R_board.T)
-        axes = np.stack([frame[1], frame[2], np.cross(frame[1], frame[2])], axis=-1)
-        corners = corners_of(axes, frame[0])
-        told = arm.free & bool(whole.any())
-        markers = np.where(told, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers)
-        return Start(np.concatenate([places.reshape(-1), np.zeros(len(self.free))]), markers, told)
+        axes = np.stack([frame[1], frame[2], np.cross(frame[1], frame[2])])
+        back = np.swapaxes(arm.R_tip, -1, -2)
+        mounted = Mounted(
+            (back, -rotate(back, arm.p_tip)),
+            bodies,
+            (axes, -axes @ frame[0]),
+            not arm.free[:CORNERS].any(),
+        )
+        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
+        places = np.concatenate([np.concatenate([t, so3_log(R)]) for R, t in found.bodies])
+        corners = corners_of(found.R.T, -found.R.T @ found.t)
+        markers = np.where(
+            arm.free, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers
+        )
+        place = np.concatenate([places, self._lens_at(found.focal)])
+        return Start(place, markers, arm.free)

@@ -1,8 +1,10 @@
-"""A camera's place, and what it sees on the tip, from the rays of many images together.
+"""A camera's place, and those of the bodies that it sees, from the rays of many images together.
 
-Each board in each image is posed by itself first. Of a plane the four and more points give a homography
-(Zhang, PAMI 22(11), 2000), of a shape in space six and more give a projection matrix; both are linear
-and are refined by the errors of the rays.
+The arm moves a camera before bodies, or bodies before a camera: ``x ~ T_camera A_i T_body p`` with A_i
+the arm at image i, from the tip to the base or back. Several starts are laid over the rays and the best
+of them followed: what the cell says; hand-eye calibration by the poses of each body in each image, of
+which two look alike (:mod:`calib.instruments.posit`); and bodies turned and shifted at random about
+where they ride, which makes all their points one shape that the camera sees at once.
 """
 
 from __future__ import annotations
@@ -13,42 +15,245 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import cross, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
+from calib.arm.se3 import cross, fit_rigid, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.placing import Motions
+from calib.instruments.placing import Motions, hand_eye
+from calib.instruments.posit import LEAST, RESOLUTION, posed, rays_to, refined
 from calib.instruments.protocol import Nominal
 from calib.solver import levenberg_marquardt
 
 Shape: TypeAlias = tuple[slice, Array]
 """Positions among the readings, and the points (n, 3), m, in the board's frame."""
 
-_FLAT = 1e-3  # thickness over width: below, a board is a plane
-_LEAST = {True: 4, False: 6}
-_NEAR = 1e-3  # m
+_ENOUGH = 3  # images of a body that fix it beside the camera
+_POSED = 60  # images of a body that are looked at by themselves
+_SURE = 9.0  # times the cost of the better pose: the other one is none
+_TURNS = 5  # of hand-eye calibration and choice
+_DRAWN = 32  # places of bodies
+_FOLLOWED = 8  # starts, the best of them
+_SEARCHED = 240  # readings that a search looks at: more tell it nothing new
+_CAMERA, _FOCAL = slice(0, 6), 6
 
-RESOLUTION = 1e-4
-"""Standard deviation of the image coordinates x', y' that a search assumes."""
+
+class Ridden(NamedTuple):
+    """A body that a camera sees: its readings, points (n, 3), m, and its place, known or guessed."""
+
+    channels: slice
+    points: Array
+    R: Array
+    t: Array
+    known: bool
 
 
-def board_poses(ideal: Array, seen: Mask, shapes: tuple[Shape, ...]) -> tuple[Motions, Mask]:
-    """``T_camera_board`` of every board in every image, (m, B), and where there is enough of it.
+class Mounted(NamedTuple):
+    """What the arm carries, at m images, and what is known of places.
+
+    arm : of shape (m,), from what carries to where the camera sees the base
+    camera : where it sees that base; known : whether that is so, or a guess
+    """
+
+    arm: Motions
+    bodies: tuple[Ridden, ...]
+    camera: Motions
+    known: bool
+
+
+class Resected(NamedTuple):
+    """Places found: of the base in the camera's frame, of every body; and the focal length's factor."""
+
+    R: Array
+    t: Array
+    bodies: list[Motions]
+    focal: float
+
+
+def on_tip(arm: Nominal, shapes: tuple[Shape, ...]) -> tuple[Ridden, ...]:
+    """The boards and then the markers of the tip, as bodies."""
+    found = []
+    for own, points in shapes:
+        T = fit_rigid(arm.markers[own], points)
+        found.append(Ridden(own, points, T[:3, :3], T[:3, 3], not arm.free[own].any()))
+    taken = {c for own, _ in shapes for c in range(own.start, own.stop)}
+    for j in sorted(set(range(len(arm.markers))) - taken):
+        known = not arm.free[j].any()
+        found.append(Ridden(slice(j, j + 1), np.zeros((1, 3)), np.eye(3), arm.markers[j], known))
+    return tuple(found)
+
+
+def resected(ideal: Array, seen: Mask, mounted: Mounted, focal: bool = False) -> Resected:
+    """The places from which the rays of all images fit.
 
     ideal : ndarray, shape (m, C, 2), undistorted ``X / Z`` and ``Y / Z``
+    focal : whether rays have one factor in common that is unknown
     """
-    m, count = len(ideal), len(shapes)
-    R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
-    whole = np.zeros((m, count), dtype=bool)
-    for k, (own, points) in enumerate(shapes):
-        for here, images in _alike(seen[:, own]):
-            found = _linearly(ideal[images, own][:, here], points[here])
-            if found is not None:
-                R[images, k], t[images, k], whole[images, k] = found
-        if whole[:, k].any():
-            good = whole[:, k]
-            R[good, k], t[good, k] = refined(
-                ideal[good, own], seen[good, own], points, R[good, k], t[good, k]
-            )
-    return (R, t), whole
+    images = _images(ideal, seen, mounted, focal)
+    guessed = images.at(mounted.camera, [(body.R, body.t) for body in mounted.bodies])
+    by_hand_eye = _by_hand_eye(ideal, seen, mounted, images)
+    start = np.concatenate([guessed[None], *by_hand_eye, *images.anyhow(guessed, mounted.known)])
+    cost = np.sum(images.linearise(start)[0] ** 2, axis=-1)
+    best = start[np.argsort(np.nan_to_num(cost, nan=np.inf))[:_FOLLOWED]]
+    found = levenberg_marquardt(images.linearise, best, images.span)
+    values = found.values[int(np.argmin(found.cost))]
+    places = [(so3_exp(values[part][3:]), values[part][:3]) for part in images.parts]
+    return Resected(so3_exp(values[3:6]), values[:3], places, float(values[_FOCAL]))
+
+
+# -- all images at once --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """Readings n by the values (p,): the camera's place, a factor of the rays, the bodies' places.
+
+    rays : ndarray, shape (n, 2); R_arm, p_arm : of their images; channel : ndarray of int, shape (n,)
+    bodies : tuple of Ridden; span : ndarray, shape (p, k), what is unknown of the values
+    """
+
+    rays: Array
+    R_arm: Array
+    p_arm: Array
+    channel: IntArray
+    bodies: tuple[Ridden, ...]
+    span: Array
+
+    @property
+    def parts(self) -> list[slice]:
+        """Where each body's place stands among the values."""
+        return [slice(7 + 6 * k, 13 + 6 * k) for k in range(len(self.bodies))]
+
+    def of(self, body: Ridden) -> Mask:
+        """Which readings are of a body."""
+        own = body.channels
+        return np.asarray((self.channel >= own.start) & (self.channel < own.stop))
+
+    def linearise(self, values: Array) -> tuple[Array, Array]:
+        """Residuals (..., 2 n) of the rays, and their derivatives (..., 2 n, p)."""
+        u, by = self._ridden(values)
+        points = self.p_arm + rotate(self.R_arm, u)
+        viewed, R, by_place = moved_as_one(values[..., _CAMERA], points)
+        rays, by_point = rays_to(viewed)
+        J = by_point @ (R @ (self.R_arm @ by))
+        J[..., _CAMERA] = by_point @ by_place
+        factor = values[..., None, None, _FOCAL]
+        J = J * factor[..., None]
+        J[..., _FOCAL] = rays
+        r = (self.rays - factor * rays).reshape((*values.shape[:-1], -1))
+        return r / RESOLUTION, J.reshape((*r.shape, len(self.span))) / RESOLUTION
+
+    def _ridden(self, values: Array) -> tuple[Array, Array]:
+        """Where the points read ride on the arm (..., n, 3), and the derivatives (..., n, 3, p)."""
+        u = np.zeros((*values.shape[:-1], *self.p_arm.shape))
+        J = np.zeros((*u.shape, len(self.span)))
+        for body, part in zip(self.bodies, self.parts, strict=True):
+            here = self.of(body)
+            local = body.points[self.channel[here] - body.channels.start]
+            u[..., here, :], _, J[..., here, :, part] = moved_as_one(values[..., part], local)
+        return u, J
+
+    def at(self, camera: Motions, places: list[Motions]) -> Array:
+        """The values (p,) of places."""
+        each = [np.concatenate([t, so3_log(R)]) for R, t in (camera, *places)]
+        return np.concatenate([each[0], [1.0], *each[1:]])
+
+    def anyhow(self, guessed: Array, known: bool) -> Iterator[Array]:
+        """Values (k, p) with the unknown bodies drawn about where they are guessed.
+
+        known : whether the camera's place is
+        """
+        unknown = [k for k, body in enumerate(self.bodies) if not body.known]
+        rng, count = np.random.default_rng(0), _DRAWN if unknown else 1
+        extent = float(np.sqrt(self.p_arm.var(axis=0).sum()))
+        start = np.tile(guessed, (count, 1))
+        for k in unknown:
+            part = self.parts[k]
+            if len(self.bodies[k].points) > 1:
+                start[:, part][:, 3:] = so3_log(nearest_rotation(rng.normal(size=(count, 3, 3))))
+            start[1:, part][:, :3] += rng.normal(scale=_ABOUT * extent, size=(count - 1, 3))
+        if known:
+            yield start
+            return
+        if len(self.rays) < LEAST:
+            return
+        points = self.p_arm + rotate(self.R_arm, self._ridden(start)[0])
+        R, t, sound = posed(np.broadcast_to(self.rays, (count, *self.rays.shape)), points)
+        for way in (0, 1):
+            start[:, _CAMERA] = np.concatenate([t[:, way], so3_log(R[:, way])], axis=-1)
+            yield start[sound]
+
+
+_ABOUT = 0.3  # of the extent of the arm's motion: how far from it a body rides
+
+
+def _images(ideal: Array, seen: Mask, mounted: Mounted, focal: bool) -> _Images:
+    pose, channel = np.nonzero(seen)
+    if len(pose) > _SEARCHED:
+        chosen = np.unique(np.linspace(0, len(pose) - 1, _SEARCHED).astype(int))
+        pose, channel = pose[chosen], channel[chosen]
+    free = [*[not mounted.known] * 6, focal]
+    for body in mounted.bodies:
+        read = bool(seen[:, body.channels].any())
+        moves, turns = read and not body.known, len(body.points) > 1
+        free += [*[moves] * 3, *[moves and turns] * 3]
+    (R, p), span = mounted.arm, np.eye(len(free))[:, np.array(free)]
+    return _Images(ideal[pose, channel], R[pose], p[pose], channel, mounted.bodies, span)
+
+
+# -- hand-eye calibration ------------------------------------------------------------------------
+
+
+def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) -> Iterator[Array]:
+    """Values (1, p) by the poses of each body in each image: by all of them, and by the sure ones.
+
+    What is not seen whole often enough goes where the rays of its points meet.
+    """
+    bodies = mounted.bodies
+    R, t, cost, whole = body_poses(ideal, seen, bodies)
+    sure = whole & (cost[..., 1] > _SURE * np.maximum(cost[..., 0], seen.shape[1]))
+    known = np.array([body.known for body in bodies])
+    for trusted in (whole, sure):
+        count = trusted.sum(axis=0)
+        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
+        if not use:
+            continue
+        measured = R[:, use], t[:, use]
+        own = mounted._replace(bodies=tuple(bodies[k] for k in use))
+        camera, found = _chosen(measured, whole[:, use], trusted[:, use], own)
+        places = [(body.R, body.t) for body in bodies]
+        for k, body in enumerate(bodies):
+            if k in use:
+                places[k] = found[use.index(k)]
+            elif not body.known:
+                places[k] = _met(images, body, camera)
+        yield images.at(camera, places)[None]
+
+
+def body_poses(
+    ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]
+) -> tuple[Array, Array, Array, Mask]:
+    """``T_camera_body`` of every body in every image, both that look alike: (m, B, 2), best first.
+
+    Returns rotations, translations, costs, and where there is enough of it, (m, B).
+    """
+    m, count = len(ideal), len(bodies)
+    R, t = np.tile(np.eye(3), (m, count, 2, 1, 1)), np.zeros((m, count, 2, 3))
+    cost, whole = np.full((m, count, 2), np.inf), np.zeros((m, count), dtype=bool)
+    for k, body in enumerate(bodies):
+        own = body.channels
+        enough = np.flatnonzero(seen[:, own].sum(axis=1) >= LEAST)
+        if len(enough) > _POSED:
+            enough = enough[np.linspace(0, len(enough) - 1, _POSED).astype(int)]
+        for here, at in _alike(seen[enough, own]):
+            rows = enough[at]
+            points = np.broadcast_to(body.points[here], (len(rows), int(here.sum()), 3))
+            R[rows, k], t[rows, k], whole[rows, k] = posed(ideal[rows, own][:, here], points)
+        good = whole[:, k]
+        if good.any():
+            rays, shown = ideal[good, None, own], seen[good, None, own]
+            poses = refined(rays, shown, body.points, R[good, k], t[good, k])
+            best = np.argsort(poses[2], axis=-1)
+            each = np.arange(len(best))[:, None]
+            R[good, k], t[good, k], cost[good, k] = (part[each, best] for part in poses)
+    return R, t, cost, whole
 
 
 def _alike(seen: Mask) -> Iterator[tuple[Mask, IntArray]]:
@@ -58,217 +263,49 @@ def _alike(seen: Mask) -> Iterator[tuple[Mask, IntArray]]:
         yield here, np.flatnonzero(which.reshape(-1) == k)
 
 
-def _linearly(ideal: Array, points: Array) -> tuple[Array, Array, Mask] | None:
-    """A board's poses (n) by the linear way, and which are sound; None where too little is seen.
-
-    ideal : ndarray, shape (n, C, 2); points : ndarray, shape (C, 3)
-    """
-    if len(points) < min(_LEAST.values()):
-        return None
-    middle = points.mean(axis=0)
-    _, s, axes = np.linalg.svd(points - middle, full_matrices=False)
-    flat = bool(s[2] < _FLAT * s[0])
-    if len(points) < _LEAST[flat] or s[1] < _FLAT * s[0]:
-        return None
-    axes = axes * np.linalg.det(axes)
-    local = (points - middle) @ axes.T / s[0]
-    M = projection(ideal, local[:, :2] if flat else local)
-    if flat:
-        size = np.sqrt(np.linalg.norm(M[:, :, 0], axis=-1) * np.linalg.norm(M[:, :, 1], axis=-1))
-        M = M / (size * _sign(M[:, 2, 2]))[:, None, None]
-        x, y = M[:, :, 0], M[:, :, 1]
-        R = nearest_rotation(np.stack([x, y, cross(x, y)], axis=-1))
-    else:
-        size = np.linalg.svd(M[:, :, :3], compute_uv=False).mean(axis=-1)
-        M = M * (_sign(np.linalg.det(M[:, :, :3])) / size)[:, None, None]
-        R = nearest_rotation(M[:, :, :3])
-    t, R = M[:, :, -1] * s[0], R @ axes
-    return R, t - R @ middle, np.isfinite(t).all(axis=-1) & (t[:, 2] > 0.0)
-
-
-def _sign(a: Array) -> Array:
-    return np.where(a < 0.0, -1.0, 1.0)
+def _chosen(
+    measured: Motions, whole: Mask, trusted: Mask, mounted: Mounted
+) -> tuple[Motions, list[Motions]]:
+    """The camera's and the bodies' places, and in turn which of two poses fits them in each image."""
+    (R, t), bodies, camera = measured, mounted.bodies, mounted.camera
+    if mounted.known:  # seen from the base then
+        back = camera[0].T
+        R, t = back @ R, rotate(back, t - camera[1])
+    frames = np.stack([np.stack([body.t, body.R[:, 0], body.R[:, 1]]) for body in bodies])
+    certain = np.array([body.known for body in bodies])
+    which, using = np.zeros(whole.shape, dtype=int), trusted
+    i, b = np.indices(whole.shape)
+    for _ in range(_TURNS):
+        chosen = R[i, b, which], t[i, b, which]
+        R_base, t_base, frames = hand_eye(
+            chosen, using, mounted.arm, frames, certain, mounted.known
+        )
+        axes = np.swapaxes(frames[:, 1:], -1, -2)
+        axes = np.concatenate([axes, cross(axes[..., 0], axes[..., 1])[..., None]], axis=-1)
+        expected = R_base @ mounted.arm[0][:, None] @ axes
+        alike = np.einsum("mbij,mbkij->mbk", expected, R)  # 1 + 2 cos of the angle between
+        now = alike.argmax(axis=-1)
+        if np.array_equal(now, which) and np.array_equal(using, whole):
+            break
+        which, using = now, whole
+    found = [(own, frame[0]) for own, frame in zip(axes, frames, strict=True)]
+    return (camera if mounted.known else (R_base, t_base)), found
 
 
-def projection(ideal: Array, points: Array) -> Array:
-    """The matrices (..., 3, d + 1) with ``(x', y', 1) ~ M (p, 1)``, up to their factor.
-
-    ideal : ndarray, shape (..., n, 2); points : ndarray, shape (n, d)
-    """
-    h = np.column_stack([points, np.ones(len(points))])
-    width = h.shape[-1]
-    A = np.zeros((*ideal.shape[:-1], 2, 3, width))
-    A[..., 0, 0, :] = A[..., 1, 1, :] = h
-    A[..., 2, :] = -ideal[..., None] * h[:, None]
-    A = A.reshape((*ideal.shape[:-2], -1, 3 * width))
-    Vt = np.linalg.svd(np.linalg.qr(A, mode="r"))[2]
-    return np.asarray(Vt[..., -1, :].reshape((*ideal.shape[:-2], 3, width)))
-
-
-def refined(ideal: Array, seen: Mask, points: Array, R: Array, t: Array) -> tuple[Array, Array]:
-    """Poses (n) that fit the rays best, each image by itself."""
-    weights = np.repeat(seen, 2, axis=-1) / RESOLUTION
-
-    def linearise(values: Array) -> tuple[Array, Array]:
-        seen_at, _, by_values = moved_as_one(values, points)
-        predicted, by_point = rays_to(seen_at)
-        J = by_point @ by_values
-        r = (ideal - predicted).reshape((*values.shape[:-1], -1))
-        return r * weights, J.reshape((*r.shape, 6)) * weights[..., None]
-
-    start = np.concatenate([t, so3_log(R)], axis=-1)
-    found = levenberg_marquardt(linearise, start, np.eye(6)).values
-    return so3_exp(found[:, 3:]), found[:, :3]
-
-
-def rays_to(points: Array) -> tuple[Array, Array]:
-    """``X / Z, Y / Z`` of points (..., 3) in camera axes, and the derivatives (..., 2, 3)."""
-    depth = np.maximum(points[..., 2], _NEAR)
-    ray = points[..., :2] / depth[..., None]
-    by = np.zeros((*points.shape[:-1], 2, 3))
-    by[..., 0, 0] = by[..., 1, 1] = 1.0 / depth
-    by[..., 2] = -ray / depth[..., None]
-    return ray, by
-
-
-_STARTS = 48
-_FOLLOWED = 8  # the best of them
-_SEARCHED = 240  # readings that a search looks at: more tell it nothing new
-
-
-class Seen(NamedTuple):
-    """Where a camera sees the base, ``R`` (3, 3) and ``t`` (3,), m, and what is on the tip.
-
-    frames : ndarray, shape (B, 3, 3), of the boards: origin and two axes by rows
-    """
-
-    R: Array
-    t: Array
-    frames: Array
-
-
-def resected(
-    ideal: Array, seen: Mask, arm: Nominal, shapes: tuple[Shape, ...], first: Seen | None
-) -> tuple[Array, Array, Array]:
-    """``R``, ``t`` of a camera's base, and the markers on the tip, until the rays of all images fit.
-
-    first : where a hand-eye calibration has them. Without it the tip itself is taken for every point,
-        which gives a projection matrix; then boards are turned any way about it, markers stand on it,
-        and all move together.
-    """
-    images = _images(ideal, seen, arm, shapes)
-    starts = images.anyhow(arm.placed) if first is None else images.at(first)
-    cost = np.sum(images.linearise(starts)[0] ** 2, axis=-1)
-    best = starts[np.argsort(cost)[:_FOLLOWED]]
-    found = levenberg_marquardt(images.linearise, best, np.eye(images.size)[:, 6 * arm.placed :])
-    values = found.values[int(np.argmin(found.cost))]
-    markers = arm.markers.copy()
-    for part, own, points in images.boards:
-        markers[own] = points @ so3_exp(values[part][3:]).T + values[part][:3]
-    for part, j in images.singles:
-        markers[j] += values[part]
-    return so3_exp(values[3:6]), values[:3], markers
-
-
-@dataclass(frozen=True, eq=False)
-class _Images:
-    """Readings n by the values (p,): the camera's place, then a place of each board, then markers.
-
-    rays : ndarray, shape (n, 2); R_tip, p_tip : of their poses; channel : ndarray of int, shape (n,)
-    markers : ndarray, shape (C, 3), m, guesses in the tip frame
-    boards : part of the values, channels and points of each board whose place is unknown; numbers : of
-        each, its place among all boards
-    singles : part of the values and channel of each marker that is
-    """
-
-    rays: Array
-    R_tip: Array
-    p_tip: Array
-    channel: IntArray
-    markers: Array
-    boards: tuple[tuple[slice, slice, Array], ...]
-    numbers: tuple[int, ...]
-    singles: tuple[tuple[slice, int], ...]
-
-    @property
-    def size(self) -> int:
-        """How many values there are."""
-        return 6 + 6 * len(self.boards) + 3 * len(self.singles)
-
-    def linearise(self, values: Array) -> tuple[Array, Array]:
-        """Residuals (..., 2 n) of the rays, and their derivatives (..., 2 n, p)."""
-        u, by = self._on_tip(values)
-        points = self.p_tip + rotate(self.R_tip, u)
-        seen_at, R, by_place = moved_as_one(values[..., :6], points)
-        predicted, by_point = rays_to(seen_at)
-        J = by_point @ (R @ (self.R_tip @ by))
-        J[..., :6] = by_point @ by_place
-        r = (self.rays - predicted).reshape((*values.shape[:-1], -1))
-        return r / RESOLUTION, J.reshape((*r.shape, self.size)) / RESOLUTION
-
-    def _on_tip(self, values: Array) -> tuple[Array, Array]:
-        """Where the points read are on the tip (..., n, 3), and the derivatives (..., n, 3, p)."""
-        u = np.broadcast_to(
-            self.markers[self.channel], (*values.shape[:-1], *self.p_tip.shape)
-        ).copy()
-        J = np.zeros((*u.shape, self.size))
-        for part, own, points in self.boards:
-            here = (self.channel >= own.start) & (self.channel < own.stop)
-            local = points[self.channel[here] - own.start]
-            u[..., here, :], _, J[..., here, :, part] = moved_as_one(values[..., part], local)
-        for part, j in self.singles:
-            here = self.channel == j
-            u[..., here, :] = self.markers[j] + values[..., None, part]
-            J[..., here, :, part] = np.eye(3)
-        return u, J
-
-    def at(self, first: Seen) -> Array:
-        """The values (1, p) of a hand-eye calibration."""
-        start = np.zeros((1, self.size))
-        start[0, :6] = [*first.t, *so3_log(first.R)]
-        for (part, _, _), b in zip(self.boards, self.numbers, strict=True):
-            origin, x, y = first.frames[b]
-            start[0, part] = [*origin, *so3_log(np.stack([x, y, np.cross(x, y)], axis=-1))]
-        return start
-
-    def anyhow(self, placed: bool) -> Array:
-        """Values with every board on the tip, turned at random; one where there is none."""
-        drawn = nearest_rotation(np.random.default_rng(0).normal(size=(_STARTS, 3, 3)))
-        starts = np.zeros((_STARTS if self.boards else 1, self.size))
-        for k, (part, _, _) in enumerate(self.boards):
-            starts[:, part.start + 3 : part.stop] = so3_log(np.roll(drawn, k, axis=0))
-        if not placed:
-            points = self.p_tip + rotate(self.R_tip, self.markers[self.channel])
-            starts[:, :6] = _of_tip(self.rays, points)
-        return starts
-
-
-def _images(ideal: Array, seen: Mask, arm: Nominal, shapes: tuple[Shape, ...]) -> _Images:
-    pose, channel = np.nonzero(seen)
-    if len(pose) > _SEARCHED:
-        chosen = np.unique(np.linspace(0, len(pose) - 1, _SEARCHED).astype(int))
-        pose, channel = pose[chosen], channel[chosen]
-    unknown = [k for k, (own, _) in enumerate(shapes) if arm.free[own].any()]
-    boards = tuple(
-        (slice(6 + 6 * i, 12 + 6 * i), *shapes[k]) for i, k in enumerate(unknown)
-    )  # fmt: skip
-    on_boards = {c for own, _ in shapes for c in range(own.start, own.stop)}
-    free = [j for j in np.unique(channel).tolist() if j not in on_boards and arm.free[j].any()]
-    first = 6 + 6 * len(boards)
-    singles = tuple((slice(first + 3 * i, first + 3 * i + 3), j) for i, j in enumerate(free))
-    return _Images(
-        ideal[pose, channel], arm.R_tip[pose], arm.p_tip[pose], channel, arm.markers, boards,
-        tuple(unknown), singles,
-    )  # fmt: skip
-
-
-def _of_tip(rays: Array, points: Array) -> Array:
-    """A camera's place (6,) from points (n, 3), m, in base axes that are known but roughly."""
-    middle = points.mean(axis=0)
-    size = float(np.sqrt(np.mean((points - middle) ** 2)))
-    M = projection(rays, (points - middle) / size)
-    ahead = float(np.mean((points - middle) @ M[2, :3] / size + M[2, 3]))
-    M = M * (np.sign(ahead) or 1.0)  # what is seen lies before the camera
-    R = nearest_rotation(M[:, :3])
-    t = M[:, 3] * size / np.linalg.svd(M[:, :3], compute_uv=False).mean()
-    return np.concatenate([t - R @ middle, so3_log(R)])
+def _met(images: _Images, body: Ridden, camera: Motions) -> Motions:
+    """A body turned as guessed, its points where their rays meet, in the least squares sense."""
+    here, (R, t) = images.of(body), camera
+    if not here.any():
+        return body.R, body.t
+    x, y = images.rays[here].T
+    none = np.zeros_like(x)
+    to = np.stack(  # what is zero for a point on the ray
+        [np.stack([none - 1.0, none, x], axis=-1), np.stack([none, none - 1.0, y], axis=-1)],
+        axis=-2,
+    )
+    own = rotate(body.R, body.points[images.channel[here] - body.channels.start])
+    A = to @ R @ images.R_arm[here]
+    at = rotate(images.R_arm[here], own) + images.p_arm[here]
+    rest = rotate(to, rotate(R, at) + t)
+    u = np.linalg.lstsq(A.reshape(-1, 3), -rest.reshape(-1), rcond=1e-6)[0]
+    return body.R, np.asarray(u)

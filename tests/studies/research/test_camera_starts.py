@@ -1,0 +1,31 @@
+"""Set-ups of cameras end at the noise, or say why not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from studies.research.benchmarks.camera_starts import ARMS, a_set_up, drawn
+
+pytest.importorskip("cv2", exc_type=ImportError)
+
+# Of each kind one that ended wrong when a camera had one start.
+QUICK = (0, 76, 80, 163, 197, 438)
+
+
+@pytest.mark.parametrize("index", QUICK)
+def test_a_set_up_ends_right(index: int) -> None:
+    assert a_set_up(index, 0)["end"] == "right"
+
+
+def test_kinds_are_all_drawn() -> None:
+    kinds = [drawn(k, 1).kind for k in range(60)]
+    assert {kind["arm"] for kind in kinds} == set(ARMS)
+    assert len({tuple(kind.values()) for kind in kinds}) > 50
+
+
+@pytest.mark.long
+def test_of_forty_none_is_wrong() -> None:
+    ends = [a_set_up(k, 7)["end"] for k in range(40)]
+    assert ends.count("wrong") == 0
+    assert np.mean([end == "right" for end in ends]) >= 0.9

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.causes import causes_of, located, verdict_of, weak_of
+from calib.diagnosis.causes import (
+    GapPlace,
+    Standing,
+    causes_of,
+    located,
+    verdict_of,
+    weak_of,
+)
 from calib.diagnosis.cross_validation import BY_TIME, reselected
 from calib.diagnosis.detection_limit import hidden
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.finding import Finding, finding_of
+from calib.diagnosis.imitated import imitated
 from calib.diagnosis.prior import stated
 from calib.diagnosis.rest import rest_of
 from calib.diagnosis.searched import searched
+from calib.diagnosis.sides import sides_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
@@ -50,19 +61,24 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
-    concluded = verdict_of([c.standing for c in causes], rest)
+    stood_for = tuple(imitated(cell, finding))
+    open_ones: list[Standing] = ["one_of"] * len(stood_for)
+    concluded = verdict_of([*(c.standing for c in causes), *open_ones], rest)
     places = located(finding, causes, not rest.closed)
+    places += tuple(GapPlace(c.where, c.candidate.depends_on, np.nan) for c in stood_for)
     by_time = any(place.depends_on in BY_TIME for place in places)
     gap = finding.gap(heldout, by_time)
     if anew is not None:
         gap = replace(gap, crossed=(anew.before, anew.after))
     if by_time:
         gap = replace(gap, over_time=_over_time(finding))
-    entered = {c.named.candidate.key for c in causes}
+    entered = {c.named.candidate.key for c in causes} | {c.candidate.key for c in stood_for}
     return Diagnosis(
         verdict=concluded,
         noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
+        imitated=stood_for,
+        sides=sides_of(finding),
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,

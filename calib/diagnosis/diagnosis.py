@@ -11,7 +11,9 @@ from calib.diagnosis.contest import Outcome
 from calib.diagnosis.detection_limit import Hidden
 from calib.diagnosis.finding import Refused
 from calib.diagnosis.gap import Gap
+from calib.diagnosis.imitated import Imitated
 from calib.diagnosis.rest import Rest
+from calib.diagnosis.sides import SideShare
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import Growth, NoiseLevel
 from calib.poses import Measurements
@@ -24,6 +26,8 @@ _MOST = 5  # places that a summary names
 class Diagnosis(Result):
     """Result of :func:`diagnose`.
 
+    imitated : tuple of Imitated, causes that parameters of the user's model stand for
+    sides : tuple of SideShare, of camera, board and arm, empty without a camera
     rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
@@ -40,6 +44,8 @@ class Diagnosis(Result):
     verdict: VerdictName
     noise: NoiseLevel
     causes: tuple[Cause, ...]
+    imitated: tuple[Imitated, ...]
+    sides: tuple[SideShare, ...]
     rest: Rest
     located: tuple[GapPlace, ...]
     gap: Gap
@@ -72,6 +78,7 @@ class Diagnosis(Result):
         return [
             f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
             f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm",
+            *(f"the model stands for {c.candidate.key}: {c.value:.3g}" for c in self.imitated),
             *(f"no cause named: {place!r}" for place in places),
         ]
 

@@ -30,6 +30,7 @@ from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
 from calib.effects.lens import Distortion, Focal, PrincipalPoint
 from calib.effects.link_geometry import LinkGeometry
+from calib.effects.link_scale import LinkScale
 from calib.effects.link_weight import LinkWeight
 from calib.effects.measured_torque import MeasuredTorque
 from calib.effects.moved import Moved
@@ -86,6 +87,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "focal_scale": FocalScale,
     "focal_drift": FocalDrift,
     "focal_expansion": FocalExpansion,
+    "link_scale": LinkScale,
     "board_scale": BoardScale,
     "board_bend": BoardBend,
     "moved": Moved,

@@ -8,11 +8,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context
+from calib.effects.context import Context, Expectation
 from calib.effects.protocol import Parameter
 from calib.effects.readings import PartEffect
 from calib.instruments.protocol import SCALE
 from calib.poses import Poses
+
+_PRINTED = 5.0  # odds: printers scale by some tenths of a per cent, castings hardly do
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +25,9 @@ class BoardScale(PartEffect):
     """
 
     kind: ClassVar[str] = "board_scale"
+    decided_by: ClassVar[str] = (
+        "measure the board with a caliper, or add one known length ([[known_distances]])"
+    )
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -31,6 +36,10 @@ class BoardScale(PartEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         return cls(where, SCALE, context.parts[where].body)
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(odds=_PRINTED)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

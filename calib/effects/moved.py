@@ -10,7 +10,7 @@ from calib.effects.step import Step
 from calib.effects.tuned import TunedPart
 
 _PARTS = ("camera:", "board:")
-_LOOSE = 10.0  # odds: of a robot that is bolted down and what looks at it the latter slips
+_LOOSE = 5.0  # odds: of a robot that is bolted down and what looks at it the latter slips
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +21,9 @@ class Moved(Step):
     """
 
     kind: ClassVar[str] = "moved"
+    decided_by: ClassVar[str] = (
+        "look for what is loose: camera, board or base. A second board elsewhere tells them apart"
+    )
     largest: ClassVar[float] = 5e-2
 
     @classmethod

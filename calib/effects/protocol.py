@@ -86,6 +86,7 @@ class Effect(ABC):
     parts : kinds of effects that it contains, at the same place
     flexible : whether at its place it can follow nearly any curve
     drawn : whether its error can be drawn as a curve over a few knots
+    decided_by : what would tell it from causes that look alike, beyond further poses; empty for nothing
     allowance : None, or for a suspect how many times the limits of its parameters stand for one
         standard deviation a priori
     """
@@ -98,6 +99,7 @@ class Effect(ABC):
     parts: ClassVar[tuple[str, ...]] = ()
     flexible: ClassVar[bool] = False
     drawn: ClassVar[bool] = True
+    decided_by: ClassVar[str] = ""
 
     @classmethod
     @abstractmethod

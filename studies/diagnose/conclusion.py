@@ -26,6 +26,8 @@ _NEXT = {
     "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
 _SURE = {"established": "confirmed", "likely": "probable"}
+_PPM = 1e4  # to a per cent
+_UNSAID = 0.005  # of the unmodelled error
 _SINGLY = 3  # causes that a sentence names one by one
 
 
@@ -54,7 +56,7 @@ def _verdict_alone(record: DiagnoseRecord) -> str:
         case "explained":
             return fitting((f"{own}." for own in _found(record.effects)), room)
         case "ambiguous":
-            return fitting(_unsure(record.effects), room)
+            return fitting([*_board_or_links(record.effects), *_unsure(record.effects)], room)
     if not record.effects:
         return _somewhere(record)
     rest = record.rest
@@ -104,6 +106,20 @@ def _others(effect: FoundCause) -> str:
     return f" (or {plural(others, 'other')})" if others > 0 else ""
 
 
+def _board_or_links(effects: Sequence[FoundCause]) -> Iterator[str]:
+    """That a board of another size reads as an arm of another size, where that is all there is."""
+    if [own.effect for own in effects] != ["board_scale"] or not effects[0].one_of:
+        return
+    size = effects[0].parameters[0].value / _PPM
+    larger, shorter = ("larger", "shorter") if size > 0.0 else ("smaller", "longer")
+    off = f"{abs(size):.2g} %"
+    yield (
+        f"The board is {off} {larger} than the cell says, or all links are {off} {shorter}. These data "
+        "cannot tell which."
+    )
+    yield f"The board is {off} {larger}, or all links {shorter}. These data cannot tell which."
+
+
 def _unsure(effects: Sequence[FoundCause]) -> Iterator[str]:
     """Causes of which some are not certain, in shorter and shorter forms."""
     forms = list(_found(effects))
@@ -139,11 +155,24 @@ def _somewhere(record: DiagnoseRecord) -> str:
     return "Unmodelled error found, but neither its place nor its cause."
 
 
+def _sides(record: DiagnoseRecord) -> str:
+    """Camera, board or arm: what share each has, and what is left; empty where nothing is shared."""
+    shown = sorted(record.sides, key=lambda own: -own.share_of_gap)
+    told = [
+        f"{doc.SHARE(own.share_of_gap)} of it the {own.side}'s"
+        for own in shown
+        if own.share_of_gap > _UNSAID
+    ]
+    left = 1.0 - sum(own.share_of_gap for own in record.sides)
+    told += [f"{doc.SHARE(left)} without a cause"] if told and left > _UNSAID else []
+    return _and([told[0], *(own.replace(" of it", "") for own in told[1:])]) if told else ""
+
+
 def _fell(record: DiagnoseRecord) -> str:
     """The error before and after, at poses held out where there are any."""
     before, after, unit, heldout = record.error
     where = "held-out poses" if heldout else "fitted poses"
-    noise = f"the instrument alone leaves {doc.MM(record.gap.floor_mm)} {unit}"
+    noise = _sides(record) or f"the instrument alone leaves {doc.MM(record.gap.floor_mm)} {unit}"
     if not record.effects:
         return f"Error at {where}: {doc.MM(before)} {unit}; {noise}."
     return (
@@ -192,12 +221,17 @@ def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
     how = several if effect.one_of else _SURE.get(effect.standing or "", "found")
-    probability, share = doc.PROBABILITY(effect.probability), doc.SHARE(effect.share_of_gap)
-    return f"{how} (probability {probability}), {share} of the unmodelled error"
+    said = f"{how} (probability {doc.PROBABILITY(effect.probability)})"
+    if effect.share_of_gap is None and effect.decided_by:
+        return f"{said}; the geometry that was fitted stands for it"
+    return f"{said}, {doc.SHARE(effect.share_of_gap)} of the unmodelled error"
 
 
 def to_do(record: DiagnoseRecord) -> str:
     """What a reader should do with this; nothing where the noise is to be looked at first."""
+    decided = [own.decided_by for own in record.effects if own.one_of and own.decided_by]
+    if decided and record.verdict == "ambiguous" and not record.gap.heldout_rose:
+        return decided[0]
     return "" if record.noise.loud else _NEXT[_situation(record)]
 
 

@@ -15,7 +15,10 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.causes import Cause
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.gap import Gap
+from calib.diagnosis.imitated import Imitated
+from calib.diagnosis.sides import side_of
 from calib.diagnosis.spectra import Spectrum, spectra
+from calib.effects import Effect
 from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
 from calib.instruments import Channels
@@ -37,6 +40,7 @@ from studies.diagnose.record import (
     RemedyEntry,
     RestEntry,
     RivalPrediction,
+    SideEntry,
     SpectrumEntry,
     SpectrumLine,
     Value,
@@ -139,7 +143,11 @@ def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
             grows_with_range=found.growth,
             **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
         ),
-        effects=[_effect(cause, spectra, tip) for cause in found.causes],
+        effects=[
+            *(_effect(cause, spectra, tip) for cause in found.causes),
+            *(_imitated(own) for own in found.imitated),
+        ],
+        sides=[SideEntry(side=own.side, share_of_gap=own.share) for own in found.sides],
         rest=RestEntry.from_result(rest, mm=rest.size * _MM, repeatability_source=rest.source),
         located=[
             LocatedPlace.from_result(p, where=_at(p.where, tip), share_of_gap=p.share)
@@ -207,8 +215,36 @@ def _effect(cause: Cause, spectra: Sequence[Spectrum], tip: str) -> FoundCause:
         ],
         share_of_gap=cause.share,
         aliases=_aliases(cause, spectra),
+        decided_by=_decided_by([c.effect for c in cause.named.causes]),
         far_out=cause.far_out or None,
     )
+
+
+def _imitated(own: Imitated) -> FoundCause:
+    """A cause that the parameters of the user's model stand for."""
+    effect, (parameter,) = own.candidate.effect, own.candidate.effect.parameters
+    value, std = own.value / parameter.scale, own.std / parameter.scale
+    return FoundCause(
+        effect=effect.kind,
+        where=own.where,
+        probability=own.members[0][1],
+        p_value=own.p,
+        shape_p_value=None,
+        alike=tuple(
+            LikelyCause(effect=c.effect.kind, where=c.where, probability=p) for c, p in own.members
+        ),
+        parameters=(Value(name=parameter.name, value=value, std=std, unit=parameter.unit),),
+        share_of_gap=None,
+        standing="one_of",
+        decided_by=_decided_by([c.effect for c, _ in own.members]),
+    )
+
+
+def _decided_by(members: Sequence[Effect]) -> str | None:
+    """What tells causes of different sides apart, beyond further poses."""
+    if len({side_of(effect.where) for effect in members}) < 2:
+        return None
+    return next((effect.decided_by for effect in members if effect.decided_by), None)
 
 
 def _aliases(cause: Cause, spectra: Sequence[Spectrum]) -> tuple[float, ...]:

@@ -70,6 +70,7 @@ class FoundCause(LikelyCause):
 
     far_out : what of it is larger than such errors usually are, None where nothing is
     standing : how sure it is, None in old files
+    decided_by : what would tell it from the others, beyond further poses
     chosen_again : share of the folds without which it, or one of its class, is chosen again
     curve_ratio : evidence of the best curve at its place over its own
     """
@@ -84,6 +85,7 @@ class FoundCause(LikelyCause):
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"] | None = None
+    decided_by: str | None = None
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
 
@@ -96,6 +98,13 @@ class FoundCause(LikelyCause):
     def names(self) -> str:
         """Itself or what may stand in its place."""
         return " or ".join(one.key for one in self.alike or (self,))
+
+
+class SideEntry(Entry):
+    """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
+
+    side: Literal["camera", "board", "arm"]
+    share_of_gap: Number
 
 
 class LocatedPlace(Entry):
@@ -306,6 +315,7 @@ class Findings(Entry):
     noise: DiagnoseNoise
     effects: tuple[FoundCause, ...]
     rest: RestEntry | None = None
+    sides: tuple[SideEntry, ...] = ()
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
     could_not_see: tuple[Sought, ...]

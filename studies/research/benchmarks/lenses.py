@@ -155,13 +155,15 @@ def a_day(name: str, seed: int, on: str = "tip") -> Row:
         path, table_path = written(Path(folder), name, seed, on)
         cell = calib.load_cell(path)
         found = calib.diagnose(cell, calib.load_measurements(cell, table_path))
-    sides = {_side(cause.where) for cause in found.causes}
-    likely = [cause for cause in found.causes if cause.probability > _UNLIKELY]
+    named: list[Any] = [*found.causes, *found.imitated]
+    sides = {_side(cause.where) for cause in named}
+    likely = [cause for cause in named if cause.members[0][1] > _UNLIKELY]
     return {
         "case": name,
         "on": on,
         "seed": seed,
-        "causes": [f"{cause.name}:{cause.where}" for cause in found.causes],
+        "causes": [cause.members[0][0].key for cause in named],
+        "sides": {own.side: own.share for own in found.sides},
         "right": sides == truth,
         "aside": sum(not _may_be(cause, truth) for cause in likely),
         "verdict": found.verdict,

@@ -32,12 +32,13 @@ WIRE, TABLE, BODY = along_a_wire, on_a_table, with_a_body
 
 PLATE, EYE, CUP = "board:plate", "camera:eye", "socket:cup"
 DRUM, GAUGE, MOCAP = "distance:wire", "plane:table", "pose:mocap"
-DRIFT = "instrument_drift"
+DRIFT, LINKS = "instrument_drift", "link_scale:arm"
 # What is wrong, by what names it is told, on what it depends, and its first parameter. A camera or a
-# board in the world that was moved is, from the readings, one and the same as a base that was.
+# board in the world that was moved is, from the readings, one and the same as a base that was; a larger
+# board as a smaller arm.
 CASES = {
-    "pitch": (TIP, Fault(pitch=3e-3), {f"board_scale:{PLATE}"}, "none", 3000.0),
-    "pitch on the tip": (WORLD, Fault(pitch=3e-3), {f"board_scale:{PLATE}"}, "none", 3000.0),
+    "pitch": (TIP, Fault(pitch=3e-3), {f"board_scale:{PLATE}", LINKS}, "none", 3000.0),
+    "pitch on the tip": (WORLD, Fault(pitch=3e-3), {f"board_scale:{PLATE}", LINKS}, "none", 3000.0),
     "focal": (WORLD, Fault(focal=3e-3), {f"focal_scale:{EYE}", f"focal:{EYE}"}, "none", 3000.0),
     "by time": (WORLD, Fault(per_hour=2e-4), {f"focal_drift:{EYE}"}, "time", 200.0),
     "by heat": (WORLD, Fault(per_kelvin=1e-4), {f"focal_expansion:{EYE}"}, "temperature", 100.0),

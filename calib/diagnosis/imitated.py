@@ -1,0 +1,111 @@
+"""What a free geometry found, and the size of a board alone would do as well.
+
+Where boards alone give the scale, a board of another size reads as an arm of another size, so that a
+free geometry takes it for its own and leaves nothing to be asked. But the sizes of all links then
+differ by one share. With k geometry parameters free, one share in their place is preferred where it
+costs less than Schwarz's price of the other k - 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.cell import Cell
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.causes import NameEvidence
+from calib.diagnosis.finding import Finding
+from calib.diagnosis.stepwise import ALPHA
+from calib.effects.board_scale import BoardScale
+from calib.effects.context import ARM
+from calib.effects.link_scale import LinkScale
+from calib.effects.protocol import Constant
+from calib.errors import CalibError
+from calib.linear import orthonormal
+from calib.model.build import context_of, place_effect
+
+
+@dataclass(frozen=True, eq=False)
+class Imitated:
+    """A cause that the parameters of the user's model stand for.
+
+    members : tuple of (Candidate, float), it and what does the same on the arm's side, and how likely
+        each is; value, std : SI; p : probability of as much by chance
+    """
+
+    members: tuple[tuple[Candidate, float], ...]
+    value: float
+    std: float
+    p: float
+
+    @property
+    def candidate(self) -> Candidate:
+        """The most probable one."""
+        return self.members[0][0]
+
+    @property
+    def where(self) -> str:
+        """The place at which that acts."""
+        return self.candidate.where
+
+
+def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
+    """Boards whose size the geometry of the user's model stands for, the surest one."""
+    from scipy.special import chdtrc
+
+    view = finding.outcome.view
+    fit = view.fit
+    own = [
+        i
+        for effect, part in zip(fit.model.effects, fit.model.slices, strict=True)
+        for i in range(part.start, part.stop)
+        if isinstance(effect, Constant)
+    ]
+    determined = [i for i in own if fit.span[i].any()]
+    boards = [c for c in view.suspects if isinstance(c.effect, BoardScale)]
+    rows = int(fit.r.size)
+    if not boards or len(determined) < 2 or not fit.converged:
+        return
+    r, J = (rows_of[:rows] for rows_of in fit.linear.independent)
+    rest = orthonormal(J @ fit.span[:, ~np.any(fit.span[own], axis=0)])
+    whole = orthonormal(J @ fit.span)
+    without = r + J[:, own] @ fit.values[own]
+    without = without - rest @ (rest.T @ without)
+    left = float(r @ r) - float(np.square(whole.T @ r).sum())
+    noise = max(left / max(view.counted - whole.shape[1], 1), 1.0)
+    price = noise * float(np.log(max(view.counted, 2)))
+    best: tuple[float, Candidate, Array] | None = None
+    for candidate in boards:
+        column = view.columns[:rows, view.where[candidate.key]][:, 0]
+        column = column - rest @ (rest.T @ column)
+        length = float(column @ column)
+        if length <= 0.0:
+            continue
+        fall = float(column @ without) ** 2 / length
+        if best is None or fall > best[0]:
+            best = fall, candidate, column
+    if best is None:
+        return
+    fall, candidate, column = best
+    p = min(1.0, float(chdtrc(1, fall / noise)) * len(boards))
+    alone = float(without @ without) - fall
+    if fall < price or p > ALPHA or alone - left > (len(determined) - 1) * price:
+        return
+    length = float(column @ column)
+    value, std = float(column @ without) / length, float(np.sqrt(noise / length))
+    yield Imitated(_members(cell, finding, candidate), value, std, p)
+
+
+def _members(cell: Cell, finding: Finding, board: Candidate) -> tuple[tuple[Candidate, float], ...]:
+    probability = NameEvidence(board.key, 1.0, 0.0, 1.0, False).probability
+    try:
+        context = context_of(cell, finding.search.stage.data.poses)
+        effect = place_effect(LinkScale.kind, ARM, context)
+    except CalibError:
+        return ((board, probability),)
+    links = Candidate(effect, True, effect.depends_on)
+    share = board.odds / (board.odds + links.odds)
+    return ((board, probability * share), (links, probability * (1.0 - share)))

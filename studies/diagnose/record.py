@@ -25,6 +25,11 @@ _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 Row = tuple[Maybe, ...]
 
 
+def _absent(value: object) -> bool:
+    """Whether a key of days with a camera says nothing, and is left out of the file."""
+    return not value
+
+
 class NoiseGrowth(Entry):
     """Standard deviation at the ends of the range, over the mean one."""
 
@@ -85,7 +90,7 @@ class FoundCause(LikelyCause):
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"] | None = None
-    decided_by: str | None = None
+    decided_by: str | None = Field(default=None, exclude_if=_absent)
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
 
@@ -315,7 +320,7 @@ class Findings(Entry):
     noise: DiagnoseNoise
     effects: tuple[FoundCause, ...]
     rest: RestEntry | None = None
-    sides: tuple[SideEntry, ...] = ()
+    sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
     could_not_see: tuple[Sought, ...]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from studies import document as doc
-from studies.document import Shown
-from studies.record import Entry, MaybePositive, Number
+from studies.document import MRAD, Shown, mm
+from studies.record import Entry, MaybePositive, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -30,6 +30,42 @@ class LensValue(Entry):
     value: Number
     std: MaybePositive
     unit: str
+
+
+class UnfitLensEntry(Entry):
+    """A camera whose readings do not fit the lens that the cell gives; free : what to free of it."""
+
+    camera: str
+    free: tuple[str, ...]
+    rms_px: NotNegative
+    with_it_free_px: NotNegative
+    pixel_mm: MaybePositive
+
+    @property
+    def said(self) -> str:
+        """What is wrong, how much, and what to do."""
+        at = ""
+        if self.pixel_mm is not None:
+            at = f" ({mm(self.rms_px * self.pixel_mm)} at the board)"
+        free = ", ".join(f'"{part}"' for part in self.free)
+        return (
+            f"The readings do not fit the lens of {self.camera}: {MRAD(self.rms_px)} px remain{at}, "
+            f"{MRAD(self.with_it_free_px)} px with another lens. Set `free = [{free}]` there."
+        )
+
+
+def unfit_entries(found: Identification) -> Iterator[UnfitLensEntry]:
+    """All of them, the worst first."""
+    from calib.identification.unfit_lens import unfit_lenses
+
+    for own in sorted(unfit_lenses(found), key=lambda own: -own.left_px):
+        yield UnfitLensEntry(
+            camera=own.camera,
+            free=own.free,
+            rms_px=own.left_px,
+            with_it_free_px=own.freed_px,
+            pixel_mm=None if own.pixel_m is None else own.pixel_m * 1e3,
+        )
 
 
 def lens_entries(found: Identification) -> Iterator[LensValue]:

@@ -32,7 +32,7 @@ from studies.identify.errors import (
     residual_entries,
     rms_of,
 )
-from studies.identify.lenses import lens_entries
+from studies.identify.lenses import lens_entries, unfit_entries
 from studies.identify.of_type import of_type_entry
 from studies.identify.outliers import outlier_entries, together_entry
 from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
@@ -149,6 +149,7 @@ def identify_record(
         of_type=None if found.of_type is None else of_type_entry(found, found.of_type),
         sizes=None if found.sizes is None else sizes_entry(found.sizes),
         lenses=tuple(lens_entries(found)),
+        unfit_lenses=tuple(unfit_entries(found)),
         estimate=estimated(estimate),
     )
 

@@ -20,7 +20,7 @@ from studies.identify.errors import (
     Pairs,
     told_errors,
 )
-from studies.identify.lenses import LensValue, told_lenses
+from studies.identify.lenses import LensValue, UnfitLensEntry, told_lenses
 from studies.identify.of_type import OfType, told_of_type
 from studies.identify.outliers import OutliersTogether
 from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry, told_parameters
@@ -110,6 +110,7 @@ class IdentifyRecord(Record):
     of_type: OfType | None = None
     sizes: SizesEntry | None = None
     lenses: tuple[LensValue, ...] = ()
+    unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)
     estimate: Estimated
 
     @model_validator(mode="after")
@@ -202,6 +203,8 @@ def _next(record: IdentifyRecord) -> Sentence:
     before, after, unit, _ = record.error
     if unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
         return Sentence(_WRONG_TABLE, "warn")
+    if record.unfit_lenses:
+        return Sentence(record.unfit_lenses[0].said, "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()

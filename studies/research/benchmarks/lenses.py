@@ -14,7 +14,8 @@ and the focal length grows with the heat of the day by 0.15 %. N: nothing.
 
 Right is a day whose causes lie on the side that errs, and on no other. ``aside`` counts causes above a
 probability of 0.2 that no name on the right side may stand for; ``lens`` the shares of its values
-within two standard deviations.
+within two standard deviations. ``lens refused`` are days of which ``identify`` says that the readings do
+not fit this lens.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from defusedxml import ElementTree
 import calib
 from calib.arrays import Array
 from calib.cell.views import NUMBERS, looking
+from calib.identification.unfit_lens import unfit_lenses
 from doe.constraints import scene_of, visible
 from studies.research.bench import Output, Row, bench, data_folder, each, several, table
 
@@ -142,6 +144,7 @@ def _table(rows: Sequence[Row], case: Sequence[str]) -> Any:
                 "right": f"{sum(row['right'] for row in own)} of {len(own)}",
                 "aside": sum(row["aside"] for row in own),
                 "lens within 2 std": f"{np.mean(lens):.2f} of {len(lens)}" if lens else "",
+                "lens refused": f"{sum(row['said'] for row in own)} of {len(own)}",
                 "left [px]": f"{np.median([row['after_px'] for row in own]):.3f}",
             }
         )
@@ -154,7 +157,9 @@ def a_day(name: str, seed: int, on: str = "tip") -> Row:
     with tempfile.TemporaryDirectory() as folder:
         path, table_path = written(Path(folder), name, seed, on)
         cell = calib.load_cell(path)
-        found = calib.diagnose(cell, calib.load_measurements(cell, table_path))
+        data = calib.load_measurements(cell, table_path)
+        found = calib.diagnose(cell, data)
+        said = any(unfit_lenses(calib.identify(cell, data)))
     named: list[Any] = [*found.causes, *found.imitated]
     sides = {_side(cause.where) for cause in named}
     likely = [cause for cause in named if cause.members[0][1] > _UNLIKELY]
@@ -168,6 +173,7 @@ def a_day(name: str, seed: int, on: str = "tip") -> Row:
         "aside": sum(not _may_be(cause, truth) for cause in likely),
         "verdict": found.verdict,
         "lens": _inside(found, _CASES[name]),
+        "said": said,
         "after_px": float(found.gap.fit_after),
     }
 

@@ -14,8 +14,8 @@ and the focal length grows with the heat of the day by 0.15 %. N: nothing.
 
 Right is a day whose causes lie on the side that errs, and on no other. ``aside`` counts causes above a
 probability of 0.2 that no name on the right side may stand for; ``lens`` the shares of its values
-within two standard deviations. ``lens refused`` are days of which ``identify`` says that the readings do
-not fit this lens.
+within two standard deviations. ``lens refused`` are days of which ``identify`` says that the readings
+do not fit this lens.
 """
 
 from __future__ import annotations

@@ -44,6 +44,10 @@ class Base(Effect):
     def believed(self) -> Array:
         return self.of.prior
 
+    @property
+    def belief(self) -> Array:
+        return self.of.belief
+
 
 def sought(context: Context) -> tuple[Base, ...]:
     """Places that are unknown even where the model has no base."""

@@ -23,16 +23,15 @@ _BENT, _VERY = 2e-2, 1.0  # of a coefficient of distortion
 class LensEffect(CameraEffect):
     """Some values of the lens are others than the cell's.
 
-    lens : Lens, as the cell gives it; values : slice, which of its values; names : of them
+    lens : Lens, as the cell gives it; values : slice, which of its values
     """
 
     lens: Lens
     values: ClassVar[slice]
-    names: ClassVar[tuple[str, ...]]
 
     @classmethod
     def acts(cls, camera: Camera) -> bool:
-        return not np.isin(np.arange(9)[cls.values], camera.free).any()
+        return not np.isin(np.arange(len(camera.lens.values))[cls.values], camera.free).any()
 
     @classmethod
     def made(cls, context: Context, where: str, camera: Camera) -> Self:
@@ -46,7 +45,8 @@ class LensEffect(CameraEffect):
         if self.values == DISTORTION:
             unit, size, largest = "1", _BENT, _VERY
         return tuple(
-            Parameter(self.kind, self.where, n, unit, 1.0, size, largest) for n in self.names
+            Parameter(self.kind, self.where, n, unit, 1.0, size, largest)
+            for n in self.lens.names[self.values]
         )
 
 
@@ -56,7 +56,6 @@ class Focal(LensEffect):
     kind: ClassVar[str] = "focal"
     parts: ClassVar[tuple[str, ...]] = ("focal_scale",)
     values: ClassVar[slice] = FOCAL
-    names: ClassVar[tuple[str, ...]] = ("fx", "fy")
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         """The image grows about the principal point."""
@@ -72,7 +71,6 @@ class PrincipalPoint(LensEffect):
 
     kind: ClassVar[str] = "principal_point"
     values: ClassVar[slice] = CENTER
-    names: ClassVar[tuple[str, ...]] = ("cx", "cy")
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         """The image is shifted."""
@@ -81,11 +79,10 @@ class PrincipalPoint(LensEffect):
 
 
 class Distortion(LensEffect):
-    """The coefficients of OpenCV's radial and tangential distortion."""
+    """The coefficients of OpenCV's radial and tangential distortion, or of its fisheye model."""
 
     kind: ClassVar[str] = "distortion"
     values: ClassVar[slice] = DISTORTION
-    names: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")
     first: ClassVar[bool] = True
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
@@ -93,7 +90,7 @@ class Distortion(LensEffect):
         ideal = self.lens.ideal(points)
         ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
         _, by_ray, _ = self.lens.linearise(ray)
-        by = np.zeros((*values.shape[:-1], 9))
+        by = np.zeros((*values.shape[:-1], len(self.lens.values)))
         by[..., self.values] = values
         pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
         turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])

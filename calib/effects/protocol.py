@@ -160,6 +160,12 @@ class Effect(ABC):
         """Standard deviations, SI, of values that are known about zero beforehand; NaN where not."""
         return np.full(len(self.parameters), np.nan)
 
+    @property
+    def belief(self) -> Array:
+        """The same as rows of unit variance (k, p): each is known about zero."""
+        known = np.isfinite(self.believed)
+        return np.asarray(np.diag(1.0 / np.where(known, self.believed, 1.0))[known])
+
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""
         return not values.any()

@@ -1,7 +1,8 @@
 """Lenses of cameras: calibrations as OpenCV and ROS (``camera_info``) write them, in and out.
 
-Both hold the pinhole of OpenCV. Of its models of distortion those are read that are k1, k2, p1, p2, k3:
-what is bent otherwise would be taken for the arm's.
+Both hold the pinhole of OpenCV, or its fisheye. Of the pinhole's models of distortion those are read
+that are k1, k2, p1, p2, k3: what is bent otherwise would be taken for the arm's. Standard deviations,
+and a covariance, stand beside them as ``calibrateCameraExtended`` has them: fx, fy, cx, cy, the others.
 """
 
 from __future__ import annotations
@@ -28,7 +29,18 @@ LensForm: TypeAlias = Literal["opencv", "ros"]
 _MATRIX = ("camera_matrix", "intrinsic_matrix", "K", "mtx")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "D", "dist")
 _PLAIN = ("plumb_bob", "radtan", "brown", "none", "")
+_FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "kannala_brandt4")
+_OF_FISHEYE = 8  # values
+_DEVIATIONS = (
+    "std_dev_intrinsics",
+    "standard_deviation_intrinsics",
+    "standard_deviations_intrinsics",
+    "std_deviations_intrinsics",
+    "intrinsics_std",
+)
+_COVARIANCE = ("covariance_intrinsics", "intrinsics_covariance")
 _MORE = {8: "rational", 12: "thin prism", 14: "tilted"}  # coefficients, OpenCV's models
+_ROUNDED = 1e-9  # of a variance, by which a covariance may be none
 _LARGEST = 1e6  # px, or of a coefficient
 _IMPLAUSIBLE = "is no number of plausible size"
 _REMEDY = "calibrate with the five coefficients k1, k2, p1, p2, k3, or undistort the images first"
@@ -38,13 +50,15 @@ _REMEDY = "calibrate with the five coefficients k1, k2, p1, p2, k3, or undistort
 class LensFile:
     """What a calibration says.
 
-    values : ndarray, shape (9,), fx, fy, cx, cy [px], k1, k2, p1, p2, k3
+    values : ndarray, shape (9,), fx, fy, cx, cy [px], k1, k2, p1, p2, k3; of a fisheye (8,), k1 to k4
     image : ndarray, shape (2,), px, its size, or None
+    covariance : ndarray, shape (n, n), of the values, zero for what is known; or None
     """
 
     form: LensForm
     values: Array
     image: Array | None
+    covariance: Array | None = None
 
 
 def read_lens(path: Path) -> LensFile:
@@ -62,35 +76,56 @@ def read_lens(path: Path) -> LensFile:
     _refuse_parts(path, root)
     model = _word(root.get("distortionmodel"))
     bending = "fisheye" if _word(root.get("fisheyemodel")) in ("1", "true") else model
-    if bending not in (*_PLAIN, "rational_polynomial"):
+    if bending not in _FISHEYE and bending not in (*_PLAIN, "rational_polynomial"):
         what = f"has the distortion model {bending[:40]!r}, where plumb_bob is read"
         raise InputError(path, "distortion_model", what, _REMEDY)
     D = _numbers(path, "distortion", _of(root, _DISTORTION))
     if D is None:
         what = "names no distortion (distortion_coefficients, distCoeffs or D)"
         raise InputError(path, "", what, "write zeros for a lens without")
-    bent = _five(path, D, model)
+    bent = _four(path, D) if bending in _FISHEYE else _five(path, D, model)
     form: LensForm = "ros" if "distortionmodel" in root else "opencv"
-    return LensFile(form, np.array([K[0], K[4], K[2], K[5], *bent]), _image(path, root))
+    values = np.array([K[0], K[4], K[2], K[5], *bent])
+    return LensFile(form, values, _image(path, root), _covariance(path, root, len(values)))
 
 
-def lens_yaml(name: str, form: LensForm, values: Array, image: Array | None) -> str:
-    """The text of a calibration, values as in :class:`LensFile`."""
+def lens_yaml(
+    name: str,
+    form: LensForm,
+    values: Array,
+    image: Array | None,
+    covariance: Array | None = None,
+) -> str:
+    """The text of a calibration, values and covariance as in :class:`LensFile`."""
     fx, fy, cx, cy, *bent = (float(v) for v in values)
+    fisheye, n = len(values) == _OF_FISHEYE, len(values)
+    spread = (
+        []
+        if covariance is None
+        else [
+            ("standard_deviation_intrinsics", n, 1, np.sqrt(np.diag(covariance)).tolist()),
+            ("covariance_intrinsics", n, n, covariance.ravel().tolist()),
+        ]
+    )
     K = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
     size = (
         [] if image is None else [f"image_{k}: {v:.0f}" for k, v in zip(_SIZE, image, strict=True)]
     )
     if form == "opencv":
-        matrices = [("camera_matrix", 3, 3, K), ("distortion_coefficients", 5, 1, bent)]
+        matrices = [("camera_matrix", 3, 3, K), ("distortion_coefficients", len(bent), 1, bent)]
         lines = [
-            line for own in matrices for line in _matrix(*own, " !!opencv-matrix", ["   dt: d"])
+            line
+            for own in (*matrices, *spread)
+            for line in _matrix(*own, " !!opencv-matrix", ["   dt: d"])
         ]
-        return "\n".join(["%YAML:1.0", "---", *size, *lines, ""])
+        kind = ["fisheye_model: 1"] if fisheye else []
+        return "\n".join(["%YAML:1.0", "---", *size, *kind, *lines, ""])
     P = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     lines = [*size, f"camera_name: {re.sub(r'[^A-Za-z0-9_]', '_', name)}"]
-    lines += [*_matrix("camera_matrix", 3, 3, K), "distortion_model: plumb_bob"]
-    lines += _matrix("distortion_coefficients", 1, 5, bent)
+    bending = "equidistant" if fisheye else "plumb_bob"
+    lines += [*_matrix("camera_matrix", 3, 3, K), f"distortion_model: {bending}"]
+    lines += _matrix("distortion_coefficients", 1, len(bent), bent)
+    lines += [line for own in spread for line in _matrix(*own)]
     lines += _matrix("rectification_matrix", 3, 3, [float(v) for v in np.eye(3).flat])
     return "\n".join([*lines, *_matrix("projection_matrix", 3, 4, P), ""])
 
@@ -145,6 +180,36 @@ def _five(path: Path, D: Array, model: str) -> Array:
     return np.pad(D[:5], (0, 5 - len(D[:5])))
 
 
+def _four(path: Path, D: Array) -> Array:
+    """k1, k2, k3, k4 of a fisheye; ROS may write none for zeros."""
+    if len(D) not in (0, 4):
+        what = f"has {len(D)} coefficients, where a fisheye has four"
+        raise InputError(path, "distortion", what, "calibrate with cv2.fisheye: k1, k2, k3, k4")
+    return np.pad(D, (0, 4 - len(D)))
+
+
+def _covariance(path: Path, root: dict[str, Node], count: int) -> Array | None:
+    """Covariance (count, count) of the values; values beyond these must be known."""
+    std = _numbers(path, "standard deviations", _of(root, _DEVIATIONS))
+    cov = _numbers(path, "covariance", _of(root, _COVARIANCE))
+    if cov is not None:
+        side = round(float(np.sqrt(len(cov))))
+        cov = cov.reshape(side, side) if side * side == len(cov) else np.zeros((0, 0))
+        what, remedy = "is no covariance of fx, fy, cx, cy and the distortion", "leave it out"
+        least = np.linalg.eigvalsh(cov).min(initial=0.0) if len(cov) else 0.0
+        if len(cov) < _OF_FISHEYE // 2 or not np.allclose(cov, cov.T) or least < -_ROUNDED:
+            raise InputError(path, "covariance", what, remedy)
+    elif std is not None:
+        if len(std) < _OF_FISHEYE // 2 or (std < 0.0).any():
+            what = "are no standard deviations of fx, fy, cx, cy and the distortion"
+            raise InputError(path, "standard deviations", what, "leave them out")
+        cov = np.diag(std**2)
+    if cov is None or not cov[:count, :count].any():
+        return None
+    missing = max(0, count - len(cov))
+    return np.pad(cov[:count, :count], (0, missing))
+
+
 def _refuse_parts(path: Path, root: dict[str, Node]) -> None:
     """A message of ROS may say that its images are a part of those for which the matrix holds."""
     roi = root.get("roi")
@@ -184,7 +249,11 @@ def with_lenses(path: Path, table: CellFile) -> tuple[CellFile, tuple[Path, ...]
 def _filled(table: CameraTable, where: str, file: Path) -> CameraTable:
     found = read_lens(file)
     fx, fy, cx, cy, *bent = found.values.tolist()
-    update = {"focal_px": (fx, fy), "center_px": (cx, cy), "distortion": tuple(bent)}
+    update: dict[str, object] = {"focal_px": (fx, fy), "center_px": (cx, cy)}
+    update["distortion"] = tuple(bent)
+    update["model"] = "fisheye" if len(found.values) == _OF_FISHEYE else "pinhole"
+    if found.covariance is not None and table.intrinsics_std is None:
+        update["intrinsics_covariance"] = found.covariance.tolist()
     if found.image is not None:
         own = tuple(found.image.tolist())
         if table.image_px not in (None, own):
@@ -212,12 +281,12 @@ def camera_named(cell: Cell, name: str) -> Camera:
     return camera
 
 
-def lens_text(cell: Cell, values: Array, camera: Camera) -> str:
-    """The text of a camera's calibration, values (9,) as found, in the form of the camera's own file.
+def lens_text(cell: Cell, values: Array, covariance: Array, camera: Camera) -> str:
+    """The text of a camera's calibration, in the form of the camera's own file, else in OpenCV's.
 
-    In OpenCV's where it has none.
+    values : ndarray, shape (n,), as found; covariance : ndarray, shape (n, n), zero for what was known
     """
     tables = tomllib.loads(read_text(cell.path, _LARGEST_FILE))["instruments"]
     named = tables[camera.name].get("calibration")
     form: LensForm = "opencv" if named is None else read_lens(cell.path.parent / named).form
-    return lens_yaml(camera.name, form, values, camera.image)
+    return lens_yaml(camera.name, form, values, camera.image, covariance)

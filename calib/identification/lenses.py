@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.focal_scale import FocalScale
 from calib.effects.lens import LensEffect
@@ -13,12 +13,12 @@ from calib.instruments import Camera
 from calib.instruments.lens import FOCAL
 
 
-def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array]:
-    """Values (9,) of a camera's lens, and their standard deviations, NaN for what was known.
+def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array, Mask]:
+    """Values (n,) of a camera's lens, their covariance (n, n), and which were asked for, (n,).
 
     In the order and the units of :class:`calib.instruments.lens.Lens`.
     """
-    by = np.zeros((9, len(result.values)))
+    by = np.zeros((len(camera.lens.values), len(result.values)))
     for effect, part in zip(result.model.effects, result.model.slices, strict=True):
         if isinstance(effect, Base) and effect.of.name == camera.name:
             by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
@@ -26,5 +26,5 @@ def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array]:
             by[effect.values, part] = np.eye(part.stop - part.start)
         elif isinstance(effect, FocalScale) and effect.changes(camera):
             by[FOCAL, part.start] = camera.lens.values[FOCAL]
-    std = np.sqrt(np.diag(by @ result.covariance @ by.T))
-    return camera.lens.values + by @ result.values, np.where(by.any(axis=1), std, np.nan)
+    covariance = by @ result.covariance @ by.T
+    return camera.lens.values + by @ result.values, covariance, np.asarray(by.any(axis=1))

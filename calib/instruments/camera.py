@@ -33,7 +33,6 @@ from calib.instruments.protocol import (
 )
 from calib.instruments.resection import Mounted, Ridden, on_tip, resected
 
-_LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _BEFORE = 2e-3  # m
 _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
@@ -47,7 +46,8 @@ class Camera(Instrument):
 
     sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
     free : ndarray of int, positions of the unknown values of the lens
-    believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
+    believed : ndarray, shape (n,), standard deviations of the lens's values, NaN where none is given
+    believed_covariance : ndarray, shape (n, n), the same with correlations, or None
     boards : tuple of Board, that it sees; detection : Detection, when a board counts as seen
     standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
@@ -57,6 +57,7 @@ class Camera(Instrument):
     image: Array | None = None
     free: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     believed: Array = field(default_factory=lambda: np.full(9, np.nan))
+    believed_covariance: Array | None = None
     boards: tuple[Board, ...] = ()
     standing: Array | None = None
     detection: Detection = field(default_factory=Detection)
@@ -72,8 +73,8 @@ class Camera(Instrument):
         """What is unknown of the lens."""
         focal = float(self.lens.values[FOCAL].mean())
         return tuple(
-            Unknown(_LENS[i], "px", 1.0, _OFF * focal) if i < DISTORTION.start
-            else Unknown(_LENS[i], "", 1.0, _BENT)
+            Unknown(self.lens.names[i], "px", 1.0, _OFF * focal) if i < DISTORTION.start
+            else Unknown(self.lens.names[i], "", 1.0, _BENT)
             for i in self.free.tolist()
         )  # fmt: skip
 
@@ -88,6 +89,17 @@ class Camera(Instrument):
     def prior(self) -> Array:
         standing = len(self.unknowns) - len(self.free)
         return np.concatenate([np.full(standing, np.nan), self.believed[self.free]])
+
+    @property
+    def belief(self) -> Array:
+        if self.believed_covariance is None or not len(self.free):
+            return super().belief
+        own = np.flatnonzero(np.isfinite(self.believed[self.free]))
+        at = self.free[own]
+        half = np.linalg.cholesky(self.believed_covariance[np.ix_(at, at)])
+        rows = np.zeros((len(own), len(self.unknowns)))
+        rows[:, len(self.unknowns) - len(self.free) + own] = np.linalg.inv(half)
+        return rows
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -155,11 +167,11 @@ class Camera(Instrument):
 
     @property
     def _focal_free(self) -> bool:
-        return bool(np.isin(np.arange(9)[FOCAL], self.free).all())
+        return bool(np.isin(np.arange(FOCAL.stop), self.free).all())
 
     def _lens_at(self, focal: float) -> Array:
         """What is unknown of the lens, with focal lengths of so many times their given values."""
-        by = np.zeros(9)
+        by = np.zeros(len(self.lens.values))
         by[FOCAL] = (focal - 1.0) * self.lens.values[FOCAL]
         return by[self.free]
 
@@ -169,7 +181,7 @@ class Camera(Instrument):
         standing = count - len(self.free)
         if not len(self.free):
             return place[..., :standing], self.lens, place[..., count:]
-        by = np.zeros((*place.shape[:-1], 9))
+        by = np.zeros((*place.shape[:-1], len(self.lens.values)))
         by[..., self.free] = place[..., standing:count]
         return place[..., :standing], self.lens.moved(by), place[..., count:]
 

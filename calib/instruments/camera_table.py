@@ -24,9 +24,11 @@ from calib.files.values import (
 )
 from calib.instruments.camera import FREE, ArmCamera, Camera, FixedCamera
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
+from calib.instruments.fisheye import Fisheye
 from calib.instruments.lens import Lens
 from calib.instruments.protocol import CellParts, KeysTable
 
+_OF_FISHEYE = 4  # coefficients
 Pixels = tuple[Positive, Positive]
 Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
 
@@ -50,12 +52,16 @@ class CameraTable(BodyTable, KeysTable):
     focal_px: Positive | Pixels = 1.0
     center_px: tuple[Number, Number] = (0.0, 0.0)
     distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    model: Literal["pinhole", "fisheye"] = (
+        "pinhole"  # of the distortion: fisheye has k1, k2, k3, k4
+    )
     image_px: Pixels | None = None
     sigma_px: Positive
     free: list[Literal["focal", "center", "distortion"]] = []
     intrinsics_std: (
-        IntrinsicsStd | Annotated[list[Positive], Field(min_length=1, max_length=9)] | None
-    ) = None  # in a list: fx, fy, cx, cy, k1, k2, p1, p2, k3
+        IntrinsicsStd | Annotated[list[NotNegative], Field(min_length=1, max_length=9)] | None
+    ) = None  # in a list: fx, fy, cx, cy and the distortion; zero for what is known
+    intrinsics_covariance: list[list[Number]] | None = None  # of the same values, with correlations
     margin_px: NotNegative = 10.0
     max_tilt_deg: Annotated[Positive, Field(lt=90)] = 60.0
     min_square_px: Positive | None = None
@@ -64,9 +70,20 @@ class CameraTable(BodyTable, KeysTable):
 
     @model_validator(mode="after")
     def _one_lens(self) -> Self:
-        own = [k for k in ("focal_px", "center_px", "distortion") if k in self.model_fields_set]
+        keys = ("focal_px", "center_px", "distortion", "model")
+        own = [k for k in keys if k in self.model_fields_set]
+        if self.model == "fisheye" and "distortion" in own and len(self.distortion) != _OF_FISHEYE:
+            raise ValueError("distortion of a fisheye is [k1, k2, k3, k4]; give these four")
         if self.calibration is not None and own:
             raise ValueError(f"has calibration and {own[0]}; keep one of them")
+        if self.intrinsics_covariance is not None:
+            rows = self.intrinsics_covariance
+            square = all(len(row) == len(rows) for row in rows)
+            given = np.array(rows) if square else np.full((1, 1), -1.0)
+            if not np.allclose(given, given.T) or np.linalg.eigvalsh(given).min() < 0.0:
+                raise ValueError("intrinsics_covariance is no covariance of fx, fy, cx, cy, k1 ..")
+            if self.intrinsics_std is not None:
+                raise ValueError("has intrinsics_std and intrinsics_covariance; keep one of them")
         for key in ("focal_px", "center_px"):
             if self.calibration is None and key not in own:
                 raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
@@ -87,20 +104,25 @@ class CameraTable(BodyTable, KeysTable):
                     reads += range(cell.parts[own].start, cell.parts[own].stop)
         if on_tip:
             reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
-        believed = _believed(self.intrinsics_std or IntrinsicsStd())
+        lens = self._lens()
+        covariance = self._covariance(len(lens.values))
+        believed = _believed(self.intrinsics_std or IntrinsicsStd(), len(lens.values))
+        if covariance is not None:
+            variance = np.diag(covariance)
+            believed = np.where(variance > 0.0, np.sqrt(variance), np.nan)
         free = np.isfinite(believed)
         for part in self.free:
             free[FREE[part]] = True
-        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
         return (ArmCamera if on_tip else FixedCamera)(
             name=name,
             markers=tuple(reads),
             targets=tuple(targets) if on_tip else (),
-            lens=Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]])),
+            lens=lens,
             sigma=self.sigma_px,
             image=None if self.image_px is None else np.array(self.image_px),
             free=np.flatnonzero(free),
             believed=believed,
+            believed_covariance=covariance,
             boards=tuple(boards),
             detection=Detection(
                 self.margin_px,
@@ -112,6 +134,19 @@ class CameraTable(BodyTable, KeysTable):
             standing=self._standing([cell.boards[board.name][0] for board in boards]),
         )
 
+    def _covariance(self, count: int) -> Array | None:
+        """What is believed of the lens, with correlations, shape (count, count)."""
+        if self.intrinsics_covariance is None:
+            return None
+        given = np.array(self.intrinsics_covariance)[:count, :count]
+        return np.pad(given, (0, count - len(given)))
+
+    def _lens(self) -> Lens:
+        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
+        if self.model == "fisheye":
+            return Fisheye(np.array([*focal, *self.center_px, *self.distortion[:_OF_FISHEYE]]))
+        return Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]]))
+
     def _standing(self, boards: Sequence[BodyTable]) -> Array | None:
         """The place of a camera in the world, or of the boards that one on the tip sees, if given."""
         in_world = boards if self.on == "tip" else [self]
@@ -121,17 +156,18 @@ class CameraTable(BodyTable, KeysTable):
         return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
 
 
-def _believed(given: IntrinsicsStd | list[float]) -> Array:
-    """Standard deviations of a lens's values, shape (9,), NaN where none is given."""
-    found = np.full(9, np.nan)
+def _believed(given: IntrinsicsStd | list[float], count: int) -> Array:
+    """Standard deviations of a lens's values, shape (count,), NaN where none is given, or zero."""
+    found = np.full(count, np.nan)
     if isinstance(given, list):
-        found[: len(given)] = given
+        known = np.array(given[:count])
+        found[: len(known)] = np.where(known > 0.0, known, np.nan)
         return found
     parts = zip(FREE.values(), (given.focal_px, given.center_px, given.distortion), strict=True)
     for part, std in parts:
         if std is not None:
             several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
-            found[part] = several[: part.stop - part.start]
+            found[part] = several[: len(found[part])]
     return found
 
 

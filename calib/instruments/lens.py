@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -25,21 +26,23 @@ class Lens:
     """
 
     values: Array = field(default_factory=lambda: np.array([1.0, 1.0, *[0.0] * 7]))
+    model: ClassVar[str] = "pinhole"
+    names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
-    def moved(self, by: Array) -> Lens:
-        """The lens with other values, by (..., 9) beyond its own."""
+    def moved(self, by: Array) -> Self:
+        """The lens with other values, by (..., n) beyond its own n."""
         return replace(self, values=self.values + by)
 
     def project(self, points: Array) -> Array:
         """Pixels (..., 2) of points (..., 3), m, camera axes: x right, y down, z ahead."""
         x, y, _ = _ideal(points)
-        own = _beside(self.values, x.ndim)
+        own = beside(self.values, x.ndim)
         return _stretched(own, *_distorted(own, x, y))
 
     def linearise(self, points: Array) -> tuple[Array, Array, Array]:
         """Pixels (..., 2), and their derivatives by the points (..., 2, 3) and the lens (..., 2, 9)."""
         x, y, depth = _ideal(points)
-        own = _beside(self.values, x.ndim)
+        own = beside(self.values, x.ndim)
         k1, k2, p1, p2, k3 = own[DISTORTION]
         r2 = x * x + y * y
         radial, slope = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2)
@@ -48,10 +51,10 @@ class Lens:
         across_y = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
         xd, yd = _distorted(own, x, y)
         fx, fy = own[FOCAL]
-        by_ideal = _matrix([[fx * across_x, fx * cross], [fy * cross, fy * across_y]])
+        by_ideal = matrix([[fx * across_x, fx * cross], [fy * cross, fy * across_y]])
         ahead = depth > _NEAR
         none = np.zeros_like(x)
-        by_points = by_ideal @ _matrix(
+        by_points = by_ideal @ matrix(
             [
                 [1.0 / depth, none, np.where(ahead, -x / depth, 0.0)],
                 [none, 1.0 / depth, np.where(ahead, -y / depth, 0.0)],
@@ -65,7 +68,7 @@ class Lens:
                 (fy, y, (r2 + 2.0 * y * y, 2.0 * x * y)),
             )
         ]
-        by_lens = _matrix([[xd, none, one, none, *bent[0]], [none, yd, none, one, *bent[1]]])
+        by_lens = matrix([[xd, none, one, none, *bent[0]], [none, yd, none, one, *bent[1]]])
         return _stretched(own, xd, yd), by_points, by_lens
 
     def ideal(self, pixels: Array) -> Array:
@@ -101,11 +104,12 @@ def _stretched(own: Array, x: Array, y: Array) -> Array:
     return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
 
-def _beside(values: Array, axes: int) -> Array:
-    """Values (..., 9) as nine arrays that go with arrays of so many axes."""
-    batch = values.shape[:-1]
-    return np.moveaxis(values, -1, 0).reshape((9, *batch, *[1] * (axes - len(batch))))
+def beside(values: Array, axes: int) -> Array:
+    """Values (..., n) as n arrays that go with arrays of so many axes."""
+    *batch, n = values.shape
+    return np.moveaxis(values, -1, 0).reshape((n, *batch, *[1] * (axes - len(batch))))
 
 
-def _matrix(rows: list[list[Array]]) -> Array:
+def matrix(rows: list[list[Array]]) -> Array:
+    """Arrays as rows of a matrix (..., rows, columns)."""
     return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)

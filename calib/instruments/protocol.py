@@ -163,6 +163,12 @@ class Instrument(ABC):
         return np.full(len(self.unknowns), np.nan)
 
     @property
+    def belief(self) -> Array:
+        """The same as rows of unit variance (k, u): each is known about zero."""
+        known = np.isfinite(self.prior)
+        return np.asarray(np.diag(1.0 / np.where(known, self.prior, 1.0))[known])
+
+    @property
     def guess(self) -> Array:
         """Where it is taken to stand before it has read anything, (u,): known, or zero."""
         return np.zeros(len(self.unknowns))

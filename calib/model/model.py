@@ -368,14 +368,15 @@ class Model:
         return rows
 
     @cached_property
-    def _believed(self) -> list[tuple[int, float]]:
-        """Positions of the values that are known about zero beforehand, and their deviations."""
-        return [
-            (part.start + k, float(std))
-            for effect, part in self._parts
-            for k, std in enumerate(effect.believed)
-            if np.isfinite(std)
-        ]
+    def _believed(self) -> Array:
+        """What is known of the values about zero beforehand, as rows of unit variance (k, p)."""
+        found = [np.zeros((0, len(self.parameters)))]
+        for effect, part in self._parts:
+            if np.isfinite(effect.believed).any():
+                own = effect.belief
+                found.append(np.zeros((len(own), len(self.parameters))))
+                found[-1][:, part] = own
+        return np.concatenate(found)
 
     def beside(self, values: Array) -> tuple[Array, Array]:
         """What is known beside all readings, as rows of unit variance: residuals and derivatives.
@@ -390,9 +391,9 @@ class Model:
             residuals[..., k] = (known.length - apart) / known.sigma
             along = (a - b) / np.where(apart > 0.0, apart, 1.0)[..., None] / known.sigma
             J[..., k, :] = (along[..., None, :] @ (of_a - of_b))[..., 0, :]
-        for k, (position, std) in enumerate(self._believed, len(self.lengths)):
-            residuals[..., k] = -values[..., position] / std
-            J[..., k, position] = 1.0 / std
+        believed = slice(len(self.lengths), len(self.lengths) + len(self._believed))
+        residuals[..., believed] = -values @ self._believed.T
+        J[..., believed, :] = self._believed
         if (prior := self.own_prior) is not None and self.prior_rows:
             own = slice(self.known_rows - self.prior_rows, None)
             residuals[..., own] = (prior.mean - values[..., self.own_prior_at]) @ prior.whitening.T

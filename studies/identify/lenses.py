@@ -14,7 +14,6 @@ from studies.record import Entry, MaybePositive, NotNegative, Number
 if TYPE_CHECKING:
     from calib import Identification
 
-_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _IN_PIXELS = 4
 
 
@@ -76,9 +75,10 @@ def lens_entries(found: Identification) -> Iterator[LensValue]:
     for camera in found.model.readout.channels.instruments:
         if not isinstance(camera, Camera):
             continue
-        values, std = lens_of(found, camera)
-        if np.isfinite(std).any():
-            for i, name in enumerate(_NAMES):
+        values, covariance, asked = lens_of(found, camera)
+        std = np.sqrt(np.diag(covariance))
+        if asked.any():
+            for i, name in enumerate(camera.lens.names):
                 yield LensValue(
                     camera=camera.name,
                     name=name,

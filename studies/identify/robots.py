@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from calib import Cell, Identification
 from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
@@ -94,12 +92,12 @@ def lens_files(
     """Their texts. Raises InputError where nothing of a lens was found."""
     found = {}
     for path, camera in lenses.items():
-        values, std = lens_of(result, camera)
-        if not np.isfinite(std).any():
+        values, covariance, asked = lens_of(result, camera)
+        if not asked.any():
             what = "finds nothing of the lens"
             remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
             raise InputError(cell.path, "model.effects", what, remedy)
-        found[path] = lens_text(cell, values, camera)
+        found[path] = lens_text(cell, values, covariance, camera)
     return found
 
 

@@ -139,7 +139,12 @@ def test_what_is_written_is_read_by_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (ROS.replace("plumb_bob", "equidistant"), "distortion_model: .*'equidistant'"),
+        (
+            ROS.replace("plumb_bob", "equidistant"),
+            "distortion: has 5 coefficients, where a fisheye",
+        ),
+        (ROS + "covariance_intrinsics: [1, 2, 3]\n", "covariance: is no covariance of fx"),
+        (ROS + "std_dev_intrinsics: [1, 2, -3, 1]\n", "are no standard deviations of fx"),
         (ROS.replace("plumb_bob", "thin_prism"), "distortion_model: .*'thin_prism'"),
         (
             ROS.replace("plumb_bob", "rational_polynomial").replace("-0.01]", "-0.01, 1, 0, 0]"),
@@ -163,10 +168,43 @@ def test_calibrations_that_cannot_be_used(tmp_path: Path, text: str, said: str) 
         calib.load_cell(cell_of(tmp_path, text, cell))
 
 
+@pytest.mark.parametrize("form", ["opencv", "ros"])
+def test_a_fisheye_there_and_back(tmp_path: Path, form: str) -> None:
+    fisheye = np.append(VALUES[:4], [-0.02, 0.011, -0.006, 0.0012])
+    path = tmp_path / "lenses" / "cam.yaml"
+    path.parent.mkdir()
+    path.write_text(lens_yaml("cam", form, fisheye, np.array([1920.0, 1080.0])))
+    np.testing.assert_array_equal(read_lens(path).values, fisheye)
+    (camera,) = calib.load_cell(cell_of(tmp_path, path.read_text())).instruments
+    assert isinstance(camera, Camera)
+    assert camera.lens.model == "fisheye"
+    np.testing.assert_array_equal(camera.lens.values, fisheye)
+
+
 def test_a_fisheye_of_opencv(tmp_path: Path) -> None:
     path = by_opencv(tmp_path / "c.yaml", VALUES[4:8], fisheye_model=1)
-    with pytest.raises(InputError, match="distortion model 'fisheye'"):
-        read_lens(path)
+    np.testing.assert_array_equal(read_lens(path).values, VALUES[:8])
+
+
+def test_deviations_as_opencv_gives_them(tmp_path: Path) -> None:
+    """calibrateCameraExtended has 18 of them, zero for what was fixed; a covariance goes before."""
+    std = np.array([2.0, 1.5, 0.7, 0.9, 1e-3, 2e-3, 1e-4, 1e-4, 0.0, *[0.0] * 9])
+    text = f"{ROS}std_dev_intrinsics: {std.tolist()}\n"
+    (camera,) = calib.load_cell(cell_of(tmp_path, text)).instruments
+    assert isinstance(camera, Camera)
+    np.testing.assert_allclose(camera.believed[:8], std[:8])
+    assert camera.free.tolist() == list(range(8))
+    half = np.diag(std[:9]) @ np.tril(np.random.default_rng(0).normal(size=(9, 9)))
+    path = tmp_path / "lenses" / "cam.yaml"
+    path.write_text(lens_yaml("cam", "opencv", VALUES, None, half @ half.T))
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    written = file.getNode("standard_deviation_intrinsics").mat().ravel()
+    file.release()
+    np.testing.assert_allclose(written, np.sqrt(np.diag(half @ half.T)))
+    (camera,) = calib.load_cell(cell_of(tmp_path, path.read_text())).instruments
+    assert isinstance(camera, Camera)
+    rows = camera.belief[:, -8:]
+    np.testing.assert_allclose(np.linalg.inv(rows.T @ rows), (half @ half.T)[:8, :8], rtol=1e-6)
 
 
 def readings(path: Path) -> None:

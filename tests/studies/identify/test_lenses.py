@@ -43,3 +43,8 @@ def test_a_wrong_lens_is_found(asked: tuple[str, str], tmp_path: Path) -> None:
     np.testing.assert_allclose(
         in_file, [row["value"] for row in rows.values()], rtol=1e-9, atol=1e-12
     )
+    covariance = read_lens(tmp_path / "c.yaml").covariance
+    assert covariance is not None
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(covariance)), [row["std"] for row in rows.values()], rtol=1e-6
+    )

@@ -39,6 +39,7 @@ _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place 
 _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
+_NO_SHARE = 0.005  # of the gap, which reads as nothing
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
 _INTERCEPT = 3.24
@@ -175,7 +176,7 @@ def causes_of(
     stage, after = finding.search.stage, finding.after
     std = _deviations(stage, after, finding.scale)
     for named in finding.named:
-        if is_weak(after, named.candidate):
+        if _no_cause(finding, named):
             continue
         effect, entry = named.candidate.effect, named.entry
         own = after.positions(effect)
@@ -206,8 +207,21 @@ def causes_of(
 def weak_of(finding: Finding) -> Iterator[Refused]:
     """What is fitted and not named, for it is hardly more than its own uncertainty."""
     for named in finding.named:
-        if is_weak(finding.after, named.candidate):
+        if _no_cause(finding, named):
             yield Refused.of(named.candidate, "weak")
+
+
+def _no_cause(finding: Finding, named: Named) -> bool:
+    """Whether what was fitted is no cause: weak, or of no share and of sizes that are wide open.
+
+    Two amounts that hardly differ may be open together and pass for strong.
+    """
+    fit, candidate = finding.after, named.candidate
+    if is_weak(fit, candidate):
+        return True
+    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    std = finding.scale * np.sqrt(np.diag(fit.covariance)[own])
+    return bool(_share_of(finding, named.entry) < _NO_SHARE and (std > candidate.limits).all())
 
 
 def _deviations(stage: Stage, after: Fit, scale: float) -> Array:

@@ -10,14 +10,21 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.context import Context
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Parameter, PoseEffect, Twist
+from calib.effects.protocol import (
+    Displacement,
+    Parameter,
+    PoseEffect,
+    State,
+    Twist,
+    displaced,
+)
 from calib.instruments import Camera
 from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
 class TimeOffset(PoseEffect):
-    """The arm is where it will be, or was: ``q = q_read + delay * dq/dt`` at every joint.
+    """The arm is where it will be, or was: ``q_read + delay q' + delay^2 / 2 q''`` at every joint.
 
     The image was taken ``delay`` after the joints were read. Only an arm that moves shows it, so that
     poses need a velocity. It moves the arm of all that reads: it is asked where one camera reads alone.
@@ -51,7 +58,20 @@ class TimeOffset(PoseEffect):
         return (Parameter(self.kind, self.where, "delay", *unit),)
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+        return self._twists(poses, self.initial)
+
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
+        return self._twists(state.poses, values)
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        return displaced(self._twists(poses, 0.5 * values), values)
+
+    def _twists(self, poses: Poses, values: Array) -> tuple[Twist, ...]:
+        """How the joints follow the delay, at values (..., 1)."""
         if poses.velocity is None:
             return ()
-        moved = poses.velocity[:, :, None] * self.axes
-        return tuple((j + 1, moved[:, j, :, None]) for j in range(len(self.axes)))
+        speed = np.broadcast_to(poses.velocity, (*values.shape[:-1], *poses.velocity.shape))
+        if poses.acceleration is not None:
+            speed = speed + values[..., None] * poses.acceleration
+        moved = speed[..., None] * self.axes
+        return tuple((j + 1, moved[..., j, :, None]) for j in range(len(self.axes)))

@@ -57,6 +57,9 @@ def with_moves(poses: Poses) -> Poses:
     number = np.empty(len(poses))
     number[order] = np.arange(len(poses))
     derived = poses.approach is None or poses.approach_derived
+    velocity, acceleration = poses.velocity, poses.acceleration
+    if velocity is None:
+        velocity, acceleration = _along_the_path(poses, order)
     return replace(
         poses,
         start=0.0 if poses.time is None else float(poses.time.min(initial=np.inf)),
@@ -64,12 +67,13 @@ def with_moves(poses: Poses) -> Poses:
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=motion,
-        velocity=_velocity(poses, order) if poses.velocity is None else poses.velocity,
+        velocity=velocity,
+        acceleration=acceleration,
     )
 
 
-def _velocity(poses: Poses, order: IntArray) -> Array | None:
-    """Velocity of the joints at each reading, (m, n), None where the readings follow no path.
+def _along_the_path(poses: Poses, order: IntArray) -> tuple[Array | None, Array | None]:
+    """Velocity and acceleration of the joints at each reading, (m, n); None without a path.
 
     They do where the way bends little from one to the next: an arm that was filmed as it moved. Stops
     that were chosen one by one, at which it stood still, lie anywhere.
@@ -77,7 +81,7 @@ def _velocity(poses: Poses, order: IntArray) -> Array | None:
     from scipy.interpolate import CubicSpline
 
     time = np.arange(float(len(poses))) if poses.time is None else poses.time[order]
-    q, found = poses.q[order], np.zeros_like(poses.q)
+    q, velocity, acceleration = poses.q[order], np.zeros_like(poses.q), np.zeros_like(poses.q)
     bends = []
     pause = np.diff(time, prepend=time[:1])
     cut = begins(poses)[order] | (pause > _PAUSE * np.median(pause[1:])) if len(q) > 1 else []
@@ -88,9 +92,12 @@ def _velocity(poses: Poses, order: IntArray) -> Array | None:
         turn, along = (np.linalg.norm(v, axis=1) for v in (np.diff(speed, axis=0), speed))
         moving = along[1:] + along[:-1] > 0.0
         bends.append((turn / np.maximum(along[1:] + along[:-1], 1e-300))[moving])
-        found[order[part]] = CubicSpline(time[part], q[part])(time[part], 1)
+        path = CubicSpline(time[part], q[part])
+        velocity[order[part]], acceleration[order[part]] = path(time[part], 1), path(time[part], 2)
     bent = np.concatenate(bends) if bends else np.zeros(0)
-    return found if len(bent) and float(np.median(bent)) < _STRAIGHT else None
+    if not len(bent) or float(np.median(bent)) >= _STRAIGHT:
+        return None, None
+    return velocity, acceleration
 
 
 def begins(poses: Poses) -> Mask:
@@ -132,7 +139,8 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
     if parts_of_one_table(first, second):
         return data, heldout
     if first.time is None or second.time is None:
-        return data, replace(heldout, poses=replace(second, time=None, order=None, velocity=None))
+        unknown = replace(second, time=None, order=None, velocity=None, acceleration=None)
+        return data, replace(heldout, poses=unknown)
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
     both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))
     own = both.take(slice(len(first), None))

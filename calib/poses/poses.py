@@ -34,6 +34,7 @@ class Poses(Result):
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     velocity : ndarray, shape (m, n), rad/s or m/s, or per reading where no time is given, at which the
         joints moved while they were read, or None where nothing tells it
+    acceleration : the same of the velocity, per second or reading, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
     site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
@@ -60,6 +61,7 @@ class Poses(Result):
     site: TextArray | None = None
     session: TextArray | None = None
     velocity: Array | None = None
+    acceleration: Array | None = None
 
     def sentences(self) -> list[str]:
         return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]

@@ -23,7 +23,7 @@ from calib.files.read import read_text
 from calib.files.schema import CellFile
 from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
 from calib.instruments import Camera
-from calib.instruments.camera_table import CameraTable
+from calib.instruments.camera_table import CameraTable, is_covariance
 
 LensForm: TypeAlias = Literal["opencv", "ros"]
 _MATRIX = ("camera_matrix", "intrinsic_matrix", "K", "mtx")
@@ -40,7 +40,6 @@ _DEVIATIONS = (
 )
 _COVARIANCE = ("covariance_intrinsics", "intrinsics_covariance")
 _MORE = {8: "rational", 12: "thin prism", 14: "tilted"}  # coefficients, OpenCV's models
-_ROUNDED = 1e-9  # of a variance, by which a covariance may be none
 _LARGEST = 1e6  # px, or of a coefficient
 _IMPLAUSIBLE = "is no number of plausible size"
 _REMEDY = "calibrate with the five coefficients k1, k2, p1, p2, k3, or undistort the images first"
@@ -196,8 +195,7 @@ def _covariance(path: Path, root: dict[str, Node], count: int) -> Array | None:
         side = round(float(np.sqrt(len(cov))))
         cov = cov.reshape(side, side) if side * side == len(cov) else np.zeros((0, 0))
         what, remedy = "is no covariance of fx, fy, cx, cy and the distortion", "leave it out"
-        least = np.linalg.eigvalsh(cov).min(initial=0.0) if len(cov) else 0.0
-        if len(cov) < _OF_FISHEYE // 2 or not np.allclose(cov, cov.T) or least < -_ROUNDED:
+        if len(cov) < _OF_FISHEYE // 2 or not is_covariance(cov):
             raise InputError(path, "covariance", what, remedy)
     elif std is not None:
         if len(std) < _OF_FISHEYE // 2 or (std < 0.0).any():

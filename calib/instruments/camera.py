@@ -34,6 +34,7 @@ from calib.instruments.protocol import (
 from calib.instruments.resection import Mounted, Ridden, on_tip, resected
 
 _BEFORE = 2e-3  # m
+_SINGULAR = 1e-9  # of a variance: a lens of one focal length was found with fx and fy as one
 _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
 FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
@@ -96,7 +97,8 @@ class Camera(Instrument):
             return super().belief
         own = np.flatnonzero(np.isfinite(self.believed[self.free]))
         at = self.free[own]
-        half = np.linalg.cholesky(self.believed_covariance[np.ix_(at, at)])
+        cov = self.believed_covariance[np.ix_(at, at)]
+        half = np.linalg.cholesky(cov + _SINGULAR * np.diag(np.diag(cov)))
         rows = np.zeros((len(own), len(self.unknowns)))
         rows[:, len(self.unknowns) - len(self.free) + own] = np.linalg.inv(half)
         return rows

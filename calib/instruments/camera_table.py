@@ -29,6 +29,7 @@ from calib.instruments.lens import Lens
 from calib.instruments.protocol import CellParts, KeysTable
 
 _OF_FISHEYE = 4  # coefficients
+_ROUNDED = 1e-10  # of a correlation
 Pixels = tuple[Positive, Positive]
 Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
 
@@ -79,8 +80,7 @@ class CameraTable(BodyTable, KeysTable):
         if self.intrinsics_covariance is not None:
             rows = self.intrinsics_covariance
             square = all(len(row) == len(rows) for row in rows)
-            given = np.array(rows) if square else np.full((1, 1), -1.0)
-            if not np.allclose(given, given.T) or np.linalg.eigvalsh(given).min() < 0.0:
+            if not square or not is_covariance(np.array(rows)):
                 raise ValueError("intrinsics_covariance is no covariance of fx, fy, cx, cy, k1 ..")
             if self.intrinsics_std is not None:
                 raise ValueError("has intrinsics_std and intrinsics_covariance; keep one of them")
@@ -154,6 +154,16 @@ class CameraTable(BodyTable, KeysTable):
             return None
         places = [own.frame if self.on == "tip" else inverse(own.frame) for own in in_world]
         return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
+
+
+def is_covariance(given: Array) -> bool:
+    """Whether a matrix (n, n) is symmetric, and no combination has a variance below zero."""
+    variance = np.diag(given)
+    if not len(given) or (variance < 0.0).any():
+        return False
+    scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    shown = given / np.outer(scale, scale)
+    return bool(np.allclose(shown, shown.T) and np.linalg.eigvalsh(shown).min() > -_ROUNDED)
 
 
 def _believed(given: IntrinsicsStd | list[float], count: int) -> Array:

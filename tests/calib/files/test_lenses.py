@@ -266,3 +266,16 @@ def test_a_lens_that_was_known_is_not_written(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, call)
     assert done.exit_code == 2
     assert "is given as known" in " ".join(done.output.split())
+
+
+def test_focal_lengths_that_were_found_as_one(tmp_path: Path) -> None:
+    """Their covariance is singular, and is believed all the same."""
+    cov = np.zeros((9, 9))
+    cov[:2, :2] = 4.0
+    text = lens_yaml("cam", "opencv", VALUES, None, cov)
+    (camera,) = calib.load_cell(cell_of(tmp_path, text)).instruments
+    assert isinstance(camera, Camera)
+    assert camera.free.tolist() == [0, 1]
+    own = camera.belief[:, -2:]
+    assert np.linalg.norm(own @ [2.0, 2.0]) == pytest.approx(1.0, rel=1e-3)
+    assert np.linalg.norm(own @ [2.0, -2.0]) > 1e3

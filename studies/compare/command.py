@@ -122,7 +122,7 @@ def compare(
                 trials=trials,
                 values=values,
                 truth=truth,
-                stated=stated_noise(cell_path),
+                stated=stated_noise(cell_path, cell.instruments),
                 length=length_mm / 1e3,
                 seed=seed,
                 executor=executor,

@@ -8,7 +8,7 @@ the numbers of a cell that was made without a text.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,9 +18,11 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell, Repeatability
 from calib.instruments import Instrument, Pose, Tracker
+from calib.instruments.camera import Camera
+from calib.instruments.detection import Board
 
 _MM, _URAD = 1e-3, 1e-6
-_UNITS = {"sigma_mm": _MM, "sigma_urad": _URAD, "sigma_px": 1.0}
+_UNITS = {"sigma_mm": _MM, "sigma_urad": _URAD}
 
 
 class ErrorModel(Protocol):
@@ -80,6 +82,30 @@ class BodyError:
 
 
 @dataclass(frozen=True, eq=False)
+class PixelError:
+    """Both coordinates of a point in an image alike, more where its board looks small or leans.
+
+    sigma : float, px, of large figures; boards : tuple of Board, with the numbers of their points
+    """
+
+    sigma: float
+    boards: tuple[Board, ...]
+
+    def errors(self, white: Array, exact: Array, start: Array) -> Array:
+        """A figure as small as a detector finds it errs sqrt(5) times as much as a large one."""
+        del start
+        sigma = np.full(exact.shape[:-1], self.sigma)
+        for board in self.boards:
+            if board.printed:
+                paper = np.column_stack([board.points[:, :2], np.ones(len(board.points))])
+                for image, own in zip(exact[:, board.channels], sigma[:, board.channels], strict=True):
+                    to_pixels = np.linalg.lstsq(paper, image)[0][:2]
+                    side = board.printed * np.linalg.svd(to_pixels, compute_uv=False)[-1]
+                    own *= np.sqrt(1.0 + (2.0 * min(board.square / side, 2.0)) ** 2)
+        return sigma[..., None] * white
+
+
+@dataclass(frozen=True, eq=False)
 class StatedNoise:
     """How instruments and arm err.
 
@@ -93,8 +119,11 @@ class StatedNoise:
     arm: tuple[float, float] = (0.0, 0.0)
 
 
-def stated_noise(path: Path) -> StatedNoise:
-    """What the text of a cell, which :func:`calib.load_cell` takes, says of noise."""
+def stated_noise(path: Path, instruments: Sequence[Instrument] = ()) -> StatedNoise:
+    """What the text of a cell, which :func:`calib.load_cell` takes, says of noise.
+
+    instruments : of the cell; of them the points of boards are used, which the text does not list
+    """
     text = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     tables = text.get("instruments") or {"instrument": text["instrument"]}
     stands = {
@@ -104,15 +133,19 @@ def stated_noise(path: Path) -> StatedNoise:
     }
     robot = text["robot"]
     arm = robot.get("repeatability_mm", 0.0) * _MM, robot.get("repeatability_urad", 0.0) * _URAD
-    return StatedNoise({name: _error_model(table) for name, table in tables.items()}, stands, arm)
+    boards = {i.name: i.boards for i in instruments if isinstance(i, Camera)}
+    errs = {name: _error_model(table, boards.get(name, ())) for name, table in tables.items()}
+    return StatedNoise(errs, stands, arm)
 
 
-def _error_model(table: Mapping[str, Any]) -> ErrorModel:
+def _error_model(table: Mapping[str, Any], boards: tuple[Board, ...]) -> ErrorModel:
     if table.get("kind") == "pose":
         return BodyError(_of_body(table))
     sigma = table.get("sigma_mm")
     if isinstance(sigma, Mapping):
         return BeamError(*_by_range(sigma))
+    if "sigma_px" in table:
+        return PixelError(table["sigma_px"], boards)
     return next(IsotropicError(table[key] * unit) for key, unit in _UNITS.items() if key in table)
 
 
@@ -177,5 +210,7 @@ def _error_model_of(instrument: Instrument) -> ErrorModel:
             return BodyError(instrument.covariance)
         case Tracker(noise=own):
             return BeamError((own.along, own.along_per_m), (own.across, own.across_per_m))
+        case Camera():
+            return PixelError(instrument.sigma, instrument.boards)
     sigma: float = getattr(instrument, "sigma")  # noqa: B009 - of every other kind
     return IsotropicError(sigma)

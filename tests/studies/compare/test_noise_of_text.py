@@ -76,7 +76,8 @@ def written(folder: Path, instruments: str, robot: str = "") -> Path:
 
 
 def experiment_at(path: Path, plan: Poses) -> SimulatedExperiment:
-    return experiment_of(calib.load_cell(path), plan, stated=stated_noise(path))
+    cell = calib.load_cell(path)
+    return experiment_of(cell, plan, stated=stated_noise(path, cell.instruments))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""All six constant errors of every segment of the arm; redundant ones are merged."""
+"""Constant errors of the segments of the arm: of all of them together, or of one link as a cause."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from calib.effects.context import Context
 from calib.effects.protocol import ConstantTwist
 
 
-def segment(context: Context, where: str) -> int:
-    """Frame at which a segment ends: the joint's, or the tip's under the name of the tip link."""
-    robot = context.robot
-    return robot.tip_frame if where == robot.tip else robot.joints.index(where) + 1
-
-
 @dataclass(frozen=True, eq=False)
 class Geometry(ConstantTwist):
-    """Displacement of the frame at the end of a segment: a joint's name, or the tip link's."""
+    """Displacement of the frame at the end of a segment: a joint's name, or the tip link's.
+
+    All six of every segment; redundant ones are merged (:mod:`calib.model.reduction`).
+    """
 
     kind: ClassVar[str] = "geometry"
     parts: ClassVar[tuple[str, ...]] = ("joint_offset", "link_geometry")
@@ -28,4 +25,14 @@ class Geometry(ConstantTwist):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, segment(context, where))
+        robot = context.robot
+        ends_at_tip = where == robot.tip
+        return cls(where, robot.tip_frame if ends_at_tip else robot.joints.index(where) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry(Geometry):
+    """The six errors of the segment that ends at a joint, or at the tip."""
+
+    kind: ClassVar[str] = "link_geometry"
+    parts: ClassVar[tuple[str, ...]] = ()

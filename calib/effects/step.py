@@ -1,4 +1,4 @@
-"""A sudden change at one moment: a knock, a belt that slipped, a new mastering, a moved marker.
+"""A sudden change at one moment: a knock, a belt that slipped, a new mastering, a loose marker.
 
 All readings after the moment are displaced, none before it. A pose without a time is taken as
 later. The data cannot tell when between two readings the change happened.
@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context
+from calib.effects.context import Context, Expectation
 from calib.effects.protocol import Parameter
 from calib.effects.timed import (
     SECONDS,
@@ -24,6 +24,8 @@ from calib.effects.timed import (
 from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedPart, TunedReading, TunedTwist
 from calib.poses import Poses
 
+_CAMERA_OR_BOARD = ("camera:", "board:")
+_LOOSE = 5.0  # odds: of a robot that is bolted down and what looks at it the latter slips
 _EITHER_SIDE = 2  # readings: fewer are an outlier
 
 
@@ -87,3 +89,30 @@ class StepOfMarker(Step, TunedMarker):
 @dataclass(frozen=True, eq=False)
 class StepOfPart(Step, TunedPart):
     """A step of a socket, or of an instrument that is no camera: those are ``moved``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved(Step):
+    """A step of what carries a camera, or of a board, that slipped or was knocked.
+
+    A camera moves along and about its own axes, whether it stands or rides on the hand.
+    """
+
+    kind: ClassVar[str] = "moved"
+    decided_by: ClassVar[str] = (
+        "look for what is loose: camera, board or base. A second board elsewhere tells them apart"
+    )
+    largest: ClassVar[float] = 5e-2
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(where for where in context.parts if where.startswith(_CAMERA_OR_BOARD))
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(odds=_LOOSE)
+
+
+@dataclass(frozen=True, eq=False)
+class MovedPart(Moved, TunedPart):
+    """The same as an effect on what the camera reads."""

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from calib.arrays import Array
 from calib.effects.protocol import Parameter
-from calib.effects.readings import ReadingEffect
-from calib.poses import Poses
+from calib.effects.readings import ScaledReading
 
 
 @dataclass(frozen=True, eq=False)
-class TrackerScale(ReadingEffect):
+class TrackerScale(ScaledReading):
     """Every reading is ``(1 + scale)`` times the point, seen from the origin of its station.
 
     Free link lengths, base and markers imitate it wholly: it shows only where lengths are known.
@@ -25,7 +21,3 @@ class TrackerScale(ReadingEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-5),)
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        factor = 1.0 + values[..., None, None, :]
-        return points * factor, factor[..., None] * np.eye(3), points[..., None]

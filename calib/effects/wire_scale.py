@@ -5,32 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from calib.arrays import Array
 from calib.effects.context import Context
 from calib.effects.protocol import Parameter
-from calib.effects.readings import ReadingEffect
-from calib.instruments import Instrument
-from calib.poses import Poses
-
-_DISTANCE = "distance"
+from calib.effects.readings import ScaledReading
+from calib.instruments import Distance, Instrument
 
 
 @dataclass(frozen=True, eq=False)
-class WireScale(ReadingEffect):
+class WireScale(ScaledReading):
     """Every distance is ``(1 + scale)`` times what it would be.
 
     Where such an instrument alone gives the scale of a free geometry, that imitates it wholly.
     """
 
     kind: ClassVar[str] = "wire_scale"
-    of: ClassVar[str] = _DISTANCE
+    of: ClassVar[str] = Distance.kind
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        own = (i for i in context.instruments if i.kind == _DISTANCE)
-        return tuple(f"{_DISTANCE}:{instrument.name}" for instrument in own)
+        return tuple(f"{cls.of}:{i.name}" for i in context.instruments if i.kind == cls.of)
 
     def changes(self, instrument: Instrument) -> bool:
         return self.where == f"{instrument.kind}:{instrument.name}"
@@ -38,7 +31,3 @@ class WireScale(ReadingEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-4, 2e-2),)
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        factor = 1.0 + values[..., None, None, :]
-        return points * factor, factor[..., None] * np.eye(1), points[..., None]

@@ -17,7 +17,7 @@ from calib.cell import Cell
 from calib.effects import Effect
 from calib.effects.backlash import Backlash
 from calib.effects.base import Base
-from calib.effects.joint_compliance import JointCompliance
+from calib.effects.compliance import JointCompliance
 from calib.effects.joint_coupling import JointCoupling
 from calib.effects.joint_offset import JointOffset
 from calib.effects.link_weight import LinkWeight

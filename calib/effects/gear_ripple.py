@@ -11,6 +11,7 @@ any smooth error would fit them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -65,6 +66,10 @@ class GearRipple(TunedTwist):
             harmonics=1,
             ratio=ratio,
         )
+
+    @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
+        return cls.at(context, where).with_harmonics(2 if "cos_2" in parameters else 1)
 
     def with_harmonics(self, count: int) -> Self:
         """The same with so many harmonics, 1 or 2."""

@@ -8,7 +8,8 @@ point that the cell gives. Its centre cannot be corrected then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -41,6 +42,10 @@ class PayloadError(WeightEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         return cls(where, context.payload, context.payload.mass == 0.0 and context.measured_load)
+
+    @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
+        return cls.at(replace(context, measured_load="scale" in parameters), where)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -112,6 +112,13 @@ class Effect(ABC):
         """The effect at one of its places."""
 
     @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Effect:
+        """The effect at a place with the parameters of these names, as a result lists them."""
+        effect = cls.at(context, where)
+        own = [p.name for p in effect.parameters]
+        return effect.only(tuple(own.index(name) for name in parameters if name in own))
+
+    @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         """How often, and how large, it is met at a place of the robot at hand."""
         return Expectation()
@@ -165,6 +172,10 @@ class Effect(ABC):
         """The same as rows of unit variance (k, p): each is known about zero."""
         known = np.isfinite(self.believed)
         return np.asarray(np.diag(1.0 / np.where(known, self.believed, 1.0))[known])
+
+    def only(self, kept: tuple[int, ...]) -> Self:
+        """The same with some of its parameters, by their positions, where it can do with fewer."""
+        return self
 
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""
@@ -240,7 +251,6 @@ class ConstantTwist(Constant):
         )
 
     def only(self, kept: tuple[int, ...]) -> Self:
-        """The same with some of its parameters, given by their positions."""
         return replace(self, components=tuple(self.components[i] for i in kept))
 
 

@@ -222,8 +222,4 @@ def _without(effect: Effect, gone: set[str]) -> Effect | None:
     kept = tuple(i for i, p in enumerate(effect.parameters) if p.id not in gone)
     if len(kept) == len(effect.parameters):
         return effect
-    if not kept:
-        return None
-    if isinstance(effect, ConstantTwist | Tool):
-        return effect.only(kept)
-    return effect
+    return effect.only(kept) if kept else None

@@ -22,16 +22,14 @@ from calib.effects.drift import BaseDrift, InstrumentDrift, TrackerDrift
 from calib.effects.focal import FocalDrift, FocalExpansion, FocalScale
 from calib.effects.friction_windup import FrictionWindup
 from calib.effects.gear_ripple import GearRipple
-from calib.effects.geometry import Geometry, LinkGeometry
+from calib.effects.geometry import Geometry, JointOffset, LinkGeometry
 from calib.effects.gravity_compensator import GravityCompensator
 from calib.effects.gravity_sag import GravitySag
-from calib.effects.joint_coupling import JointCoupling
-from calib.effects.joint_offset import JointOffset
+from calib.effects.instrument_scale import TrackerScale, WireScale
 from calib.effects.lens import Distortion, Focal, PrincipalPoint
 from calib.effects.link_growth import LinkScale, ThermalExpansion
-from calib.effects.link_weight import LinkWeight
+from calib.effects.mass import LinkWeight, PayloadError
 from calib.effects.measured_torque import MeasuredTorque
-from calib.effects.payload import PayloadError
 from calib.effects.protocol import Effect, Parameter, State
 from calib.effects.settling import Settling
 from calib.effects.socket_seat import SocketSeat
@@ -39,11 +37,8 @@ from calib.effects.step import Moved, Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.time_offset import TimeOffset
 from calib.effects.tool import Tool
-from calib.effects.tracker_scale import TrackerScale
-from calib.effects.transmission_harmonic import TransmissionHarmonic
-from calib.effects.transmission_scale import TransmissionScale
+from calib.effects.transmission import JointCoupling, TransmissionHarmonic, TransmissionScale
 from calib.effects.warm_up import WarmUp
-from calib.effects.wire_scale import WireScale
 from calib.plugins import with_announced
 
 _OURS: tuple[type[Effect], ...] = (

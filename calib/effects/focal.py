@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from calib.arrays import Array
-from calib.effects.camera import CameraEffect
 from calib.effects.context import Context
 from calib.effects.drift import drift_rate, since_the_first
+from calib.effects.lens import CameraEffect
 from calib.effects.protocol import Parameter
 from calib.effects.readings import ScaledReading
 from calib.instruments import Camera

@@ -1,12 +1,14 @@
-"""Constant errors of the segments of the arm: of all of them together, or of one link as a cause."""
+"""Constant errors of the arm: all six of every segment, those of one link, and the zero of a joint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.protocol import ConstantTwist
+from calib.effects.drive import AlongJoint, error_unit
+from calib.effects.protocol import Constant, ConstantTwist, Parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,3 +38,19 @@ class LinkGeometry(Geometry):
 
     kind: ClassVar[str] = "link_geometry"
     parts: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JointOffset(AlongJoint, Constant):
+    """Zero error of a joint: ``q_true = q_read + offset``."""
+
+    kind: ClassVar[str] = "joint_offset"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        unit = error_unit(self.slides)
+        return (Parameter(self.kind, self.where, "offset", unit, 1e-6, 1e-3),)
+
+    @property
+    def columns(self) -> Array:
+        return self.axis[:, None]

@@ -1,4 +1,4 @@
-"""Wrong scale of a wire or bar: a wrong drum radius, a wrong encoder pitch, a bar too warm."""
+"""Wrong length scale of an instrument: of a tracker, or of a wire or bar."""
 
 from __future__ import annotations
 
@@ -12,10 +12,26 @@ from calib.instruments import Distance, Instrument
 
 
 @dataclass(frozen=True, eq=False)
+class TrackerScale(ScaledReading):
+    """Every reading is ``(1 + scale)`` times the point, seen from the origin of its station.
+
+    A wrong air temperature or pressure makes it. Free link lengths, base and markers imitate it wholly:
+    it shows only where lengths are known.
+    """
+
+    kind: ClassVar[str] = "tracker_scale"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-5),)
+
+
+@dataclass(frozen=True, eq=False)
 class WireScale(ScaledReading):
     """Every distance is ``(1 + scale)`` times what it would be.
 
-    Where such an instrument alone gives the scale of a free geometry, that imitates it wholly.
+    A wrong drum radius, a wrong encoder pitch, or a bar that is too warm makes it. Where such an
+    instrument alone gives the scale of a free geometry, that imitates it wholly.
     """
 
     kind: ClassVar[str] = "wire_scale"

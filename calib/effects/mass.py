@@ -1,10 +1,4 @@
-"""Wrong mass or centre of mass of the payload.
-
-If the cell has a [payload], its mass and centre of mass are corrected. Otherwise the poses may
-have a load: a measured wrench, or a plan's [load]. Then ``scale`` is the error of that load, and
-the centre shifts the point at which it acts. Without both, ``mass`` is an unknown body at the
-point that the cell gives. Its centre cannot be corrected then.
-"""
+"""Wrong masses: of a link in the robot's file, or of the payload."""
 
 from __future__ import annotations
 
@@ -15,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arm.statics import Loads, Payload
-from calib.effects.context import Context
+from calib.effects.context import Context, joint_index, needs
 from calib.effects.protocol import Parameter, WeightEffect
 from calib.poses import Poses
 
@@ -25,8 +19,54 @@ _COM = 0.02  # m
 
 
 @dataclass(frozen=True, eq=False)
+class LinkWeight(WeightEffect):
+    """Correction of the mass of the link that moves with a joint, at the same centre of mass.
+
+    frame : int; given : float, kg; com : tuple of float, m, in the frame that moves with the joint
+    """
+
+    frame: int
+    given: float
+    com: tuple[float, float, float]
+    kind: ClassVar[str] = "link_weight"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        robot = context.robot
+        return tuple(j for j, mass in zip(robot.joints, robot.masses, strict=True) if mass > 0.0)
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint, robot = joint_index(context, where), context.robot
+        mass = float(robot.masses[joint])
+        needs(
+            mass > 0.0,
+            f"{cls.kind}:{where}",
+            "the robot's file gives this link no mass to correct",
+            "add its <inertial>, or use gravity_sag",
+        )
+        x, y, z = robot.coms[joint]
+        return cls(where, joint + 1, mass, (float(x), float(y), float(z)))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.kind, self.where, "mass", "kg", 1.0, _SHARE * self.given),)
+
+    def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
+        one = loads.nothing()
+        one.mass[:, self.frame] = 1.0
+        one.mass_moment[:, self.frame] = self.com
+        return (one,)
+
+
+@dataclass(frozen=True, eq=False)
 class PayloadError(WeightEffect):
-    """Corrections to first order at the given load: of its size, and of where it acts.
+    """Wrong mass or centre of mass of the payload: corrections to first order at the given load.
+
+    If the cell has a [payload], its mass and centre of mass are corrected. Otherwise the poses may
+    have a load: a measured wrench, or a plan's [load]. Then ``scale`` is the error of that load, and
+    the centre shifts the point at which it acts. Without both, ``mass`` is an unknown body at the
+    point that the cell gives. Its centre cannot be corrected then.
 
     given : Payload; measured : bool, whether the load of the poses is meant in its place
     """

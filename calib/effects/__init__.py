@@ -1,4 +1,4 @@
-"""The causes of error that posecal knows: one file each, and one entry here.
+"""The causes of error that posecal knows: a class each, and one entry here.
 
 A user's own effect is the same small class in an installed package of theirs, announced in its
 ``pyproject.toml`` under ``[project.entry-points."posecal.effects"]`` by the name that a cell gives it.

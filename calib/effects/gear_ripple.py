@@ -20,8 +20,8 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, turning_joints
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Parameter
-from calib.effects.tuned import ANY_TUNING, TunedTwist
+from calib.effects.protocol import FrameEffect, Parameter
+from calib.effects.tuned import ANY_TUNING, Tuned
 from calib.poses import Poses
 
 _USUAL = 200.0  # cycles a turn: a strain-wave gear of ratio 100
@@ -36,7 +36,7 @@ _SIZE, _LARGEST = 1e-4, 1.5e-3
 
 
 @dataclass(frozen=True, eq=False)
-class GearRipple(TunedTwist):
+class GearRipple(Tuned, FrameEffect):
     """A line of a joint's error over cycles a turn, with one harmonic or two.
 
     harmonics : 1 or 2

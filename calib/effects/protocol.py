@@ -199,6 +199,11 @@ def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...
 class DirectedEffect(Effect):
     """Displaces something along b constant directions by amounts that follow from the pose."""
 
+    @property
+    @abstractmethod
+    def direction_count(self) -> int:
+        """How many directions, b."""
+
     @abstractmethod
     def response(self, poses: Poses, values: Array) -> Array:
         """D amounts / d value at values (..., p), shape (..., m, b, p)."""
@@ -283,6 +288,10 @@ class FrameEffect(DirectedEffect, PoseEffect):
 
     frame: int
     directions: Array
+
+    @property
+    def direction_count(self) -> int:
+        return int(self.directions.shape[1])
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((self.frame, self.directions @ self.response(poses, self.initial)),)

@@ -22,6 +22,10 @@ from calib.poses import Poses
 class MarkerEffect(DirectedEffect):
     """Displaces one marker, ``where``, along the axes of the tip frame."""
 
+    @property
+    def direction_count(self) -> int:
+        return 3
+
     def marker(self, names: Sequence[str]) -> slice:
         """The marker among those of a model; none where that looks at other points."""
         own = self.where.removeprefix("marker:")
@@ -90,6 +94,10 @@ class ScaledReading(ReadingEffect):
 class RigidReading(DirectedEffect, ReadingEffect):
     """Moves all readings of a pose as one body, along and about the axes of their station."""
 
+    @property
+    def direction_count(self) -> int:
+        return 6
+
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
         return readings, R, rigid @ self.response(poses, values)[..., None, :, :]
@@ -110,6 +118,10 @@ class PartEffect(DirectedEffect):
 
     numbers: slice
     body: slice | None
+
+    @property
+    def direction_count(self) -> int:
+        return int(self.numbers.stop - self.numbers.start)
 
     def site(self, instrument: Instrument) -> str | None:
         """At which of an instrument's sites it acts, None for all."""

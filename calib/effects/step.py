@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import FrameEffect, Parameter
+from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.timed import (
     SECONDS,
     Timed,
@@ -21,7 +22,7 @@ from calib.effects.timed import (
     function_of,
     markers,
 )
-from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedPart, TunedReading, TunedTwist
+from calib.effects.tuned import ANY_TUNING
 from calib.poses import Poses
 
 _CAMERA_OR_BOARD = ("camera:", "board:")
@@ -72,22 +73,22 @@ class Step(Timed):
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfFrame(Step, TunedTwist):
+class StepOfFrame(Step, FrameEffect):
     """A step of the base, or of a joint's zero."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfReadings(Step, TunedReading):
+class StepOfReadings(Step, RigidReading):
     """A step of the instrument."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfMarker(Step, TunedMarker):
+class StepOfMarker(Step, MarkerEffect):
     """A step of one marker in the tip frame."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfPart(Step, TunedPart):
+class StepOfPart(Step, PartEffect):
     """A step of a socket, or of an instrument that is no camera: those are ``moved``."""
 
 
@@ -114,5 +115,5 @@ class Moved(Step):
 
 
 @dataclass(frozen=True, eq=False)
-class MovedPart(Moved, TunedPart):
+class MovedPart(Moved, PartEffect):
     """The same as an effect on what the camera reads."""

@@ -8,30 +8,28 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from calib.effects.backlash import Backlash
 from calib.effects.base import Base
 from calib.effects.board import BoardBend, BoardScale
 from calib.effects.compliance import (
     BaseCompliance,
     BearingCompliance,
     JointCompliance,
+    MeasuredTorque,
     ToolCompliance,
 )
 from calib.effects.context import Context
 from calib.effects.drift import BaseDrift, InstrumentDrift, TrackerDrift
 from calib.effects.focal import FocalDrift, FocalExpansion, FocalScale
-from calib.effects.friction_windup import FrictionWindup
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.geometry import Geometry, JointOffset, LinkGeometry
 from calib.effects.gravity_compensator import GravityCompensator
 from calib.effects.gravity_sag import GravitySag
 from calib.effects.instrument_scale import TrackerScale, WireScale
+from calib.effects.last_move import Backlash, FrictionWindup, Settling
 from calib.effects.lens import Distortion, Focal, PrincipalPoint
 from calib.effects.link_growth import LinkScale, ThermalExpansion
 from calib.effects.mass import LinkWeight, PayloadError
-from calib.effects.measured_torque import MeasuredTorque
 from calib.effects.protocol import Effect, Parameter, State
-from calib.effects.settling import Settling
 from calib.effects.socket_seat import SocketSeat
 from calib.effects.step import Moved, Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
@@ -41,52 +39,53 @@ from calib.effects.transmission import JointCoupling, TransmissionHarmonic, Tran
 from calib.effects.warm_up import WarmUp
 from calib.plugins import with_announced
 
-_OURS: tuple[type[Effect], ...] = (
-    Base,
-    Tool,
-    Geometry,
-    JointOffset,
-    LinkGeometry,
-    JointCompliance,
-    StiffnessVsAngle,
-    GravityCompensator,
-    GravitySag,
-    LinkWeight,
-    PayloadError,
-    TransmissionHarmonic,
-    TransmissionScale,
-    JointCoupling,
-    Backlash,
-    BearingCompliance,
-    BaseCompliance,
-    BaseDrift,
-    ThermalExpansion,
-    ToolCompliance,
-    TrackerScale,
-    TrackerDrift,
-    GearRipple,
-    WarmUp,
-    Step,
-    Settling,
-    FrictionWindup,
-    MeasuredTorque,
-    Focal,
-    PrincipalPoint,
-    Distortion,
-    FocalScale,
-    FocalDrift,
-    FocalExpansion,
-    LinkScale,
-    BoardScale,
-    BoardBend,
-    Moved,
-    TimeOffset,
-    SocketSeat,
-    InstrumentDrift,
-    WireScale,
-)
-
-EFFECTS: dict[str, type[Effect]] = {effect.kind: effect for effect in _OURS}
+EFFECTS: dict[str, type[Effect]] = {
+    effect.kind: effect
+    for effect in (
+        Base,
+        Tool,
+        Geometry,
+        JointOffset,
+        LinkGeometry,
+        JointCompliance,
+        StiffnessVsAngle,
+        GravityCompensator,
+        GravitySag,
+        LinkWeight,
+        PayloadError,
+        TransmissionHarmonic,
+        TransmissionScale,
+        JointCoupling,
+        Backlash,
+        BearingCompliance,
+        BaseCompliance,
+        BaseDrift,
+        ThermalExpansion,
+        ToolCompliance,
+        TrackerScale,
+        TrackerDrift,
+        GearRipple,
+        WarmUp,
+        Step,
+        Settling,
+        FrictionWindup,
+        MeasuredTorque,
+        Focal,
+        PrincipalPoint,
+        Distortion,
+        FocalScale,
+        FocalDrift,
+        FocalExpansion,
+        LinkScale,
+        BoardScale,
+        BoardBend,
+        Moved,
+        TimeOffset,
+        SocketSeat,
+        InstrumentDrift,
+        WireScale,
+    )
+}
 """Every cause by the name that a cell gives it, in the order in which they are shown."""
 
 ENDS = ("base", "tool")

@@ -20,10 +20,10 @@ _PRINTED = 5.0  # odds: printers scale by some tenths of a per cent, castings ha
 
 @dataclass(frozen=True, eq=False)
 class BoardScale(PartEffect):
-    """All points of a board lie ``(1 + scale)`` times as far apart as the cell says.
+    """Wrong pitch of a board, for example scaled by a printer or measured with a poor ruler.
 
-    A printer scaled it, or a poor ruler measured it. Where a board alone gives the scale of a free
-    geometry, that imitates it wholly.
+    All points of a board lie ``(1 + scale)`` times as far apart as the cell says. Where a board alone
+    gives the scale of a free geometry, that imitates it wholly.
     """
 
     kind: ClassVar[str] = "board_scale"
@@ -53,10 +53,10 @@ class BoardScale(PartEffect):
 
 @dataclass(frozen=True, eq=False)
 class BoardBend(PartEffect):
-    """The middle of a flat board stands out of the plane of its edges, along its z axis.
+    """A flat board that is bent: printed on card, clamped at one edge, or bowed by heat and damp.
 
-    It is printed on card, clamped at one edge, or bowed by heat and damp:
-    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board:
+    Its middle stands out of the plane of its edges, along its z axis:
+    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board,
     every curvature that is the same all over it. That its edges come nearer is of second order.
     """
 

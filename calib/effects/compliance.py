@@ -9,18 +9,19 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, turning_joints
-from calib.effects.drive import ElasticDrive, compliance_unit
+from calib.effects.drive import DriveError, ElasticDrive, compliance_unit
 from calib.effects.protocol import ElasticEffect, Parameter
 from calib.effects.usual import softer
 from calib.poses import Poses
 
 _BESIDE_A_GEAR = 0.02  # which yields ten times as much under the same moment (makers' catalogues)
+_SENSED = 5e-4  # rad/(N m): joints with torque sensors yield by 30 to 100 urad/(N m)
 _SLENDER = 5e-4  # rad/(N m): a changer or a slender tool
 
 
 @dataclass(frozen=True, eq=False)
 class JointCompliance(ElasticDrive):
-    """``dq = compliance * torque`` of one joint's variable (paper, equation 2, diagonal k_theta)."""
+    """Elastic drive of a joint: ``dq = compliance * torque`` (paper, equation 2, diagonal k_theta)."""
 
     kind: ClassVar[str] = "joint_compliance"
 
@@ -35,6 +36,29 @@ class JointCompliance(ElasticDrive):
 
     def shares(self, poses: Poses) -> Array:
         return np.ones((1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTorque(DriveError):
+    """Elastic drive under the torque that the arm measured: ``dq = compliance * torque``.
+
+    The torque comes from the columns ``<joint>_Nm``, positive along the joint's motion. A constant
+    torque error counts as an error of the joint's zero.
+    """
+
+    kind: ClassVar[str] = "measured_torque"
+    uses: ClassVar[tuple[str, ...]] = ("torque",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        unit, scale, size = compliance_unit(self.slides)
+        largest = None if self.slides else _SENSED
+        return (Parameter(self.kind, self.where, "compliance", unit, scale, size, largest),)
+
+    def shares(self, poses: Poses) -> Array:
+        if poses.torque is None:
+            return np.zeros((len(poses), 1))
+        return poses.torque[:, self.frame - 1, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +80,7 @@ class TiltingFrame(ElasticEffect):
 
 @dataclass(frozen=True, eq=False)
 class BearingCompliance(TiltingFrame):
-    """The bearing of a joint that turns tilts across its axis."""
+    """Elastic bearing of a joint: it tilts across its axis under the moment across it."""
 
     kind: ClassVar[str] = "bearing_compliance"
     turns: ClassVar[bool] = True
@@ -80,7 +104,7 @@ class BearingCompliance(TiltingFrame):
 
 @dataclass(frozen=True, eq=False)
 class BaseCompliance(TiltingFrame):
-    """The pedestal tilts about the horizontal directions of the base frame (across its z axis)."""
+    """Elastic pedestal: the base tilts under the overturning moment, across its z axis."""
 
     kind: ClassVar[str] = "base_compliance"
     # rad/(N m): a robot on a table or a light pedestal has up to 10, one on a telescopic column 15 to
@@ -102,7 +126,7 @@ class BaseCompliance(TiltingFrame):
 
 @dataclass(frozen=True, eq=False)
 class ToolCompliance(ElasticEffect):
-    """Flange and tool: six compliances of the tip frame, one for each component of the wrench."""
+    """Elastic flange and tool: the tip frame moves in proportion to the wrench on it."""
 
     kind: ClassVar[str] = "tool_compliance"
 

@@ -55,7 +55,7 @@ def since_the_first(poses: Poses, clock: str) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class BaseDrift(DriftingEffect, FrameEffect):
-    """The base frame moves along and about its own axes, for example on a floor that settles."""
+    """Slow motion of the robot's base, for example on a floor that settles: zero at the first pose."""
 
     kind: ClassVar[str] = "base_drift"
 
@@ -70,9 +70,9 @@ class BaseDrift(DriftingEffect, FrameEffect):
 
 @dataclass(frozen=True, eq=False)
 class TrackerDrift(DriftingEffect, RigidReading):
-    """Readings of points move as one body along and about the axes of their station.
+    """Slow motion of the instrument: a tripod that settles or warms up, zero at the first pose.
 
-    A tripod settles, or warms up.
+    Readings move as one body along and about the axes of their station.
     """
 
     kind: ClassVar[str] = "tracker_drift"
@@ -84,7 +84,7 @@ class TrackerDrift(DriftingEffect, RigidReading):
 
 @dataclass(frozen=True, eq=False)
 class InstrumentDrift(DriftingEffect, PartEffect):
-    """A part of an instrument moves from where it stood: a gauge that warms up, a wire that creeps.
+    """Drift of an instrument: a tripod that settles, a gauge that warms up, a wire that creeps.
 
     A gauge and a wire have one rate, that of their zero. A tracker's is ``tracker_drift``.
     """

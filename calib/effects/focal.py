@@ -40,7 +40,10 @@ class FocalEffect(CameraEffect, ScaledReading):
 
 
 class FocalScale(FocalEffect):
-    """Both focal lengths are ``(1 + scale)`` times those that the cell holds for known."""
+    """Wrong focal length: an old calibration, a lens that was refocused, or a scaled image.
+
+    Both focal lengths are ``(1 + scale)`` times those that the cell holds for known.
+    """
 
     kind: ClassVar[str] = "focal_scale"
 
@@ -54,7 +57,7 @@ class FocalScale(FocalEffect):
 
 
 class FocalDrift(FocalEffect):
-    """Both focal lengths grow at a constant rate from the first pose in time."""
+    """Focal length that drifts during the session, from its value at the first pose."""
 
     kind: ClassVar[str] = "focal_drift"
     uses: ClassVar[tuple[str, ...]] = ("time",)
@@ -68,7 +71,7 @@ class FocalDrift(FocalEffect):
 
 
 class FocalExpansion(FocalEffect):
-    """Both focal lengths grow with temperature; the cell's values hold at 20 degC.
+    """Focal length that changes with temperature; the cell's value holds at 20 degC.
 
     Plastic mounts and lenses reach some 1e-4 1/K.
     """

@@ -13,9 +13,9 @@ from calib.effects.protocol import Constant, ConstantTwist, Parameter
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ConstantTwist):
-    """Displacement of the frame at the end of a segment: a joint's name, or the tip link's.
+    """All six constant errors of every segment of the arm; redundant ones are merged.
 
-    All six of every segment; redundant ones are merged (:mod:`calib.model.reduction`).
+    Displacements of the frame at the end of a segment: a joint's name, or the tip link's.
     """
 
     kind: ClassVar[str] = "geometry"
@@ -34,7 +34,7 @@ class Geometry(ConstantTwist):
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry(Geometry):
-    """The six errors of the segment that ends at a joint, or at the tip."""
+    """Error of one link: a constant displacement of the frame at its end."""
 
     kind: ClassVar[str] = "link_geometry"
     parts: ClassVar[tuple[str, ...]] = ()

@@ -13,10 +13,10 @@ from calib.instruments import Distance, Instrument
 
 @dataclass(frozen=True, eq=False)
 class TrackerScale(ScaledReading):
-    """Every reading is ``(1 + scale)`` times the point, seen from the origin of its station.
+    """Wrong length scale of the instrument, for example by a wrong air temperature or pressure.
 
-    A wrong air temperature or pressure makes it. Free link lengths, base and markers imitate it wholly:
-    it shows only where lengths are known.
+    Every reading is ``(1 + scale)`` times the point, seen from the origin of its station. Free link
+    lengths, base and markers imitate it wholly: it shows only where lengths are known.
     """
 
     kind: ClassVar[str] = "tracker_scale"
@@ -28,10 +28,10 @@ class TrackerScale(ScaledReading):
 
 @dataclass(frozen=True, eq=False)
 class WireScale(ScaledReading):
-    """Every distance is ``(1 + scale)`` times what it would be.
+    """Wrong scale of a wire or bar: a wrong drum radius, a wrong encoder pitch, a bar too warm.
 
-    A wrong drum radius, a wrong encoder pitch, or a bar that is too warm makes it. Where such an
-    instrument alone gives the scale of a free geometry, that imitates it wholly.
+    Every distance is ``(1 + scale)`` times what it would be. Where such an instrument alone gives the
+    scale of a free geometry, that imitates it wholly.
     """
 
     kind: ClassVar[str] = "wire_scale"

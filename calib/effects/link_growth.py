@@ -1,8 +1,4 @@
-"""Links that are longer than the nominal model: by the temperature, or all of them by one share.
-
-A link grows along its constant translation, from its joint to the origin of the next one (or to
-the tip). ``arm`` means all links, including the base link up to the first joint.
-"""
+"""Links that are longer than the nominal model: by the temperature, or all of them by one share."""
 
 from __future__ import annotations
 
@@ -61,7 +57,11 @@ class LinkGrowth(PoseEffect):
 
 @dataclass(frozen=True, eq=False)
 class ThermalExpansion(LinkGrowth):
-    """Growth per metre and kelvin; the nominal model holds at 20 degC."""
+    """Links that grow with temperature; the nominal model holds at 20 degC.
+
+    A link grows along its constant translation, from its joint to the origin of the next one (or to
+    the tip). ``arm`` means that the whole arm warms up, including the base link up to the first joint.
+    """
 
     kind: ClassVar[str] = "thermal_expansion"
     uses: ClassVar[tuple[str, ...]] = ("temperature",)
@@ -82,10 +82,10 @@ class ThermalExpansion(LinkGrowth):
 
 @dataclass(frozen=True, eq=False)
 class LinkScale(LinkGrowth):
-    """Every link is longer by one share: a warm arm, or a file of another size.
+    """Links that are longer than the nominal model by one share: a warm arm, or a file of another size.
 
-    Asked where boards alone give the scale: trackers have their own. Beside a base and a tool that are
-    free a board of another size looks alike.
+    It is asked where boards alone give the scale: trackers have their own. Beside a base and a tool
+    that are free a board of another size looks alike.
     """
 
     kind: ClassVar[str] = "link_scale"

@@ -20,7 +20,7 @@ _COM = 0.02  # m
 
 @dataclass(frozen=True, eq=False)
 class LinkWeight(WeightEffect):
-    """Correction of the mass of the link that moves with a joint, at the same centre of mass.
+    """Wrong mass of a link: a correction to the URDF's mass, at the same centre of mass.
 
     frame : int; given : float, kg; com : tuple of float, m, in the frame that moves with the joint
     """
@@ -61,12 +61,12 @@ class LinkWeight(WeightEffect):
 
 @dataclass(frozen=True, eq=False)
 class PayloadError(WeightEffect):
-    """Wrong mass or centre of mass of the payload: corrections to first order at the given load.
+    """Wrong mass or centre of mass of the payload.
 
     If the cell has a [payload], its mass and centre of mass are corrected. Otherwise the poses may
     have a load: a measured wrench, or a plan's [load]. Then ``scale`` is the error of that load, and
     the centre shifts the point at which it acts. Without both, ``mass`` is an unknown body at the
-    point that the cell gives. Its centre cannot be corrected then.
+    point that the cell gives. Its centre cannot be corrected then. All are corrections to first order.
 
     given : Payload; measured : bool, whether the load of the poses is meant in its place
     """

@@ -1,8 +1,4 @@
-"""A sudden change at one moment: a knock, a belt that slipped, a new mastering, a loose marker.
-
-All readings after the moment are displaced, none before it. A pose without a time is taken as
-later. The data cannot tell when between two readings the change happened.
-"""
+"""Sudden changes at one moment: of joints, base, instruments or markers, or of a camera or board."""
 
 from __future__ import annotations
 
@@ -32,7 +28,11 @@ _EITHER_SIDE = 2  # readings: fewer are an outlier
 
 @dataclass(frozen=True, eq=False)
 class Step(Timed):
-    """The jump, wherever it is."""
+    """A sudden change at one moment: a knock, a belt that slipped, a new mastering, a moved marker.
+
+    All readings after the moment are displaced, none before it. A pose without a time is taken as
+    later. The data cannot tell when between two readings the change happened.
+    """
 
     kind: ClassVar[str] = "step"
     smooth: ClassVar[bool] = False
@@ -94,7 +94,7 @@ class StepOfPart(Step, PartEffect):
 
 @dataclass(frozen=True, eq=False)
 class Moved(Step):
-    """A step of what carries a camera, or of a board, that slipped or was knocked.
+    """A camera, its bracket on the hand, or a board that slipped or was knocked at one moment.
 
     A camera moves along and about its own axes, whether it stands or rides on the hand.
     """

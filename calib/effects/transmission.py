@@ -40,10 +40,10 @@ class TransmissionScale(DriveError):
 
 @dataclass(frozen=True, eq=False)
 class TransmissionHarmonic(DriveError):
-    """``dq = cos_1 cos q + sin_1 sin q + cos_2 cos 2q + sin_2 sin 2q``, q as read.
+    """Gear errors that repeat with the joint's turn: eccentricity (once) and ovality (twice).
 
-    Gear errors that repeat with the joint's turn: eccentricity (once) and ovality (twice). Data sheets
-    of strain wave gears state 1 to 1.5 arc minutes from peak to peak: 150 to 220 urad.
+    ``dq = cos_1 cos q + sin_1 sin q + cos_2 cos 2q + sin_2 sin 2q``, q as read. Data sheets of strain
+    wave gears state 1 to 1.5 arc minutes from peak to peak: 150 to 220 urad.
     """
 
     kind: ClassVar[str] = "transmission_harmonic"
@@ -61,9 +61,8 @@ class TransmissionHarmonic(DriveError):
 
 @dataclass(frozen=True, eq=False)
 class JointCoupling(DriveError):
-    """An error of one joint's variable in proportion to every other joint's, ``dq = from_j * q_j``.
+    """Joints that move another joint, as the hollow shafts of a wrist do: ``dq = from_j * q_j``.
 
-    The hollow shafts of a wrist turn with the joints before them.
     robot : Robot, whose joint names and kinds the parameters carry
     """
 

@@ -15,10 +15,10 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import Effect
-from calib.effects.backlash import Backlash
 from calib.effects.base import Base
 from calib.effects.compliance import JointCompliance
 from calib.effects.geometry import JointOffset
+from calib.effects.last_move import Backlash
 from calib.effects.mass import LinkWeight, PayloadError
 from calib.effects.protocol import ConstantTwist
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle

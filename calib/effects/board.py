@@ -55,9 +55,9 @@ class BoardScale(PartEffect):
 class BoardBend(PartEffect):
     """A flat board that is bent: printed on card, clamped at one edge, or bowed by heat and damp.
 
-    Its middle stands out of the plane of its edges, along its z axis:
-    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board,
-    every curvature that is the same all over it. That its edges come nearer is of second order.
+    Its middle stands out of the plane of its edges, along its z axis, by
+    ``z = x_sag (1 - u^2) + y_sag (1 - v^2) + twist u v`` with u and v from -1 to 1 over the board.
+    This is every curvature that is the same all over it. That its edges come nearer is of second order.
     """
 
     board: Board

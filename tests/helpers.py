@@ -69,20 +69,10 @@ def random_robot(rng: np.random.Generator, dof: int, prismatic: Sequence[int] = 
 
 def light_chain(origins: Array, limits: Array, prismatic: Sequence[int] = ()) -> Robot:
     """Joints about z, or along it, behind origins (n + 1, 4, 4); limits (n, 2); no link weighs."""
-    dof = len(origins) - 1
-    return Robot(
-        name="chain",
-        base="base",
-        tip="tip",
-        joints=tuple(f"j{k + 1}" for k in range(dof)),
-        prismatic=np.isin(np.arange(dof), prismatic),
-        origins=origins,
-        axes=np.tile([0.0, 0.0, 1.0], (dof, 1)),
-        limits=limits,
-        efforts=np.full(dof, np.nan),
-        masses=np.zeros(dof),
-        coms=np.zeros((dof, 3)),
-    )
+    joints = tuple(f"j{k + 1}" for k in range(len(origins) - 1))
+    slides = np.isin(np.arange(len(joints)), prismatic)
+    chain = Robot.of_geometry("chain", ("base", "tip"), joints, slides, origins)
+    return replace(chain, limits=limits)
 
 
 def random_poses(rng: np.random.Generator, robot: Robot, count: int, loaded: bool = True) -> Poses:

@@ -69,20 +69,7 @@ def robot_of_dh(table: DhTable, name: str, base: str, tip: str) -> Robot:
         origins = np.concatenate([links[:1], joints @ links[1:]])
     else:
         origins = np.concatenate([links[:-1] @ joints, links[-1:]])
-    n = len(table.joints)
-    return Robot(
-        name=name,
-        base=base,
-        tip=tip,
-        joints=table.joints,
-        prismatic=table.prismatic,
-        origins=origins,
-        axes=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        limits=np.tile([-np.inf, np.inf], (n, 1)),
-        efforts=np.full(n, np.nan),
-        masses=np.zeros(n),
-        coms=np.zeros((n, 3)),
-    )
+    return Robot.of_geometry(name, (base, tip), table.joints, table.prismatic, origins)
 
 
 def frames_at_zero(origins: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm.se3 import even_directions
 from calib.arrays import Array
 
 _SUPPORTS, _AXES = 300, 120  # directions: for the outer points, and tried as axis
@@ -19,9 +20,9 @@ def enclosing_capsule(points: Array) -> tuple[Array, Array, float]:
     about it is centred by Badoiu and Clarkson's steps (2003). All points are inside whatever the
     search found: radius and ends are taken from them last.
     """
-    outer = points[np.unique(np.argmax(points @ _sphere(_SUPPORTS).T, axis=0))]
+    outer = points[np.unique(np.argmax(points @ even_directions(_SUPPORTS).T, axis=0))]
     principal = np.linalg.svd(outer - outer.mean(axis=0), full_matrices=False)[2]
-    sphere = _sphere(_AXES)
+    sphere = even_directions(_AXES)
     axes = np.concatenate([principal, np.eye(3), sphere[sphere[:, 2] >= 0.0]])
     centres = _centres(outer, axes, _COARSE)
     tried = [_about(outer, axis, centre) for axis, centre in zip(axes, centres, strict=True)]
@@ -58,12 +59,3 @@ def _centres(points: Array, axes: Array, steps: int) -> Array:
 def _volume(capsule: tuple[Array, Array, float]) -> float:
     start, end, radius = capsule
     return float(np.pi * radius**2 * (np.linalg.norm(end - start) + 4.0 / 3.0 * radius))
-
-
-def _sphere(count: int) -> Array:
-    """Directions spread evenly, shape (count, 3): Fibonacci's lattice."""
-    i = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * i / count
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * i
-    flat = np.sqrt(1.0 - z**2)
-    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])

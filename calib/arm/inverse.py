@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arm.approach import turns
 from calib.arm.kinematics import Frames, forward, point_slopes
 from calib.arm.robot import Robot
-from calib.arm.se3 import rotate, so3_log
+from calib.arm.se3 import so3_log
 from calib.arrays import Array, Mask
 
 _STARTS = 48
@@ -116,5 +117,4 @@ def _missing(robot: Robot, arm: Frames, R: Array, o: Array) -> Array:
 def _slopes(robot: Robot, arm: Frames) -> Array:
     """How the tip's place [reach] and orientation move with the joints that are free, (N, 6, n)."""
     place = point_slopes(robot, arm, arm.o[:, -1]) / robot.reach
-    axes = rotate(arm.R[:, 1:-1], robot.axes) * ~robot.prismatic[:, None]
-    return np.concatenate([place, np.swapaxes(axes, -1, -2)], axis=-2) @ robot.ties.matrix
+    return np.concatenate([place, turns(robot, arm)], axis=-2) @ robot.ties.matrix

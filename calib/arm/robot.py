@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
@@ -191,6 +191,34 @@ class Robot:
     def told(self) -> tuple[str, ...]:
         """Joints that tell where all are: those that move by themselves, and masters."""
         return tuple(dict.fromkeys(own[-1].master for own in self.sources))
+
+    @classmethod
+    def of_geometry(
+        cls,
+        name: str,
+        ends: tuple[str, str],
+        joints: tuple[str, ...],
+        prismatic: Mask,
+        origins: Array,
+    ) -> Self:
+        """A chain of joints about, or along, z of which neither limits nor masses are known.
+
+        ends : names of base and tip; origins : ndarray, shape (n + 1, 4, 4)
+        """
+        n = len(joints)
+        return cls(
+            name=name,
+            base=ends[0],
+            tip=ends[1],
+            joints=joints,
+            prismatic=prismatic,
+            origins=origins,
+            axes=np.tile([0.0, 0.0, 1.0], (n, 1)),
+            limits=np.tile([-np.inf, np.inf], (n, 1)),
+            efforts=np.full(n, np.nan),
+            masses=np.zeros(n),
+            coms=np.zeros((n, 3)),
+        )
 
     def sample_limits(self) -> Array:
         """Finite joint ranges, shape (n, 2): the limits, else +-pi or +-1 m.

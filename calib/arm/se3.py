@@ -280,3 +280,12 @@ def nearest_rotation(M: Array) -> Array:
     U = U.copy()
     U[..., :, 2] *= np.where(sign == 0, 1.0, sign)[..., None]
     return np.where(lost, np.nan, U @ Vt)
+
+
+def even_directions(count: int) -> Array:
+    """Unit vectors spread evenly over the sphere, shape (count, 3): Fibonacci's lattice."""
+    i = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * i / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * i
+    flat = np.sqrt(1.0 - z**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])

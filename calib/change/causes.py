@@ -25,8 +25,7 @@ from calib.arrays import Array, stacked
 from calib.change.difference import Difference, tail
 from calib.effects import Context, Effect, catalogue
 from calib.effects.context import ARM
-from calib.effects.geometry import Geometry
-from calib.effects.link_geometry import LinkGeometry
+from calib.effects.geometry import Geometry, LinkGeometry
 from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
 from calib.model import Model

@@ -19,9 +19,9 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import NameEvidence
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.stepwise import ALPHA
-from calib.effects.board_scale import BoardScale
+from calib.effects.board import BoardScale
 from calib.effects.context import ARM
-from calib.effects.link_scale import LinkScale
+from calib.effects.link_growth import LinkScale
 from calib.effects.protocol import Constant
 from calib.errors import CalibError
 from calib.linear import orthonormal

@@ -11,6 +11,7 @@ any smooth error would fit them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -19,8 +20,8 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, turning_joints
 from calib.effects.drive import along_axis
-from calib.effects.protocol import Parameter
-from calib.effects.tuned import ANY_TUNING, TunedTwist
+from calib.effects.protocol import FrameEffect, Parameter
+from calib.effects.tuned import ANY_TUNING, Tuned
 from calib.poses import Poses
 
 _USUAL = 200.0  # cycles a turn: a strain-wave gear of ratio 100
@@ -35,7 +36,7 @@ _SIZE, _LARGEST = 1e-4, 1.5e-3
 
 
 @dataclass(frozen=True, eq=False)
-class GearRipple(TunedTwist):
+class GearRipple(Tuned, FrameEffect):
     """A line of a joint's error over cycles a turn, with one harmonic or two.
 
     harmonics : 1 or 2
@@ -65,6 +66,10 @@ class GearRipple(TunedTwist):
             harmonics=1,
             ratio=ratio,
         )
+
+    @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
+        return cls.at(context, where).with_harmonics(2 if "cos_2" in parameters else 1)
 
     def with_harmonics(self, count: int) -> Self:
         """The same with so many harmonics, 1 or 2."""

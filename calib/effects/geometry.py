@@ -1,23 +1,22 @@
-"""All six constant errors of every segment of the arm; redundant ones are merged."""
+"""Constant errors of the arm: all six of every segment, those of one link, and the zero of a joint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.protocol import ConstantTwist
-
-
-def segment(context: Context, where: str) -> int:
-    """Frame at which a segment ends: the joint's, or the tip's under the name of the tip link."""
-    robot = context.robot
-    return robot.tip_frame if where == robot.tip else robot.joints.index(where) + 1
+from calib.effects.drive import AlongJoint, error_unit
+from calib.effects.protocol import Constant, ConstantTwist, Parameter
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ConstantTwist):
-    """Displacement of the frame at the end of a segment: a joint's name, or the tip link's."""
+    """All six constant errors of every segment of the arm; redundant ones are merged.
+
+    Displacements of the frame at the end of a segment: a joint's name, or the tip link's.
+    """
 
     kind: ClassVar[str] = "geometry"
     parts: ClassVar[tuple[str, ...]] = ("joint_offset", "link_geometry")
@@ -28,4 +27,30 @@ class Geometry(ConstantTwist):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, segment(context, where))
+        robot = context.robot
+        ends_at_tip = where == robot.tip
+        return cls(where, robot.tip_frame if ends_at_tip else robot.joints.index(where) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry(Geometry):
+    """Error of one link: a constant displacement of the frame at its end."""
+
+    kind: ClassVar[str] = "link_geometry"
+    parts: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JointOffset(AlongJoint, Constant):
+    """Zero error of a joint: ``q_true = q_read + offset``."""
+
+    kind: ClassVar[str] = "joint_offset"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        unit = error_unit(self.slides)
+        return (Parameter(self.kind, self.where, "offset", unit, 1e-6, 1e-3),)
+
+    @property
+    def columns(self) -> Array:
+        return self.axis[:, None]

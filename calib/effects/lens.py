@@ -1,4 +1,4 @@
-"""A lens that is not the one the cell gives: its focal lengths, its principal point, its distortion."""
+"""What a camera reads wrongly: a lens that is not the one that the cell gives, value by value."""
 
 from __future__ import annotations
 
@@ -8,15 +8,52 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.camera import CameraEffect
-from calib.effects.context import Context
-from calib.effects.protocol import Parameter
-from calib.instruments import Camera
+from calib.effects.context import Context, Expectation
+from calib.effects.protocol import Effect, Parameter
+from calib.effects.readings import ReadingEffect
+from calib.instruments import Camera, Instrument
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.poses import Poses
 
 _OFF, _FAR = 3e-3, 5e-2  # of the focal length: plausible and largest error of it and of the centre
 _BENT, _VERY = 2e-2, 1.0  # of a coefficient of distortion
+_CAMERA = "camera:"
+_FIRST = 10.0  # odds: of an arm and a camera the camera is looked at first
+
+
+@dataclass(frozen=True, eq=False)
+class CameraEffect(ReadingEffect):
+    """The pixels of one camera, at the place ``camera:NAME``, are not those of the cell's lens."""
+
+    of: ClassVar[str] = "camera"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        cameras = (i for i in context.instruments if isinstance(i, Camera))
+        return tuple(_CAMERA + camera.name for camera in cameras if cls.acts(camera))
+
+    @classmethod
+    def acts(cls, camera: Camera) -> bool:
+        """Whether it is an error of its own beside what is free of this camera."""
+        del camera
+        return True
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        cameras = (i for i in context.instruments if isinstance(i, Camera))
+        return cls.made(context, where, next(i for i in cameras if _CAMERA + i.name == where))
+
+    @classmethod
+    def made(cls, context: Context, where: str, camera: Camera) -> Self:
+        """The effect at a camera."""
+        raise NotImplementedError
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(odds=_FIRST)
+
+    def changes(self, instrument: Instrument) -> bool:
+        return isinstance(instrument, Camera) and self.where == _CAMERA + instrument.name
 
 
 @dataclass(frozen=True, eq=False)

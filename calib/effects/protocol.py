@@ -112,6 +112,13 @@ class Effect(ABC):
         """The effect at one of its places."""
 
     @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Effect:
+        """The effect at a place with the parameters of these names, as a result lists them."""
+        effect = cls.at(context, where)
+        own = [p.name for p in effect.parameters]
+        return effect.only(tuple(own.index(name) for name in parameters if name in own))
+
+    @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         """How often, and how large, it is met at a place of the robot at hand."""
         return Expectation()
@@ -166,6 +173,10 @@ class Effect(ABC):
         known = np.isfinite(self.believed)
         return np.asarray(np.diag(1.0 / np.where(known, self.believed, 1.0))[known])
 
+    def only(self, kept: tuple[int, ...]) -> Self:
+        """The same with some of its parameters, by their positions, where it can do with fewer."""
+        return self
+
     def rests(self, values: Array) -> bool:
         """Whether it does nothing at values (..., p)."""
         return not values.any()
@@ -187,6 +198,11 @@ def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...
 @dataclass(frozen=True, eq=False)
 class DirectedEffect(Effect):
     """Displaces something along b constant directions by amounts that follow from the pose."""
+
+    @property
+    @abstractmethod
+    def direction_count(self) -> int:
+        """How many directions, b."""
 
     @abstractmethod
     def response(self, poses: Poses, values: Array) -> Array:
@@ -240,7 +256,6 @@ class ConstantTwist(Constant):
         )
 
     def only(self, kept: tuple[int, ...]) -> Self:
-        """The same with some of its parameters, given by their positions."""
         return replace(self, components=tuple(self.components[i] for i in kept))
 
 
@@ -273,6 +288,10 @@ class FrameEffect(DirectedEffect, PoseEffect):
 
     frame: int
     directions: Array
+
+    @property
+    def direction_count(self) -> int:
+        return int(self.directions.shape[1])
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         return ((self.frame, self.directions @ self.response(poses, self.initial)),)

@@ -22,6 +22,10 @@ from calib.poses import Poses
 class MarkerEffect(DirectedEffect):
     """Displaces one marker, ``where``, along the axes of the tip frame."""
 
+    @property
+    def direction_count(self) -> int:
+        return 3
+
     def marker(self, names: Sequence[str]) -> slice:
         """The marker among those of a model; none where that looks at other points."""
         own = self.where.removeprefix("marker:")
@@ -67,8 +71,32 @@ class ReadingEffect(Effect):
 
 
 @dataclass(frozen=True, eq=False)
+class ScaledReading(ReadingEffect):
+    """Rows grow about one point of theirs by a share in proportion to what is known of the pose."""
+
+    @property
+    def centre(self) -> Array:
+        """What stays as it is, shape (r,) or one number: the origin of the rows."""
+        return np.zeros(1)
+
+    def shares(self, poses: Poses) -> Array:
+        """D share / d parameter at each pose, shape (m,)."""
+        return np.ones(len(poses))
+
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        share = self.shares(poses)[:, None, None]
+        away, grown = points - self.centre, 1.0 + share * values[..., None, None, :]
+        turn = grown[..., None] * np.eye(points.shape[-1])
+        return self.centre + grown * away, turn, (share * away)[..., None]
+
+
+@dataclass(frozen=True, eq=False)
 class RigidReading(DirectedEffect, ReadingEffect):
     """Moves all readings of a pose as one body, along and about the axes of their station."""
+
+    @property
+    def direction_count(self) -> int:
+        return 6
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         readings, R, rigid = moved_as_one(self.amounts(poses, values), points)
@@ -90,6 +118,10 @@ class PartEffect(DirectedEffect):
 
     numbers: slice
     body: slice | None
+
+    @property
+    def direction_count(self) -> int:
+        return int(self.numbers.stop - self.numbers.start)
 
     def site(self, instrument: Instrument) -> str | None:
         """At which of an instrument's sites it acts, None for all."""

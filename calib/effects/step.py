@@ -1,8 +1,4 @@
-"""A sudden change at one moment: a knock, a belt that slipped, a new mastering, a moved marker.
-
-All readings after the moment are displaced, none before it. A pose without a time is taken as
-later. The data cannot tell when between two readings the change happened.
-"""
+"""Sudden changes at one moment: of joints, base, instruments or markers, or of a camera or board."""
 
 from __future__ import annotations
 
@@ -12,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context
-from calib.effects.protocol import Parameter
+from calib.effects.context import Context, Expectation
+from calib.effects.protocol import FrameEffect, Parameter
+from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.timed import (
     SECONDS,
     Timed,
@@ -21,15 +18,21 @@ from calib.effects.timed import (
     function_of,
     markers,
 )
-from calib.effects.tuned import ANY_TUNING, TunedMarker, TunedPart, TunedReading, TunedTwist
+from calib.effects.tuned import ANY_TUNING
 from calib.poses import Poses
 
+_CAMERA_OR_BOARD = ("camera:", "board:")
+_LOOSE = 5.0  # odds: of a robot that is bolted down and what looks at it the latter slips
 _EITHER_SIDE = 2  # readings: fewer are an outlier
 
 
 @dataclass(frozen=True, eq=False)
 class Step(Timed):
-    """The jump, wherever it is."""
+    """A sudden change at one moment: a knock, a belt that slipped, a new mastering, a moved marker.
+
+    All readings after the moment are displaced, none before it. A pose without a time is taken as
+    later. The data cannot tell when between two readings the change happened.
+    """
 
     kind: ClassVar[str] = "step"
     smooth: ClassVar[bool] = False
@@ -70,20 +73,47 @@ class Step(Timed):
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfFrame(Step, TunedTwist):
+class StepOfFrame(Step, FrameEffect):
     """A step of the base, or of a joint's zero."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfReadings(Step, TunedReading):
+class StepOfReadings(Step, RigidReading):
     """A step of the instrument."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfMarker(Step, TunedMarker):
+class StepOfMarker(Step, MarkerEffect):
     """A step of one marker in the tip frame."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepOfPart(Step, TunedPart):
+class StepOfPart(Step, PartEffect):
     """A step of a socket, or of an instrument that is no camera: those are ``moved``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved(Step):
+    """A camera, its bracket on the hand, or a board that slipped or was knocked at one moment.
+
+    A camera moves along and about its own axes, whether it stands or rides on the hand.
+    """
+
+    kind: ClassVar[str] = "moved"
+    decided_by: ClassVar[str] = (
+        "look for what is loose: camera, board or base. A second board elsewhere tells them apart"
+    )
+    largest: ClassVar[float] = 5e-2
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(where for where in context.parts if where.startswith(_CAMERA_OR_BOARD))
+
+    @classmethod
+    def expected(cls, context: Context, where: str) -> Expectation:
+        return Expectation(odds=_LOOSE)
+
+
+@dataclass(frozen=True, eq=False)
+class MovedPart(Moved, PartEffect):
+    """The same as an effect on what the camera reads."""

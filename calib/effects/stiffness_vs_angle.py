@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -11,7 +12,10 @@ from calib.arrays import Array
 from calib.effects.context import Context, joint_index, needs
 from calib.effects.drive import ElasticDrive, along_axis, compliance_unit
 from calib.effects.protocol import Parameter
+from calib.errors import CalibError
 from calib.poses import Poses
+
+_AT = "compliance@"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +40,22 @@ class StiffnessVsAngle(ElasticDrive):
             where, joint + 1, along_axis(context.robot, joint), np.sort(context.knots[where])
         )
 
+    @classmethod
+    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
+        joint = joint_index(context, where)
+        try:
+            shown = np.array([float(name.removeprefix(_AT)) for name in parameters])
+        except ValueError:
+            raise CalibError(f"{parameters[0][:40]!r} is no angle of a compliance") from None
+        knots = shown * 1e-3 if context.robot.prismatic[joint] else np.radians(shown)
+        return cls.at(replace(context, knots={where: knots}), where)
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         unit, scale, size = compliance_unit(self.slides)
         shown = self.knots * 1e3 if self.slides else np.degrees(self.knots)
         return tuple(
-            Parameter(self.kind, self.where, f"compliance@{knot:.6g}", unit, scale, size)
+            Parameter(self.kind, self.where, f"{_AT}{knot:.6g}", unit, scale, size)
             for knot in np.round(shown, 6) + 0.0
         )
 

@@ -62,7 +62,6 @@ class Tool(Effect):
         return np.asarray(offsets[0, list(self.components)])
 
     def only(self, kept: tuple[int, ...]) -> Self:
-        """The same with some of its parameters, given by their positions."""
         return replace(self, components=tuple(self.components[i] for i in kept))
 
 

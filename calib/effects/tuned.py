@@ -9,7 +9,7 @@ them at zero the model is nominal whatever the tuning.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -47,9 +47,12 @@ class Tuned(DirectedEffect):
         """The other parameters, function by function."""
 
     @property
-    @abstractmethod
     def carrier(self) -> Effect:
         """The linear effect with the b directions and all functions one."""
+        acts = next(kind for kind in _STEADY if isinstance(self, kind))
+        given = {own.name: getattr(self, own.name) for own in fields(acts)}
+        own = self.amplitudes[: self.direction_count]
+        return _STEADY[acts](**given | {"own": own, "allowance": None})
 
     @abstractmethod
     def functions(self, poses: Poses, tuning: Array) -> Array:
@@ -105,44 +108,6 @@ class Tuned(DirectedEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class TunedTwist(Tuned, FrameEffect):
-    """Displaces one frame."""
-
-    @property
-    def carrier(self) -> Effect:
-        own = self.amplitudes[: self.directions.shape[1]]
-        return SteadyTwist(self.where, self.frame, self.directions, own)
-
-
-@dataclass(frozen=True, eq=False)
-class TunedMarker(Tuned, MarkerEffect):
-    """Displaces one marker."""
-
-    @property
-    def carrier(self) -> Effect:
-        return SteadyMarker(self.where, self.amplitudes[:3])
-
-
-@dataclass(frozen=True, eq=False)
-class TunedReading(Tuned, RigidReading):
-    """Moves all readings of a pose."""
-
-    @property
-    def carrier(self) -> Effect:
-        return SteadyReading(self.where, self.amplitudes[:6])
-
-
-@dataclass(frozen=True, eq=False)
-class TunedPart(Tuned, PartEffect):
-    """Displaces a part of an instrument, or what it looks at, number by number."""
-
-    @property
-    def carrier(self) -> Effect:
-        own = self.amplitudes[: self.numbers.stop - self.numbers.start]
-        return SteadyPart(self.where, self.numbers, self.body, own)
-
-
-@dataclass(frozen=True, eq=False)
 class Steady(DirectedEffect):
     """What carries a tuned effect: its directions alone, constant over the poses.
 
@@ -186,3 +151,12 @@ class SteadyReading(Steady, RigidReading):
 @dataclass(frozen=True, eq=False)
 class SteadyPart(Steady, PartEffect):
     """A constant displacement of a part of an instrument, or of what it looks at."""
+
+
+_STEADY: dict[type[DirectedEffect], type[Steady]] = {
+    FrameEffect: SteadyTwist,
+    MarkerEffect: SteadyMarker,
+    RigidReading: SteadyReading,
+    PartEffect: SteadyPart,
+}
+"""By what an effect displaces: how it does so alike at all poses."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import FrameEffect, Parameter
+from calib.effects.readings import RigidReading
 from calib.effects.timed import SECONDS, Timed, everything, function_of
-from calib.effects.tuned import ANY_TUNING, TunedReading, TunedTwist
+from calib.effects.tuned import ANY_TUNING
 from calib.poses import Poses
 
 _SHORTEST, _LONGEST, _STEPS = 0.02, 2.0, 10  # of the session
@@ -64,10 +65,10 @@ class WarmUp(Timed):
 
 
 @dataclass(frozen=True, eq=False)
-class WarmUpOfFrame(WarmUp, TunedTwist):
+class WarmUpOfFrame(WarmUp, FrameEffect):
     """Warm-up of the base, or of a joint's zero."""
 
 
 @dataclass(frozen=True, eq=False)
-class WarmUpOfReadings(WarmUp, TunedReading):
+class WarmUpOfReadings(WarmUp, RigidReading):
     """Warm-up of the instrument."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calib.arm.inverse import Solutions, nearest, solutions
 from calib.arm.robot import Robot
@@ -44,6 +43,8 @@ def tip_joints(table: CsvTable, robot: Robot) -> Array:
     At the first row the solution nearest to the middle of the joint ranges, at others the one nearest
     to the row before. Raises InputError, naming the line, where a tip is out of reach.
     """
+    from scipy.spatial.transform import Rotation
+
     place, unit = cartesian_columns(table.path, table.columns)
     o = np.column_stack([table.numbers(name) for name in place]) * unit
     wxyz = np.column_stack([table.numbers(name) for name in QUATERNION])

@@ -18,7 +18,6 @@ from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned,
 from calib.errors import InputError, UnknownEffect
 from calib.files import schema
 from calib.files.cell_table import cell_table
-from calib.files.estimate import load_prior
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
 from calib.files.robot import load_robot
@@ -147,6 +146,8 @@ def load_cell(path: str | Path) -> Cell:
     cell = with_targets(cell, table.design.targets)
     if table.model.prior is None:
         return cell
+    from calib.files.estimate import load_prior
+
     source = path.parent / table.model.prior.file
     return replace(cell, prior=load_prior(source, cell), prior_file=source)
 

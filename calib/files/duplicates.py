@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binom
 
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask
@@ -143,10 +142,13 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
 
 def _too_many(data: Measurements, found: _Same, by_chance: Array) -> bool:
     """Whether more readings at equal joints are equal than an instrument with noise would repeat."""
+    from scipy.special import betainc
+
     _, counts = np.unique(data.poses.repeated, return_counts=True)
     again = int((counts - 1).sum())
     equal = int(found.joints.sum())
     if not equal:
         return False
     chance = float(by_chance[found.joints].max())
-    return bool(binom.sf(equal - 1, max(again, equal), chance) < _CHANCE)
+    # So many or more of ``again`` by chance: the tail of a binomial distribution.
+    return bool(betainc(equal, max(again, equal) - equal + 1, chance) < _CHANCE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,7 @@ from calib.compensation.estimate import Estimate
 from calib.compensation.trend import DayTrend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
-from calib.effects.context import Context
-from calib.effects.gear_ripple import GearRipple
-from calib.effects.protocol import ConstantTwist, Effect, Parameter
-from calib.effects.tool import Tool
+from calib.effects.protocol import Effect, Parameter
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
@@ -35,7 +31,6 @@ _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
 _SHORTEST_TAU = 1e-6  # s
 _LARGEST_TAU = 1e15  # s: a thousand sessions, which is a steady drift
-_KNOT = "compliance@"
 _KEY = ("effect", "where", "name")
 
 Key: TypeAlias = tuple[str, ...]
@@ -131,13 +126,14 @@ def _trend(entry: Any, count: int) -> DayTrend | None:
 
 def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
     """The model whose parameters these are, in their order. Raises CalibError."""
-    context = replace(_context(cell, keys), clock_unit=clock)
+    stations = _stations(cell, keys)
+    context = replace(context_of(cell, None), stations=stations, clock_unit=clock)
     effects: list[Effect] = []
     for kind, where in dict.fromkeys((kind, where) for kind, where, _ in keys):
         if kind not in catalogue():
             raise CalibError(f"effect {kind!r} is not known here")
         names = [name for k, w, name in keys if (k, w) == (kind, where)]
-        effect = _with_only(place_effect(kind, where, context), names)
+        effect = place_effect(kind, where, context, names)
         first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
         effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
     model = model_of(cell, effects)
@@ -146,40 +142,11 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
     return model
 
 
-def _context(cell: Cell, keys: list[Key]) -> Context:
-    """The cell's context with the knots, stations and load of the data behind the result."""
-    knots: dict[str, list[float]] = {}
-    for kind, where, name in keys:
-        if kind == "stiffness_vs_angle":
-            joints = dict(zip(cell.robot.joints, cell.robot.prismatic, strict=True))
-            shown, slides = _number(name.removeprefix(_KNOT)), joints.get(where, False)
-            knots.setdefault(where, []).append(shown * 1e-3 if slides else math.radians(shown))
+def _stations(cell: Cell, keys: list[Key]) -> tuple[str, ...]:
+    """The stations of the data behind the result."""
     still = {instrument.name for instrument in cell.instruments if not instrument.stationed}
     placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
-    stations = tuple(dict.fromkeys(placed))
-    return replace(
-        context_of(cell, None),
-        stations=stations or ("base",),
-        knots={joint: np.array(angles) for joint, angles in knots.items()},
-        measured_load=("payload", "payload", "scale") in keys,
-    )
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise CalibError(f"{text[:40]!r} is no angle of a compliance") from None
-
-
-def _with_only(effect: Effect, names: list[str]) -> Effect:
-    """The effect with some of its parameters, where it can do with fewer."""
-    if isinstance(effect, ConstantTwist | Tool):
-        own = [p.name for p in effect.parameters]
-        return effect.only(tuple(own.index(name) for name in names if name in own))
-    if isinstance(effect, GearRipple) and "cos_2" in names:
-        return effect.with_harmonics(2)
-    return effect
+    return tuple(dict.fromkeys(placed)) or ("base",)
 
 
 def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:

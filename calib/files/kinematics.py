@@ -89,19 +89,9 @@ def load_kinematics(path: Path, base: str, tip: str) -> Robot:
     origins = [_origin(path, scalars) for scalars in _scalars(path, file, maker)]
     origins[0] = (_HALF_TURN if turned else np.eye(4)) @ origins[0]
     n = len(maker.joints)
-    return Robot(
-        name=path.stem,
-        base=base,
-        tip=tip or maker.tip,
-        joints=maker.joints,
-        prismatic=np.zeros(n, dtype=bool),
-        origins=np.array([*origins, np.eye(4)][: n + 1]),
-        axes=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        limits=np.tile([-np.inf, np.inf], (n, 1)),
-        efforts=np.full(n, np.nan),
-        masses=np.zeros(n),
-        coms=np.zeros((n, 3)),
-    )
+    ends, turning = (base, tip or maker.tip), np.zeros(n, dtype=bool)
+    whole = np.array([*origins, np.eye(4)][: n + 1])
+    return Robot.of_geometry(path.stem, ends, maker.joints, turning, whole)
 
 
 def corrected_kinematics(source: Path, corrections: Array) -> str:

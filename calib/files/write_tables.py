@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from calib.arm.robot import Robot
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.compensation.commands import Compensation
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
 from calib.files.columns import WRENCH, joint_columns, torque_columns
@@ -22,6 +22,9 @@ from calib.files.csv_table import CsvTable, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
+
+if TYPE_CHECKING:
+    from calib.compensation.commands import Compensation
 
 
 def joint_header(robot: Robot, q: Array | None = None) -> list[str]:

@@ -12,7 +12,6 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import fit_rigid, inverse, skew, so3_exp, so3_log, so3_right_jacobian, transform
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.effects.base import Base
 from calib.effects.tool import Body
 from calib.errors import CalibError
 from calib.instruments import ArmCamera, FixedCamera, Instrument, Pose
@@ -59,8 +58,7 @@ class Pair:
         points = model.tip_points(model.state(values, poses).frames, values, poses)
         own = points[:, self.instrument.read_of(points.shape[1])]
         own = own.reshape(len(poses), -1, 3 * self.instrument.each)
-        place = self._place(model, values)
-        seen = self.instrument.found_at(place).viewed(own)
+        seen = self.instrument.found_at(values[self._place(model)]).viewed(own)
         if seen is None:
             return np.full((len(poses), 4, 4), np.nan)
         first = next(part for one, part in model.readout.channels.blocks if one is self.instrument)
@@ -86,13 +84,10 @@ class Pair:
         T = transform(rotation_of(rows), rows[..., :3])
         return inverse(T) if self.eye == "in-hand" else T
 
-    def _place(self, model: Model, values: Array) -> Array:
+    def _place(self, model: Model) -> slice:
         """Of the instrument, among the values."""
-        return next(
-            values[part]
-            for effect, part in zip(model.effects, model.slices, strict=True)
-            if isinstance(effect, Base) and effect.of.name == self.instrument.name
-        )
+        bases = model.readout.bases
+        return next(part for base, part in bases if base.of.name == self.instrument.name)
 
     def standing(self, model: Model, values: Array) -> tuple[Array, Array]:
         """E, shape (4, 4), and how it follows the values, shape (6, p).
@@ -103,12 +98,7 @@ class Pair:
 
     def _fixed(self, model: Model, values: Array) -> tuple[Array, Array]:
         """The inverse of the instrument's place: ``p = -R^T t``, and R turns by what r does."""
-        effect, part = next(
-            (e, p)
-            for e, p in zip(model.effects, model.slices, strict=True)
-            if isinstance(e, Base) and e.of.name == self.instrument.name
-        )
-        del effect
+        part = self._place(model)
         t, r = values[part][:3], values[part][3:6]
         R, turn = so3_exp(r), so3_right_jacobian(r)
         E = transform(R.T, -R.T @ t)

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.effects.focal_scale import FocalScale
+from calib.effects.focal import FocalScale
 from calib.effects.lens import LensEffect
 from calib.identification.identification import Identification
 from calib.instruments import Camera

@@ -24,8 +24,7 @@ from calib.files.values import (
 )
 from calib.instruments.camera import FREE, ArmCamera, Camera, FixedCamera
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
-from calib.instruments.fisheye import Fisheye
-from calib.instruments.lens import Lens
+from calib.instruments.lens import Fisheye, Lens
 from calib.instruments.protocol import CellParts, KeysTable
 
 _OF_FISHEYE = 4  # coefficients

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.arm.se3 import rotate
+from calib.arm.se3 import even_directions, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.protocol import Instrument, Nominal, Number, Start, Unknown
 from calib.solver import levenberg_marquardt
@@ -137,11 +137,7 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
 
 def around(points: Array, radius: float) -> Array:
     """Places (s, 3) at a distance from the middle of points (n, 3), m, evenly in all directions."""
-    k = np.arange(_DIRECTIONS) + 0.5
-    up, turn = 1.0 - 2.0 * k / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - up**2)
-    sphere = np.column_stack([across * np.cos(turn), across * np.sin(turn), up])
-    return np.asarray(points.mean(axis=0) + radius * sphere)
+    return np.asarray(points.mean(axis=0) + radius * even_directions(_DIRECTIONS))
 
 
 def mirrored(place: Array, points: Array) -> Array:

@@ -101,8 +101,10 @@ def parse_excluded(text: str, context: Context) -> tuple[str, ...]:
     return (name,) if places is None else tuple(f"{name}:{where}" for where in places)
 
 
-def place_effect(name: str, where: str, context: Context) -> Effect:
-    """An effect of the catalogue at a place.
+def place_effect(
+    name: str, where: str, context: Context, parameters: Sequence[str] | None = None
+) -> Effect:
+    """An effect of the catalogue at a place; with the parameters of a result, where they are given.
 
     Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
     effect needs is missing.
@@ -117,7 +119,11 @@ def place_effect(name: str, where: str, context: Context) -> Effect:
             raise EffectCannotAct(
                 f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
             )
-        effect = kind.at(context, where)
+        effect = (
+            kind.at(context, where)
+            if parameters is None
+            else kind.named(context, where, parameters)
+        )
         for covariate in kind.uses:
             if covariate in context.lacking:
                 raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])

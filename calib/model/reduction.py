@@ -18,9 +18,9 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, stacked
 from calib.effects.base import Base
+from calib.effects.instrument_scale import TrackerScale
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
-from calib.effects.tracker_scale import TrackerScale
 from calib.instruments import TRACKER, Tracker
 from calib.model import Model
 from calib.population.prior import Key
@@ -222,8 +222,4 @@ def _without(effect: Effect, gone: set[str]) -> Effect | None:
     kept = tuple(i for i, p in enumerate(effect.parameters) if p.id not in gone)
     if len(kept) == len(effect.parameters):
         return effect
-    if not kept:
-        return None
-    if isinstance(effect, ConstantTwist | Tool):
-        return effect.only(kept)
-    return effect
+    return effect.only(kept) if kept else None

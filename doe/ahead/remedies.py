@@ -21,8 +21,8 @@ from calib.diagnosis.screen import field
 from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.base import Base
+from calib.effects.link_growth import translations
 from calib.effects.readings import ReadingEffect
-from calib.effects.thermal_expansion import translations
 from calib.model import Model
 from calib.model.covariance import identifiable
 from calib.threads import one_blas_thread

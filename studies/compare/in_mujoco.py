@@ -15,18 +15,15 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import Effect
-from calib.effects.backlash import Backlash
 from calib.effects.base import Base
-from calib.effects.joint_compliance import JointCompliance
-from calib.effects.joint_coupling import JointCoupling
-from calib.effects.joint_offset import JointOffset
-from calib.effects.link_weight import LinkWeight
-from calib.effects.payload import PayloadError
+from calib.effects.compliance import JointCompliance
+from calib.effects.geometry import JointOffset
+from calib.effects.last_move import Backlash
+from calib.effects.mass import LinkWeight, PayloadError
 from calib.effects.protocol import ConstantTwist
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.tool import Tool
-from calib.effects.transmission_harmonic import TransmissionHarmonic
-from calib.effects.transmission_scale import TransmissionScale
+from calib.effects.transmission import JointCoupling, TransmissionHarmonic, TransmissionScale
 from calib.errors import CalibError, InputError
 from calib.files.mjcf import mujoco_for
 from calib.instruments import Tracker

@@ -120,7 +120,7 @@ _MADE: dict[str, Callable[[], Rows]] = {
 
 
 def effect_text(name: str) -> str:
-    """The topic of one effect: its module's docstring, parameters and needs."""
+    """The topic of one effect: its docstring, parameters and needs."""
     from calib.effects import catalogue
 
     kind = catalogue()[name]
@@ -135,7 +135,7 @@ def criterion_text(name: str) -> str:
     kind = catalogue()[name]
     shown = f"Shown as: {kind.unit}, {_sense(kind.larger_is_better)}."
     own = (inspect.getdoc(kind) or "").split("\n\n")
-    told = [_clean(paragraph) for paragraph in own if not re.match(r"[\w, ]+ : ", paragraph)]
+    told = [_clean(paragraph) for paragraph in own if not _FIELDS.match(paragraph)]
     texts = [text.removeprefix(f"{name}: ") for text in (_prose(kind), *told)]
     return "\n\n".join((f"# {name}", *(text[0].upper() + text[1:] for text in texts), shown))
 
@@ -204,23 +204,33 @@ def _seeing(context: Context) -> Context:
 
 
 def _summary(kind: type) -> str:
-    """First sentence of a module, without marks.
+    """First sentence of what is told of a class, without marks.
 
-    >>> from calib.effects.backlash import Backlash
+    >>> from calib.effects.last_move import Backlash
     >>> _summary(Backlash)
     'Lost motion of a joint: its position depends on the approach direction'
     """
-    text = _clean(_module_text(kind).partition("\n\n")[0])
+    text = _clean(_told(kind)[0])
     return re.split(r"(?<!\.)\.(?:\s|$)", text)[0].replace("`", "")
 
 
 def _prose(kind: type) -> str:
-    """A module's docstring by paragraphs."""
-    return "\n\n".join(map(_clean, _module_text(kind).split("\n\n")))
+    """What is told of a class by paragraphs."""
+    return "\n\n".join(map(_clean, _told(kind)))
 
 
-def _module_text(kind: type) -> str:
-    return inspect.getdoc(sys.modules[kind.__module__]) or ""
+def _told(kind: type) -> list[str]:
+    """Paragraphs of a module's docstring; of an effect that shares its file those of its own."""
+    from calib.effects import catalogue
+
+    shared = [own for own in catalogue().values() if own.__module__ == kind.__module__]
+    if len(shared) > 1:
+        own = (inspect.getdoc(kind) or "").split("\n\n")
+        return [text for text in own if not _FIELDS.match(text)]
+    return (inspect.getdoc(sys.modules[kind.__module__]) or "").split("\n\n")
+
+
+_FIELDS = re.compile(r"[\w, ]+ : ")  # how a paragraph of fields begins
 
 
 def _clean(text: str) -> str:

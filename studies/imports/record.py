@@ -15,8 +15,8 @@ from studies.document import Document, Part, Section, Table, heads, labelled
 from studies.record import Count, Entry, Envelope, Record
 
 if TYPE_CHECKING:
+    from calib.files.csv_table import CsvTable
     from calib.files.exports import Joined, JointTable, PointList
-    from calib.files.exports.joints import WholeTable
 
 
 class ReadList(Entry):
@@ -95,7 +95,7 @@ def import_record(
     )
 
 
-def whole_record(whole: WholeTable, warnings: tuple[str, ...], made_from: Envelope) -> ImportRecord:
+def whole_record(whole: CsvTable, warnings: tuple[str, ...], made_from: Envelope) -> ImportRecord:
     """The record of a table that was whole already."""
     pose = whole.columns.index("pose")
     marker = whole.columns.index("marker") if "marker" in whole.columns else None

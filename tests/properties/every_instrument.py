@@ -24,8 +24,7 @@ from calib.instruments import (
     Tracker,
 )
 from calib.instruments.detection import Board
-from calib.instruments.fisheye import Fisheye
-from calib.instruments.lens import Lens
+from calib.instruments.lens import Fisheye, Lens
 from calib.instruments.pose import corners_of
 from calib.model import Model
 from calib.noise import Noise

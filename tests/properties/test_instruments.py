@@ -8,7 +8,7 @@ import pytest
 import calib
 from calib import instruments
 from calib.arrays import Array
-from calib.effects import EFFECTS
+from calib.effects import EFFECTS, ENDS
 from calib.effects.tuned import Tuned
 from calib.model import Model
 from calib.poses import Poses
@@ -23,23 +23,9 @@ _TRIALS = 8
 RNG = np.random.default_rng
 OF_PARTS = [
     (kind, where)
-    for kind in (
-        "step",
-        "focal",
-        "principal_point",
-        "distortion",
-        "focal_scale",
-        "focal_drift",
-        "focal_expansion",
-        "board_scale",
-        "board_bend",
-        "moved",
-        "socket_seat",
-        "instrument_drift",
-        "wire_scale",
-    )
-    for where in EFFECTS[kind].places(ALL.context)
-    if ":" in where and not where.startswith("marker:")
+    for kind, effect in EFFECTS.items()
+    for where in effect.places(ALL.context)
+    if kind not in ENDS and ":" in where and not where.startswith("marker:")
 ]
 
 

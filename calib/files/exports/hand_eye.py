@@ -20,7 +20,6 @@ from calib.errors import InputError
 from calib.files.exports.points import (
     PointList,
     body_list,
-    body_point,
     is_rotation,
     quaternion_frame,
 )
@@ -65,11 +64,11 @@ def read_hand_eye(path: Path, body: str | None, eye: Eye | None) -> PointList:
     where = eye or told
     if where == "in-hand":
         frames = [inverse(T) for T in frames]
-    points = [body_point(k, str(k), body, T) for k, T in enumerate(frames, 1)]
+    read = [(k, str(k), body, T) for k, T in enumerate(frames, 1)]
     whose = "camera in the board's frame" if where == "in-hand" else "board in the camera's frame"
     columns = ("sample", "position", "quaternion")
     note = f"poses of the {whose}, as the body {body}"
-    return body_list(path, points, columns, ("m", "as ROS counts"), note)
+    return body_list(path, read, columns, ("m", "as ROS counts"), note)
 
 
 def joint_states(path: Path) -> ExportTable:

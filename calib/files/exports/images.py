@@ -154,7 +154,7 @@ def read_images(
         for search in searches:
             found, at = search.found(image)
             points += [
-                MeasuredPoint(k, "", pose, f"{search.pattern.name}:{search.pattern.names[i]}",
+                MeasuredPoint(path, k, "", pose, f"{search.pattern.name}:{search.pattern.names[i]}",
                               (f"{u:.4f}", f"{v:.4f}"))
                 for i, (u, v) in zip(found.tolist(), at.tolist(), strict=True)
             ]  # fmt: skip

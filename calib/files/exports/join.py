@@ -13,14 +13,14 @@ from calib.arm.se3 import inverse, nearest_rotation, so3_log, transform
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.joints import JointRow, JointTable
-from calib.files.exports.matching import BY_FILE, Exports, Matching, NamedPoint
-from calib.files.exports.points import PointList, body_frame, body_texts
+from calib.files.exports.matching import BY_FILE, Exports, Matching
+from calib.files.exports.points import MeasuredPoint, PointList, body_frame, body_texts
 from calib.files.exports.sheet import NUMBER
 
 
-def averaged(points: Sequence[NamedPoint]) -> tuple[list[NamedPoint], list[str]]:
+def averaged(points: Sequence[MeasuredPoint]) -> tuple[list[MeasuredPoint], list[str]]:
     """The mean of the frames of every body at every pose, and what is said of their scatter."""
-    groups: dict[tuple[str, str], list[NamedPoint]] = {}
+    groups: dict[tuple[str, str], list[MeasuredPoint]] = {}
     for own in points:
         groups.setdefault((own.pose, own.marker), []).append(own)
     counts = [len(group) for group in groups.values()]
@@ -28,12 +28,11 @@ def averaged(points: Sequence[NamedPoint]) -> tuple[list[NamedPoint], list[str]]
         return list(points), []
     found, apart = [], []
     for group in groups.values():
-        frames = np.array([body_frame(own.point.values) for own in group])
+        frames = np.array([body_frame(own.values) for own in group])
         R = nearest_rotation(frames[:, :3, :3].mean(axis=0))
         mean = transform(R, frames[:, :3, 3].mean(axis=0))
         off = inverse(mean) @ frames
-        point = replace(group[0].point, values=body_texts(mean))
-        found.append(replace(group[0], point=point))
+        found.append(replace(group[0], values=body_texts(mean)))
         apart.append([_rms(off[:, :3, 3]), _rms(so3_log(off[:, :3, :3]))])
     mm, mrad = 1e3 * np.array(apart).T
     worst = found[
@@ -137,8 +136,8 @@ def join(
             *("sigma_mm",) * _have_sigma(kept),
         ),
         [
-            [pose, own.marker, *read_by, *row.values, *own.point.values]
-            + [text for text in (times.get(pose, ""), own.point.sigma) if text]
+            [pose, own.marker, *read_by, *row.values, *own.values]
+            + [text for text in (times.get(pose, ""), own.sigma) if text]
             for pose, row in at.items()
             for own in by_pose.get(pose, {}).values()
         ],
@@ -194,45 +193,45 @@ def some(names: Sequence[str]) -> str:
     return f"{len(names)} pose{'s' * (len(names) > 1)} ({shown}{more})"
 
 
-def _by_pose(points: Sequence[NamedPoint]) -> dict[str, dict[str, NamedPoint]]:
+def _by_pose(points: Sequence[MeasuredPoint]) -> dict[str, dict[str, MeasuredPoint]]:
     """Points by pose and marker. Raises InputError where a pose has a marker twice."""
-    found: dict[str, dict[str, NamedPoint]] = {}
+    found: dict[str, dict[str, MeasuredPoint]] = {}
     for own in points:
         first = found.setdefault(own.pose, {}).setdefault(own.marker, own)
         if first is not own:
             place = "" if first.path == own.path else f" of {first.path}"
-            where = f"in line {first.point.line}{place} already"
+            where = f"in line {first.line}{place} already"
             what = f"pose {own.pose!r} has marker {own.marker!r} {where}"
             raise own.fault(what, "delete one, or name repeated readings as poses of their own")
     return found
 
 
-def _have_sigma(points: Sequence[NamedPoint]) -> bool:
+def _have_sigma(points: Sequence[MeasuredPoint]) -> bool:
     """Whether points have uncertainties. Raises InputError where only some have."""
-    bare = [own for own in points if not own.point.sigma]
+    bare = [own for own in points if not own.sigma]
     if bare and len(bare) < len(points):
         what = "has no uncertainties where another list has them"
         raise InputError(bare[0].path, "", what, "export all lists alike")
     return not bare
 
 
-def _times(points: Sequence[NamedPoint], joints: JointTable) -> tuple[dict[str, str], list[str]]:
+def _times(points: Sequence[MeasuredPoint], joints: JointTable) -> tuple[dict[str, str], list[str]]:
     """Time of each pose in seconds, that of its first point, and what is said about it."""
-    if not all(own.point.time for own in points):
-        some_timed = any(own.point.time for own in points)
+    if not all(own.time for own in points):
+        some_timed = any(own.time for own in points)
         return {}, ["times left out: not every point has one"] * some_timed
     if "time_s" in joints.carried:
         return {}, ["time_s is that of the joint file, not that of the points"]
     first: dict[str, str] = {}
     for own in points:
-        first.setdefault(own.pose, own.point.time)
+        first.setdefault(own.pose, own.time)
     if all(NUMBER.fullmatch(text) for text in first.values()):
         return first, []
     try:
         stamps = {pose: datetime.fromisoformat(text) for pose, text in first.items()}
         start = min(stamps.values())
     except (ValueError, TypeError):
-        shown = points[0].point.time[:40]
+        shown = points[0].time[:40]
         return {}, [f"times such as {shown!r} left out: neither seconds nor ISO 8601"]
     seconds = {pose: (stamp - start).total_seconds() for pose, stamp in stamps.items()}
     return {pose: f"{value:.15g}" for pose, value in seconds.items()}, []

@@ -14,6 +14,7 @@ from pathlib import Path
 from calib.arm.robot import Robot
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, OTHERS, TORQUES, WRENCH
+from calib.files.csv_table import CsvTable
 from calib.files.exports.hand_eye import YAML, joint_states
 from calib.files.exports.sheet import ExportTable, made_sheet, read_sheet, text_lines
 from calib.files.readings import reading_names
@@ -228,16 +229,7 @@ def _renaming(robot: Robot) -> str:
     return f"rename the columns, or name them in order: --joint-names {','.join(robot.told)}"
 
 
-@dataclass(frozen=True)
-class WholeTable:
-    """Columns as ``measurements.csv`` names them, and rows of text with decimal points."""
-
-    path: Path
-    columns: tuple[str, ...]
-    rows: list[list[str]]
-
-
-def read_whole(path: Path) -> WholeTable:
+def read_whole(path: Path) -> CsvTable:
     """Read a table of measurements or a plan, whatever separates its columns.
 
     Raises InputError where it is a list of points or joints alone.
@@ -247,4 +239,5 @@ def read_whole(path: Path) -> WholeTable:
     if "pose" not in columns:
         what = "has no column 'pose', as a table of measurements or a plan has"
         raise InputError(path, "header", what, "name it so, or give the joints by --joints FILE")
-    return WholeTable(path, columns, [[sheet.pointed(text) for text in row] for row in sheet.rows])
+    rows = [[sheet.pointed(text) for text in row] for row in sheet.rows]
+    return CsvTable(path, columns, rows, sheet.lines)

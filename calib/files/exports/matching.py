@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from calib.errors import InputError
 from calib.files.exports.joints import JointTable
@@ -39,13 +38,13 @@ class NamePattern:
     file: re.Pattern[str] | None
     parts: tuple[re.Pattern[str], ...]
 
-    def read(self, path: Path, point: MeasuredPoint) -> tuple[str, str] | None:
+    def read(self, point: MeasuredPoint) -> tuple[str, str] | None:
         """(pose, marker), "" for the one that the pattern does not name; None if it does not fit."""
         whole = (point.collection, point.group, point.point)
         names = whole[len(whole) - len(self.parts) :]
         pairs = [*zip(self.parts, names, strict=True)]
         if self.file is not None:
-            pairs.append((self.file, path.stem))
+            pairs.append((self.file, point.path.stem))
         found: dict[str, str] = {}
         for expression, name in pairs:
             match = expression.fullmatch(name) if len(name) <= _LONGEST_NAME else None
@@ -83,19 +82,6 @@ def _expression(part: str) -> re.Pattern[str]:
     return re.compile(out + re.escape(part[at:]))
 
 
-@dataclass(frozen=True, slots=True)
-class NamedPoint:
-    """A point of a file, its pose and its marker."""
-
-    path: Path
-    point: MeasuredPoint
-    pose: str
-    marker: str
-
-    def fault(self, what: str, remedy: str) -> InputError:
-        return InputError(self.path, f"line {self.point.line}", what, remedy)
-
-
 @dataclass(frozen=True)
 class Matching:
     """Points with their names under one pattern.
@@ -105,8 +91,8 @@ class Matching:
     """
 
     pattern: str
-    points: list[NamedPoint]
-    strays: list[NamedPoint]
+    points: list[MeasuredPoint]
+    strays: list[MeasuredPoint]
     tried: dict[str, int]
 
 
@@ -182,21 +168,20 @@ class Exports:
             raise InputError("--names", "", what, remedy)
 
     def _read(self, pattern: NamePattern) -> Matching:
-        points: list[NamedPoint] = []
-        strays: list[NamedPoint] = []
-        for own in self.lists:
-            for point in own.points:
-                read = pattern.read(own.path, point)
-                pose, told = read or (point.whole_name, "")
-                named = NamedPoint(own.path, point, pose, told or self.marker or "")
-                known = self.markers is None or named.marker in self.markers
-                (points if read is not None and known else strays).append(named)
+        points: list[MeasuredPoint] = []
+        strays: list[MeasuredPoint] = []
+        for point in (point for own in self.lists for point in own.points):
+            read = pattern.read(point)
+            pose, told = read or (point.whole_name, "")
+            named = replace(point, pose=pose, marker=told or self.marker or "")
+            known = self.markers is None or named.marker in self.markers
+            (points if read is not None and known else strays).append(named)
         if "{pose}" not in pattern.text:
             points = _in_rounds(points)
         return Matching(pattern.text, points, strays, {})
 
 
-def _in_rounds(points: list[NamedPoint]) -> list[NamedPoint]:
+def _in_rounds(points: list[MeasuredPoint]) -> list[MeasuredPoint]:
     """Poses numbered by the rounds in which the same markers are measured over and over.
 
     Raises InputError at a marker out of turn, and where the last round is cut short.

@@ -18,7 +18,7 @@ import numpy as np
 from calib.arm.se3 import so3_exp, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.points import PointList, body_list, body_point, quaternion_frame
+from calib.files.exports.points import PointList, body_list, quaternion_frame
 from calib.files.exports.sheet import text_lines
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
@@ -206,19 +206,19 @@ def read_motion_capture(path: Path, body: str | None) -> PointList:
     if body is not None and len(bodies) > 1:
         known = ", ".join(own.name for own in bodies[:5])
         raise InputError(path, "", f"holds {len(bodies)} bodies, {known}", "leave --marker out")
-    points = []
+    read = []
     for row in rows[layout.first :]:
         if not row[1][0].isdigit():
             break  # the next section
         for own in bodies:
             T = _frame(path, row, own, layout, mark == ",")
             if T is not None:
-                points.append(body_point(row[0], row[1][0], body or own.name, T))
-    if not points:
+                read.append((row[0], row[1][0], body or own.name, T))
+    if not read:
         raise InputError(path, "", "holds no frame that saw a body", "export a range that does")
     note = _VECTOR_NOTE if len(bodies[0].rotation) == 3 else ""
     columns, unit = ("frame", "body", "position", "rotation"), (layout.unit, "stated in the file")
-    return body_list(path, points, columns, unit, note, frames=True)
+    return body_list(path, read, columns, unit, note, frames=True)
 
 
 def _fields(path: Path, number: int, line: str, mark: str) -> list[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,11 +46,14 @@ _WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([A-Za-z]+)\s*[\])]|[_ ](mm|m|in|s)
 class MeasuredPoint:
     """One reading of a list: names as written, numbers as text, lengths in millimetres.
 
+    path, line : where it stands
     values : what was read, in the columns that the list says
     sigma : standard deviation of one coordinate, root mean square of the three, "" where not given
     time : as written, "" where not given
+    pose, marker : what the names tell, once they are matched
     """
 
+    path: Path
     line: int
     collection: str
     group: str
@@ -58,11 +61,16 @@ class MeasuredPoint:
     values: tuple[str, ...]
     sigma: str = ""
     time: str = ""
+    pose: str = ""
+    marker: str = ""
 
     @property
     def whole_name(self) -> str:
         """All that the operator called it."""
         return "::".join(filter(None, (self.collection, self.group, self.point)))
+
+    def fault(self, what: str, remedy: str) -> InputError:
+        return InputError(self.path, f"line {self.line}", what, remedy)
 
 
 @dataclass(frozen=True)
@@ -218,18 +226,13 @@ def _point(sheet: ExportTable, row: int, index: dict[str, int], unit: str) -> Me
             raise sheet.fault(row, what, "export without uncertainties, or mend them")
         sigma = f"{math.hypot(*u) / math.sqrt(3.0):.6g}"
     names = (text("collection"), text("group"), text("point"))
-    return MeasuredPoint(sheet.lines[row], *names, xyz, sigma, text("time"))
+    return MeasuredPoint(sheet.path, sheet.lines[row], *names, xyz, sigma, text("time"))
 
 
 # -- readings of bodies: position in millimetres, and unit quaternion ----------------------------
 
 _BODY = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _OFF_UNIT = 1e-3  # how far a quaternion's length may be from one: files round to a few digits
-
-
-def body_point(line: int, pose: str, body: str, T: Array) -> MeasuredPoint:
-    """The reading of a body's frame (4, 4), m; the group tells the pose."""
-    return MeasuredPoint(line, "", pose, body, body_texts(T))
 
 
 def body_texts(T: Array) -> tuple[str, ...]:
@@ -260,12 +263,18 @@ def is_rotation(R: Array) -> bool:
 
 def body_list(
     path: Path,
-    points: list[MeasuredPoint],
+    read: Iterable[tuple[int, str, str, Array]],
     columns: tuple[str, ...],
     unit: tuple[str, str],
     note: str = "",
     frames: bool = False,
 ) -> PointList:
-    """Readings of bodies as a list whose groups are the poses; unit : and where it is stated."""
+    """Readings of bodies as a list whose groups are the poses.
+
+    read : line, pose, body and its frame (4, 4), m; unit : and where it is stated
+    """
+    points = [
+        MeasuredPoint(path, line, "", pose, body, body_texts(T)) for line, pose, body, T in read
+    ]
     notes = (f"{path}: {note}",) * bool(note)
     return PointList(path, points, columns, *unit, (), _BODY, "{pose}::{marker}", frames, notes)

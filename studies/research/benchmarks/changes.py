@@ -40,7 +40,7 @@ from calib.change.difference import difference
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
-from calib.effects.link_geometry import LinkGeometry
+from calib.effects.geometry import LinkGeometry
 from calib.effects.protocol import Effect
 from calib.model import Model
 from calib.model.build import build, context_of

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.joint_offset import JointOffset
-from calib.effects.link_geometry import LinkGeometry
+from calib.effects.geometry import JointOffset, LinkGeometry
 from calib.instruments import TRACKER, Tracker
 from calib.model import Model
 from calib.noise import Noise

@@ -300,8 +300,8 @@ def test_faults(tmp_path: Path, fault: str) -> None:
 def test_patterns_read_names(
     pattern: str, name: tuple[str, str, str], read: tuple[str, str] | None
 ) -> None:
-    point = MeasuredPoint(1, *name, ("0", "0", "0"), "", "")
-    assert name_pattern(pattern).read(Path("list.txt"), point) == read
+    point = MeasuredPoint(Path("list.txt"), 1, *name, ("0", "0", "0"))
+    assert name_pattern(pattern).read(point) == read
 
 
 @pytest.mark.parametrize(

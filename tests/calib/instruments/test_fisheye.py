@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.effects.lens import Distortion
-from calib.instruments.fisheye import Fisheye
+from calib.instruments.lens import Fisheye
 from calib.poses import poses_at
 from tests.helpers import central_difference
 

@@ -1,4 +1,4 @@
-"""A second instrument in one file: its readings identify as its noise says, alone and beside a tracker.
+"""A second instrument beside a tracker: its readings identify as its noise says.
 
 The truth is plain numpy: a chain, an anchor and distances that share no code with the estimator.
 """
@@ -19,12 +19,11 @@ from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.effects.protocol import Effect
 from calib.files.write_tables import measurements_csv
-from calib.instruments import Instrument, Tracker
+from calib.instruments import Distance, Instrument, Tracker
 from calib.model.build import build
 from calib.model.covariance import errors_at
 from calib.noise import Noise
 from calib.poses import poses_at
-from tests.calib.instruments.ballbar import Ballbar
 from tests.helpers import cell_of, random_robot
 from tests.plain_arm import rotation, tips
 
@@ -102,7 +101,7 @@ def test_beside_a_tracker_information_adds() -> None:
     seen[by_laser, :2], seen[by_bar, 2:] = True, True
     instruments = (
         Tracker(name="laser", noise=Noise.isotropic(BAR)),
-        Ballbar(name="bar", sigma=SIGMA),
+        Distance(name="bar", sigma=SIGMA),
     )
     cell, rng, squared = cell_with(*instruments), np.random.default_rng(3), []
     for _ in range(12):
@@ -124,7 +123,7 @@ def test_beside_a_tracker_information_adds() -> None:
 def test_through_a_table(tmp_path: Path) -> None:
     """Rows of both, by the column ``instrument``; what does not apply is empty."""
     q = drawn(5, 6)
-    cell = cell_with(LASER, Ballbar(name="bar", markers=(1,)))
+    cell = cell_with(LASER, Distance(name="bar", markers=(1,)))
     readings, seen = np.zeros((5, 3, 3)), np.ones((5, 3), dtype=bool)
     readings[:, :2] = points_of(arm(), q, TRUE)
     readings[:, 2, 0] = distances(np.concatenate([TRUE, ANCHOR]), q)[:, 1]
@@ -147,7 +146,7 @@ def test_through_a_table(tmp_path: Path) -> None:
 
 def test_accuracy_at_targets_counts_points() -> None:
     """Whatever reads, the error expected of a target is that of its points."""
-    cell = cell_with(Ballbar(name="bar"))
+    cell = cell_with(Distance(name="bar"))
     targets = poses_at(drawn(3, 9))
     model = build(cell, targets).model
     at = model.where(Effect)

@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.effects.link_geometry import LinkGeometry
+from calib.effects.geometry import LinkGeometry
 from calib.errors import EffectCannotAct
 from calib.model import Model
 from calib.model.build import build, context_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -77,6 +77,12 @@ class LinearProblem:
         return orthonormal(self.independent[1] @ self.span)
 
     @cached_property
+    def complement(self) -> Complement:
+        """What the fitted directions do not follow."""
+        r, _ = self.independent
+        return Complement(self, self.basis, r - self.basis @ (self.basis.T @ r))
+
+    @cached_property
     def along(self) -> tuple[Array, Array]:
         """Derivatives by every parameter, determined or not, (k, p), and residual (k,) in the basis."""
         r, J = self.independent
@@ -122,6 +128,42 @@ class LinearProblem:
             return covariance(self.fitted[1], self.span)
         own, held = self.gains
         return self.mixing.covariance(own) + held.T @ held
+
+
+@dataclass(frozen=True, eq=False)
+class Complement:
+    """The orthogonal complement of fitted columns, in independent rows: what least squares leaves.
+
+    Q : ndarray, shape (N, k), orthonormal basis of the columns
+    left : ndarray, shape (N,), residual outside of them
+    """
+
+    problem: LinearProblem
+    Q: Array
+    left: Array
+
+    def of(self, rows: Array) -> Array:
+        """Independent rows (N, ..) with the columns projected out."""
+        return np.asarray(rows - self.Q @ (self.Q.T @ rows))
+
+    def columns(self, rows: Array) -> Array:
+        """The same of whitened columns (m, R, K) of the readings, shape (N, K)."""
+        return self.of(self.problem.columns(rows))
+
+    def without(self, X: Array) -> Complement:
+        """The complement of further columns (N, K) as well, which lie in this one."""
+        Q = orthonormal(X)
+        left = self.left - Q @ (Q.T @ self.left)
+        return replace(self, Q=np.concatenate([self.Q, Q], axis=1), left=left)
+
+    @cached_property
+    def at_readings(self) -> tuple[Array, Array]:
+        """Residual (m, R) and basis (m, R, k), brought back to the whitened rows of the readings."""
+        (m, R), mixing = self.problem.r.shape, self.problem.mixing
+        rows = np.column_stack([self.left, self.Q])[: m * R].reshape(m, R, -1)
+        if mixing is not None:
+            rows = mixing.back(rows)
+        return rows[..., 0], rows[..., 1:]
 
 
 def orthonormal(columns: Array) -> Array:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size, stacked
 from calib.diagnosis.screen import refuted
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import half, working_points
 from calib.noise import counted, unwhitened
+from calib.observations import Points
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_order
-from calib.scatter import Variances, scatter_of
+from calib.scatter import Scatter, Variances, scatter_of
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
 _SURELY = 2.33  # standard deviations: once in a hundred by chance
@@ -77,6 +80,24 @@ class Fitted:
     weights: Array
     sigma: float
     variances: Variances | None
+
+    @cached_property
+    def scatter(self) -> Scatter | None:
+        """How the arm scatters at the poses that were fitted; None where it does not."""
+        if self.variances is None or not self.variances.any:
+            return None
+        return scatter_of(self.model, self.values, self.data.poses, self.variances)
+
+    @cached_property
+    def linear(self) -> LinearProblem:
+        """The fit to first order, by the readings alone."""
+        points = Points(self.model, self.data, self.weights, scatter=self.scatter)
+        return LinearProblem(*points.whitened(self.values), self.span, mixing=points.mixing)
+
+    @property
+    def by_instrument(self) -> LinearProblem:
+        """The same as if nothing but the instrument erred."""
+        return replace(self.linear, mixing=None)
 
     @property
     def lengths(self) -> Mask:
@@ -153,7 +174,7 @@ def at_ends(fit: Fitted) -> Unseen | None:
     readings F that are left out miss by ``r_F + Q_F (I - Q_F^T Q_F)^-1 Q_F^T r_F``. The worse end
     counts.
     """
-    r, Q = _projected(fit)
+    r, Q = fit.by_instrument.complement.at_readings
     order, found = in_order(fit.data.poses), []
     for way in (order, order[::-1]):
         parts = (np.sort(way[: round(part * len(way))]) for part in _ENDS)
@@ -217,7 +238,7 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, C, r); by how much more the parameters'
     uncertainty counts there, (m,); and whether the others tell of the configuration at all, (m,).
     """
-    r, Q = _projected(fit)
+    r, Q = fit.by_instrument.complement.at_readings
     m, R = r.shape
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
@@ -243,17 +264,6 @@ def _directions(F: Array) -> tuple[Array, Array]:
     return F @ turn * np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)[
         :, None
     ], squares
-
-
-def _projected(fit: Fitted) -> tuple[Array, Array]:
-    """Whitened residuals (m, R) outside the fitted columns, and a basis of these, (m, R, k)."""
-    points, J = fit.model.jacobian(fit.values, fit.data.poses)
-    off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
-    r = (fit.weights @ off[..., None])[..., 0]
-    m, R, k = len(r), r[0].size, fit.span.shape[1]
-    A = (fit.weights @ (J @ fit.span)).reshape(m * R, k)
-    Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
-    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, Q.shape[1])
 
 
 def _told(fit: Fitted, data: Measurements) -> Mask:

@@ -154,9 +154,7 @@ class CrossValidation:
         return self._over(_folds(self.stage.data.poses, by_time=True))
 
     def _over(self, fold: IntArray) -> Folds:
-        (m, R), Q, r = self.fit.r.shape, self._kept.basis, self._kept.fitted[0]
-        r = (r - Q @ (Q.T @ r))[: m * R].reshape(m, R)
-        Q = Q[: m * R].reshape(m, R, -1)
+        r, Q = self._kept.complement.at_readings
         return Folds(tuple(_fold(Q, fold == f) for f in range(int(fold.max()) + 1)), r)
 
 

@@ -16,8 +16,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.tunings import TuningGrid, tuning_grids
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
-from calib.identification.scan import beside as beside_scan
-from calib.identification.scan import times
+from calib.identification.scan import carried, times
 from calib.linear import unit
 
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
@@ -61,15 +60,15 @@ class Lineup:
         view = FitView(fit, rows, where, self.fixed)
         if not self.grids:
             return view, self
-        around, listed, tuned = beside_scan(fit.linear), [], []
+        listed, tuned = [], []
         for grid in self.grids:
             carrier = rows[..., self.where[grid.candidate.key]]
-            carried = around.carried(carrier)
-            own = grid.scanned(carried) if fresh else grid
+            scan = carried(fit.linear.complement, carrier)
+            own = grid.scanned(scan) if fresh else grid
             listed.append(own)
             there = [c for c in active if c.is_like(grid.candidate)]
             tuned += [(c, _rows(c, carrier, stage)) for c in there]
-            best, functions = own.best(carried, view.counted)
+            best, functions = own.best(scan, view.counted)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
@@ -89,8 +88,8 @@ class Lineup:
         if grid is None:
             return
         carrier = view.rows[..., self.where[grid.candidate.key]]
-        carried = beside_scan(view.fit.without([member.effect]).linear).carried(carrier)
-        for form in grid.scanned(carried).forms:
+        scan = carried(view.fit.without([member.effect]).linear.complement, carrier)
+        for form in grid.scanned(scan).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import stacked
 from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
 from calib.identification.identification import Identification
 from calib.instruments import Camera
-from calib.linear import orthonormal
+from calib.linear import LinearProblem
 from calib.observations import Points
 
 _PARTS: dict[str, type[LensEffect]] = {
@@ -66,13 +65,12 @@ def _judged(found: Identification, camera: Camera) -> UnfitLens | None:
     model, values = found.model.extended(found.values, asked)
     data, weights = found.fit.data.take(found.kept), found.weights[found.kept]
     r, J = Points(model, data, weights).linearise(values)
-    flat, own = stacked(J), len(found.values)
-    Q = orthonormal(flat[:, :own] @ found.span)
-    left = r.ravel() - Q @ (Q.T @ r.ravel())
-    lens = orthonormal(flat[:, own:] - Q @ (Q.T @ flat[:, own:]))
-    more, freed = lens.shape[1], left - lens @ (lens.T @ left)
-    dof = int(np.count_nonzero(np.abs(flat).any(axis=1))) - Q.shape[1] - more
-    before, after = float(left @ left), float(freed @ freed)
+    own = len(found.values)
+    beside = LinearProblem(r, J[..., :own], found.span).complement
+    freed = beside.without(beside.columns(J[..., own:]))
+    more = freed.Q.shape[1] - beside.Q.shape[1]
+    dof = int(np.count_nonzero(np.abs(J).any(axis=-1))) - freed.Q.shape[1]
+    before, after = (float(one.left @ one.left) for one in (beside, freed))
     if dof <= 0 or not more or not after or before < _WORTH**2 * after:
         return None
     share = (before - after) / (before - min(after, float(dof)))

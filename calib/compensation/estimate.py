@@ -11,9 +11,9 @@ from calib.arrays import Array, Mask
 from calib.compensation.trend import DayTrend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, unexplained
 from calib.diagnosis.diagnosis import Diagnosis
-from calib.diagnosis.screen import refuted
 from calib.diagnosis.stage import Fit
 from calib.identification.identification import Identification
+from calib.identification.noise_level import refuted
 from calib.model import Model
 from calib.model.covariance import ignorance
 from calib.poses import Poses

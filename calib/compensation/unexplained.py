@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size, stacked
-from calib.diagnosis.screen import refuted
+from calib.identification.noise_level import refuted
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import half, working_points

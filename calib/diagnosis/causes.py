@@ -173,7 +173,7 @@ def causes_of(
     """
     if not finding.named:
         return
-    stage, after = finding.search.stage, finding.after
+    stage, after = finding.stage, finding.after
     std = _deviations(stage, after, finding.scale)
     for named in finding.named:
         if _no_cause(finding, named):
@@ -300,7 +300,7 @@ def _share_of(finding: Finding, entry: Entrant) -> float:
 
 def _scattering(finding: Finding) -> str:
     """The joint that nearly all comes from which differs from pose to pose; else the arm."""
-    stage, after = finding.search.stage, finding.after
+    stage, after = finding.stage, finding.after
     variances, robot = after.variances.configuration, after.model.robot
     each = [
         float(stage.scatter.point_variance(variances * (np.arange(len(variances)) == k)).mean())

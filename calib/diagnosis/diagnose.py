@@ -17,14 +17,15 @@ from calib.diagnosis.causes import (
     verdict_of,
     weak_of,
 )
+from calib.diagnosis.contest import search
 from calib.diagnosis.cross_validation import BY_TIME, reselected
 from calib.diagnosis.detection_limit import hidden
 from calib.diagnosis.diagnosis import Diagnosis
 from calib.diagnosis.finding import Finding, finding_of
+from calib.diagnosis.gap import gap_of
 from calib.diagnosis.imitated import imitated
 from calib.diagnosis.prior import stated
 from calib.diagnosis.rest import rest_of
-from calib.diagnosis.searched import searched
 from calib.diagnosis.sides import sides_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
@@ -35,6 +36,7 @@ from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
+from calib.result import fields_of
 from calib.threads import one_blas_thread
 
 
@@ -52,10 +54,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     stage = _stage(cell, data)
     waiting = stage.dropped
     suspects, missing = candidates(cell, stage.model, data)
-    search = searched(stage, suspects)
-    finding = finding_of(search)
-    stage, outcome, after = search.stage, finding.outcome, finding.after
-    anew = reselected(search.linear, outcome, finding.named)
+    finding = finding_of(search(stage, suspects))
+    stage, outcome = finding.stage, finding.outcome
+    anew = reselected(finding.linear, outcome, finding.named)
     targets, weights = targets_of(cell)
     again = {} if anew is None else anew.again
     causes = tuple(causes_of(finding, len(suspects), targets, again))
@@ -67,15 +68,17 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     places = located(finding, causes, not rest.closed)
     places += tuple(GapPlace(c.where, c.candidate.depends_on, np.nan) for c in stood_for)
     by_time = any(place.depends_on in BY_TIME for place in places)
-    gap = finding.gap(heldout, by_time)
+    before, after = finding.before, finding.after
+    gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
     if anew is not None:
         gap = replace(gap, crossed=(anew.before, anew.after))
     if by_time:
         gap = replace(gap, over_time=_over_time(finding))
     entered = {c.named.candidate.key for c in causes} | {c.candidate.key for c in stood_for}
+    weak = tuple(weak_of(finding))
     return Diagnosis(
+        **fields_of(replace(finding, refused=finding.refused + weak)),
         verdict=concluded,
-        noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
         imitated=stood_for,
         sides=sides_of(finding),
@@ -84,21 +87,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         gap=gap,
         hidden=hidden(stage, outcome, entered, (targets, weights)),
         not_asked=tuple(missing),
-        refused=(*finding.refused, *weak_of(finding)),
-        data=data,
         outlier=outlier,
         waiting=waiting,
-        statistic=search.statistic,
-        limit=search.limit,
-        before=finding.before,
-        after=after,
-        outcome=outcome,
-        stage=stage,
-        linear=search.linear,
-        suspects=tuple(c for c in outcome.suspects if not c.echo),
         heldout=heldout,
-        growth=search.growth,
-        scale=finding.scale,
     )
 
 
@@ -115,7 +106,7 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
 
 def _over_time(finding: Finding) -> tuple[float, float] | None:
     """Error at blocks of time left out, without and with what is chosen without them, 3-D RMS, m."""
-    found = reselected(finding.search.linear, finding.outcome, finding.named, by_time=True)
+    found = reselected(finding.linear, finding.outcome, finding.named, by_time=True)
     return None if found is None else (found.before, found.after)
 
 

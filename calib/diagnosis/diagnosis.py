@@ -4,45 +4,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.arrays import Array, Mask
+from calib.arrays import Mask
 from calib.diagnosis.candidates import Candidate, NotAsked
 from calib.diagnosis.causes import Cause, GapPlace, VerdictName
-from calib.diagnosis.contest import Outcome
 from calib.diagnosis.detection_limit import Hidden
-from calib.diagnosis.finding import Refused
+from calib.diagnosis.finding import Finding
 from calib.diagnosis.gap import Gap
 from calib.diagnosis.imitated import Imitated
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.sides import SideShare
-from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import Growth, NoiseLevel
 from calib.poses import Measurements
 from calib.result import Result
 
 _MOST = 5  # places that a summary names
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Result):
-    """Result of :func:`diagnose`.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Diagnosis(Result, Finding):
+    """Result of :func:`diagnose`: what was found, and what follows from it.
 
     imitated : tuple of Imitated, causes that parameters of the user's model stand for
     sides : tuple of SideShare, of camera, board and arm, empty without a camera
     rest : Rest, what remains beside the causes
-    outlier : ndarray of bool, shape (m,), poses that were left out; statistic, limit : judged by
+    outlier : ndarray of bool, shape (m,), poses that were left out
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
         follow from the order: the arm came there from a side that nothing tells
     not_asked : causes that the table's columns cannot speak of
-    refused : what the contest held and what is not named all the same
-    before, after : Fit, of the user's model and with all that was found; stage : what they fit
-    linear : Stage, the same to first order
-    suspects : tuple of Candidate, all that was asked; outcome : Outcome, of the contest
-    growth : Growth, of the noise with range, None where the residual shows none
-    scale : float, actual over the standard deviation that the stage weighs by
     """
 
     verdict: VerdictName
-    noise: NoiseLevel
     causes: tuple[Cause, ...]
     imitated: tuple[Imitated, ...]
     sides: tuple[SideShare, ...]
@@ -51,21 +41,19 @@ class Diagnosis(Result):
     gap: Gap
     hidden: tuple[Hidden, ...]
     not_asked: tuple[NotAsked, ...]
-    refused: tuple[Refused, ...]
-    data: Measurements
     outlier: Mask
     waiting: Mask
-    statistic: Array
-    limit: float
-    before: Fit
-    after: Fit
-    outcome: Outcome
-    stage: Stage
-    linear: Stage
-    suspects: tuple[Candidate, ...]
     heldout: Measurements | None
-    growth: Growth | None
-    scale: float
+
+    @property
+    def data(self) -> Measurements:
+        """All that was read, what was left out included."""
+        return self.stage.data
+
+    @property
+    def suspects(self) -> tuple[Candidate, ...]:
+        """All that was asked."""
+        return tuple(c for c in self.outcome.suspects if not c.echo)
 
     def sentences(self) -> list[str]:
         gap = self.gap

@@ -14,18 +14,17 @@ from typing import Literal
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, contest, left_with
+from calib.diagnosis.contest import Outcome, Search, contest, left_with
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
-from calib.diagnosis.gap import Gap, gap_of
 from calib.diagnosis.screen import backward_elimination
-from calib.diagnosis.searched import Searched
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import apart
 from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
+from calib.result import fields_of
 
 Why = Literal["configurations", "time", "together", "nothing", "weak"]
 
@@ -109,14 +108,13 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """What is believed of what a search found.
+class Finding(Search):
+    """What is believed of what a search found; ``outcome`` is what of it is left.
 
+    named : tuple of Named, with what the data cannot tell from them; refused : tuple of Refused
     before, after : Fit, exact, of the user's model and with all that is believed
     """
 
-    search: Searched
-    outcome: Outcome
     named: tuple[Named, ...]
     before: Fit
     after: Fit
@@ -125,17 +123,17 @@ class Finding:
     @cached_property
     def noise(self) -> NoiseLevel:
         """What the readings err by beside all that is believed."""
-        return _noise(self.search.stage, self.after, self.search.factor)
+        return _noise(self.stage, self.after, self.factor)
 
     @property
     def counted(self) -> Measurements:
         """The readings that were fitted."""
-        return self.search.stage.data.take(~self.search.stage.dropped)
+        return self.stage.data.take(~self.stage.dropped)
 
     @property
     def floor(self) -> float:
         """3-D root mean square of the noise alone, m per point."""
-        channels = self.search.stage.model.readout.channels
+        channels = self.stage.model.readout.channels
         return float(np.sqrt(channels.numbers_each(self.counted.seen))) * self.noise.sigma
 
     @property
@@ -143,20 +141,21 @@ class Finding:
         """Actual over the standard deviation that the stage weighs by."""
         if self.noise.source == "cell" or self.after.mixing is not None:
             return 1.0
-        return self.noise.factor / self.search.factor
-
-    def gap(self, heldout: Measurements | None, by_time: bool = False) -> Gap:
-        """How far the error shrinks."""
-        return gap_of(self.before, self.after, self.counted, heldout, self.floor, by_time)
+        return self.noise.factor / self.factor
 
 
-def finding_of(search: Searched) -> Finding:
+def finding_of(search: Search) -> Finding:
     """What of a search deserves its name, fitted in full.
 
     What something stood for that goes may have another cause: the others are asked again, a few times.
     """
     stage, linear, outcome = search.stage, search.linear, search.outcome
     before, refused = stage.exact(outcome.before), dict[str, Refused]()
+
+    def believed(outcome: Outcome, named: tuple[Named, ...], after: Fit) -> Finding:
+        found, why = fields_of(replace(search, outcome=outcome)), tuple(refused.values())
+        return Finding(**found, named=named, before=before, after=after, refused=why)
+
     for again in range(_MOST_ROUNDS):
         fresh = _unworthy(linear, outcome.fit, outcome.active)
         if not fresh:
@@ -166,7 +165,7 @@ def finding_of(search: Searched) -> Finding:
             # The best name of an entry may be another than that by which it came in.
             fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
             if not fresh:
-                return Finding(search, outcome, named, before, after, tuple(refused.values()))
+                return believed(outcome, named, after)
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
@@ -176,7 +175,7 @@ def finding_of(search: Searched) -> Finding:
             outcome = left_with(linear, replace(outcome, lineup=lineup), rest)
     view = replace(outcome.view, fit=outcome.before)
     nothing = replace(outcome, fit=outcome.before, active=(), view=view)
-    return Finding(search, nothing, (), before, before, tuple(refused.values()))
+    return believed(nothing, (), before)
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:

@@ -98,7 +98,7 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
 def _members(cell: Cell, finding: Finding, board: Candidate) -> tuple[tuple[Candidate, float], ...]:
     probability = NameEvidence(board.key, 1.0, 0.0, 1.0, False).probability
     try:
-        context = context_of(cell, finding.search.stage.data.poses)
+        context = context_of(cell, finding.stage.data.poses)
         effect = place_effect(LinkScale.kind, ARM, context)
     except CalibError:
         return ((board, probability),)

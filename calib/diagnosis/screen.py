@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.identification.noise_level import refuted
 from calib.linear import orthonormal
 
 VISIBLE = 1e-3
@@ -24,7 +25,6 @@ CURVE_PRICE = float(2.0 * np.log(10.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
 _AMPLITUDES = 24
 _NOTHING = 1e-100  # sum of squares that is none
-_AGREES = 0.01  # probability below which the residual refutes the stated noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,15 +152,6 @@ class Field:
         seen = values > VISIBLE**2
         scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
         return vectors * scale[..., None, :] / lengths[..., :, None], seen
-
-
-def refuted(cost: float, dof: int) -> bool:
-    """Whether a sum of squares of so many degrees of freedom is no chi-square."""
-    from scipy.special import chdtr, chdtrc
-
-    if dof <= 0:
-        return False
-    return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _AGREES
 
 
 def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:

@@ -35,7 +35,7 @@ from calib.identification.outliers import (
     wrongly_out,
 )
 from calib.identification.start import outnumbered, strayed
-from calib.linear import LinearProblem
+from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, points_of
@@ -429,12 +429,12 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     scale = fit.noise.divisor if observation.mixing is None else 1.0
     r, J = (rows / scale for rows in observation.whitened(values))
     beside = known.beside(values)
-    others = np.delete(np.eye(len(values)), of.at, axis=1)
-    problem = LinearProblem(r, J, others, *beside, observation.mixing)
-    y, J = problem.independent
-    used = int(np.count_nonzero(np.abs(J).any(axis=1))) - problem.basis.shape[1]
-    outside = problem.complement.of
-    return widths_of(of, outside(J[:, of.at]), outside(y + J @ values), used)
+    y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
+    y = y + J @ values
+    Q = orthonormal(np.delete(J, of.at, axis=1))
+    used = int(np.count_nonzero(np.abs(J).any(axis=1)))
+    own = J[:, of.at]
+    return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
 
 
 def _beside_type(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,6 +37,7 @@ from calib.observations import (
 from calib.population.sizes import Elementary
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
+from calib.result import fields_of
 from calib.scatter import Unnoticed, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
@@ -120,7 +121,7 @@ def _identification(
     parts = _parts(fit, residuals, nominal, held)
     follow = partial(fit.estimator.followed, counted, values, span)
     return Identification(
-        **{own.name: getattr(fit, own.name) for own in fields(fit)},
+        **fields_of(fit),
         covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
         status=_status(fit),

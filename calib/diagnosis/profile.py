@@ -19,10 +19,10 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.prior import held_rows
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.view import FitView
+from calib.linear import LinearProblem
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
@@ -173,17 +173,25 @@ def likelihood_problem(
     without : candidates that are in the fit and are taken out of it
     """
     fit = view.fit.without([c.effect for c in without]) if without else view.fit
-    span, r = fit.span, fit.r
-    off, prior = held_rows(fit.model, fit.amplitudes, fit.values)
-    of_prior = np.column_stack([prior @ span, off])
-    of_prior = of_prior[of_prior.any(axis=1)]  # what is taken out takes its prior along
+    linear, known = fit.linear, fit.span.shape[1]
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
-    known = span.shape[1]
     weighted = stage.observation(fit.model, fit.weight).rows(stage.scatter.levers)
-    wide = np.concatenate([fit.J @ span, view.rows[..., columns]], axis=-1)
-    of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
-    problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
+    wide = np.concatenate([fit.J @ fit.span, view.rows[..., columns]], axis=-1)
+    held = linear.held @ fit.span
+    shown = held.any(axis=1) | (linear.off != 0.0)  # what is taken out takes its prior along
+    problem, start, may = problem_of(
+        stage.scatter,
+        weighted,
+        LinearProblem(
+            fit.r,
+            wide,
+            np.eye(wide.shape[-1]),
+            linear.off[shown],
+            np.pad(held[shown], ((0, 0), (0, len(columns)))),
+        ),
+        stage.arm,
+    )
     levels = fit.levels
     free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
 

@@ -250,16 +250,7 @@ class Stage:
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""
         weighted = self.observation(fit.model, fit.weight).rows(self.scatter.levers)
-        off, held = held_rows(fit.model, fit.amplitudes, fit.values)
-        levels = levels_of(
-            self.scatter,
-            weighted,
-            fit.r,
-            fit.J @ fit.span,
-            held=np.column_stack([held @ fit.span, off]),
-            known=self.arm,
-            before=fit.levels,
-        )
+        levels = levels_of(self.scatter, weighted, fit.linear, self.arm, fit.levels)
         scatter = self.scatter.at(levels.variances)
         if not levels.variances.any:
             pull = levels.variances.scale if fit.model.prior_rows else 1.0

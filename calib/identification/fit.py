@@ -152,15 +152,12 @@ class Estimation:
         return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
 
     @cached_property
-    def _problem(self) -> tuple[Scatter, Array, Array, Array, Array]:
-        """The linear problem of a fit, as :func:`calib.scatter.levels_of` takes it."""
+    def _problem(self) -> tuple[Scatter, Array, LinearProblem]:
+        """How its poses may err together, as :func:`calib.scatter.levels_of` takes it."""
         model, values, poses = self.model, self.values, self.observation.data.poses
         scatter = scatter_of(model, values, poses, Variances.none(model.robot.dof))
-        judged = self.estimator.judged(self.counted, values, self.span)
-        off, by_known = model.beside(values)
-        held = np.column_stack([by_known @ judged.span, off])
         levers = points_of(self.counted).rows(scatter.levers)
-        return scatter, levers, judged.r, judged.J @ judged.span, held
+        return scatter, levers, self.estimator.judged(self.counted, values, self.span)
 
     def under_levels(self, cell: Cell) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""

@@ -292,9 +292,7 @@ def _share_of(finding: Finding, entry: Entrant) -> float:
     The noise left beside the estimated parameters is what it says, or less where less is left.
     """
     after = finding.after
-    before, left = (float((fit.r**2).sum()) for fit in (finding.outcome.before, after))
-    rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
-    excess = before - min(left, (rows - after.spent) * finding.scale**2)
+    excess = finding.outcome.before.cost - min(after.cost, after.dof * finding.scale**2)
     return entry.fall / excess if excess > 0.0 else np.nan
 
 
@@ -313,7 +311,5 @@ def _scattering(finding: Finding) -> str:
 
 def _unfollowed(first: Fit, after: Fit) -> float:
     """Share of the gap that differs from pose to pose and that nothing found follows."""
-    before, left = (float((fit.r**2).sum()) for fit in (first, after))
-    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
-    noise = dof * after.variances.scale**2
-    return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan
+    before, noise = first.cost, after.dof * after.variances.scale**2
+    return max(after.cost - noise, 0.0) / (before - noise) if before > noise else np.nan

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -113,17 +112,16 @@ class Finding(Search):
 
     named : tuple of Named, with what the data cannot tell from them; refused : tuple of Refused
     before, after : Fit, exact, of the user's model and with all that is believed
+    noise : NoiseLevel, of the readings beside all that is believed
+    scale : float, actual over the standard deviation that the stage weighs by
     """
 
     named: tuple[Named, ...]
     before: Fit
     after: Fit
     refused: tuple[Refused, ...]
-
-    @cached_property
-    def noise(self) -> NoiseLevel:
-        """What the readings err by beside all that is believed."""
-        return _noise(self.stage, self.after, self.factor)
+    noise: NoiseLevel
+    scale: float
 
     @property
     def counted(self) -> Measurements:
@@ -136,13 +134,6 @@ class Finding(Search):
         channels = self.stage.model.readout.channels
         return float(np.sqrt(channels.numbers_each(self.counted.seen))) * self.noise.sigma
 
-    @property
-    def scale(self) -> float:
-        """Actual over the standard deviation that the stage weighs by."""
-        if self.noise.source == "cell" or self.after.mixing is not None:
-            return 1.0
-        return self.noise.factor / self.factor
-
 
 def finding_of(search: Search) -> Finding:
     """What of a search deserves its name, fitted in full.
@@ -153,8 +144,17 @@ def finding_of(search: Search) -> Finding:
     before, refused = stage.exact(outcome.before), dict[str, Refused]()
 
     def believed(outcome: Outcome, named: tuple[Named, ...], after: Fit) -> Finding:
-        found, why = fields_of(replace(search, outcome=outcome)), tuple(refused.values())
-        return Finding(**found, named=named, before=before, after=after, refused=why)
+        noise = _noise(stage, after, search.factor)
+        told = noise.source == "cell" or after.mixing is not None
+        return Finding(
+            **fields_of(replace(search, outcome=outcome)),
+            named=named,
+            before=before,
+            after=after,
+            refused=tuple(refused.values()),
+            noise=noise,
+            scale=1.0 if told else noise.factor / search.factor,
+        )
 
     for again in range(_MOST_ROUNDS):
         fresh = _unworthy(linear, outcome.fit, outcome.active)
@@ -181,11 +181,10 @@ def finding_of(search: Search) -> Finding:
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     """Noise from the residual of the final model, the stated one or the repeats' where they agree."""
     kept = ~stage.dropped
-    cost = float((fit.r**2).sum())
     weights = stage.weights[kept] * factor
     dof = int(counted(weights).sum()) - fit.spent
     lengths = stage.model.readout.channels.lengths
-    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
+    alone = noise_level(fit.cost * factor**2, dof, stage.data.take(kept), weights, lengths)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")
@@ -203,8 +202,7 @@ def _with_paying_parameters(stage: Stage, fit: Fit) -> Fit:
     """
     many = [e for e in fit.model.effects if e.where == ARM and len(e.parameters) > 1]
     own = np.array([i for e in many for i in fit.positions(e) if fit.span[i].any()], dtype=int)
-    rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
-    price = float(np.log(max(2, rows)))
+    price = float(np.log(max(2, fit.rows)))
     gone, _ = backward_elimination(fit.values[own], fit.covariance[np.ix_(own, own)], price)
     if not gone.any():
         return fit

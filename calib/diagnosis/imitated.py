@@ -72,8 +72,8 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
     rest = replace(readings, span=fit.span[:, ~np.any(fit.span[own], axis=0)]).complement
     without = rest.of(r + J[:, own] @ fit.values[own])
     left = float(whole.left @ whole.left)
-    noise = max(left / max(view.counted - whole.Q.shape[1], 1), 1.0)
-    price = noise * float(np.log(max(view.counted, 2)))
+    noise = max(left / max(fit.rows - whole.Q.shape[1], 1), 1.0)
+    price = noise * float(np.log(max(fit.rows, 2)))
     best: tuple[float, Candidate, Array] | None = None
     for candidate in boards:
         column = rest.columns(view.rows[..., view.where[candidate.key]])[:, 0]

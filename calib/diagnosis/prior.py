@@ -66,20 +66,6 @@ def _limits(model: Model) -> Array:
     return found
 
 
-def held_rows(
-    model: Model, amplitudes: Sequence[float], values: Array, pull: float = 1.0
-) -> tuple[Array, Array]:
-    """Residuals (h,) and derivatives (h, p) of the prior, and of what is known beside the readings.
-
-    pull : as of a fit, by which they weigh more
-    """
-    prior, (known, by_known) = prior_rows(model, amplitudes), model.beside(values)
-    return (
-        pull * np.concatenate([-prior @ values, known]),
-        pull * np.concatenate([prior, by_known]),
-    )
-
-
 def fitted_amplitudes(
     model: Model, amplitudes: Sequence[float], J: Array, r: Array, span: Array
 ) -> tuple[float, ...]:

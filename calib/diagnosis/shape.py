@@ -283,4 +283,4 @@ def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
     own = fit.positions(effect)
     _, J = fit.model.jacobian(fit.values, stage.data.poses)
     moved = (J[..., own] @ fit.moving[own])[..., None] * functions[:, None, None, :]
-    return fit.linear.columns(stage.observation(fit.model, fit.weight).rows(moved))
+    return fit.linear.columns(fit.observation.rows(moved))

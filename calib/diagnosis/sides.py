@@ -45,8 +45,7 @@ def sides_of(finding: Finding) -> tuple[SideShare, ...]:
     moved = {key: x - Q @ (Q.T @ x) for key, x in moved.items()}
     r = r - Q @ (Q.T @ r)
     before = r + np.sum(list(moved.values()), axis=0)
-    spent = fit.spent
-    noise = min(float(r @ r), (view.counted - spent) * finding.scale**2)
+    noise = min(float(r @ r), fit.dof * finding.scale**2)
     excess = float(before @ before) - noise
     if excess <= 0.0 or not len(every):
         return ()

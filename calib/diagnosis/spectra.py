@@ -110,7 +110,7 @@ def _joints(stage: Stage, fit: Fit, scale: float) -> list[_Joint]:
     carriers = [ripple.carrier for ripple in moving]
     whole, values = fit.model.extended(fit.values, carriers)
     _, J = whole.jacobian(values, poses)
-    rows = stage.observation(fit.model, fit.weight).rows(J[..., -len(carriers) :])
+    rows = fit.observation.rows(J[..., -len(carriers) :])
     found = []
     for i, ripple in enumerate(moving):
         own = [

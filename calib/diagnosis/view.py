@@ -55,7 +55,7 @@ class Lineup:
 
         active : what is in; fresh : whether all tunings are tried, or those of the last short list
         """
-        rows = stage.observation(fit.model, fit.weight).rows(self.J)
+        rows = fit.observation.rows(self.J)
         where = {c.key: self.where[c.key] for c in self.fixed}
         view = FitView(fit, rows, where, self.fixed)
         if not self.grids:
@@ -68,7 +68,7 @@ class Lineup:
             listed.append(own)
             there = [c for c in active if c.is_like(grid.candidate)]
             tuned += [(c, _rows(c, carrier, stage)) for c in there]
-            best, functions = own.best(scan, view.counted)
+            best, functions = own.best(scan, fit.rows)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
@@ -107,11 +107,6 @@ class FitView:
     rows: Array
     where: dict[str, IntArray]
     suspects: tuple[Candidate, ...]
-
-    @cached_property
-    def counted(self) -> int:
-        """Rows that count."""
-        return int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))
 
     @cached_property
     def columns(self) -> Array:

@@ -29,6 +29,8 @@ class Observation(ABC):
     scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
         nothing: a model that lacks something would leave it to the joints that scatter most
     lost : positions of values that the readings do not determine: they stay where they are
+    prior : ndarray, shape (h, p), or None: rows of unit variance about nothing of what is suspected,
+        known beside the readings as well
     pull : what is known beside the readings weighs so many times more than its deviation says, as the
         readings err so many times more than theirs
     """
@@ -38,6 +40,7 @@ class Observation(ABC):
     weights: Array
     known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
+    prior: Array | None = field(default=None, kw_only=True)
     pull: float = field(default=1.0, kw_only=True)
     lost: tuple[int, ...] = field(default=(), kw_only=True)
 
@@ -82,15 +85,24 @@ class Observation(ABC):
         r, J = self.linearise(values)
         batch = values.shape[:-1]
         r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
-        if not self.model.known_rows:
+        if not self.model.known_rows and self.prior is None:
             return r, J
         known, by_known = self.beside(values)
         return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
 
     def beside(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
-        known, by_known = self.model.beside(values)
+        known, by_known = self.known_beside(values)
         return self.pull * known, self.pull * by_known
+
+    def known_beside(self, values: Array) -> tuple[Array, Array]:
+        """The same as it is stated, of unit variance."""
+        known, by_known = self.model.beside(values)
+        if self.prior is None:
+            return known, by_known
+        prior = np.broadcast_to(self.prior, (*values.shape[:-1], *self.prior.shape))
+        off = -(prior @ values[..., None])[..., 0]
+        return np.concatenate([off, known], axis=-1), np.concatenate([prior, by_known], axis=-2)
 
     @property
     def efficient(self) -> bool:
@@ -104,8 +116,7 @@ class Observation(ABC):
 
     def linear(self, values: Array, span: Array) -> LinearProblem:
         """The problem to first order about ``values`` (p,), fitted along ``span`` (p, k)."""
-        known = self.model.beside(values)
-        rows = self.whitened(values)
+        rows, known = self.whitened(values), self.known_beside(values)
         return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.pull)
 
     def covariance(self, values: Array, span: Array) -> Array:

@@ -37,7 +37,7 @@ from calib.cell.targets import check_targets
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.inverse import Goal, Reached, reach, tip_of
 from calib.compensation.unexplained import Unexplained, scatter_at
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.readings import ReadingEffect
 from calib.effects.timed import Timed
 from calib.effects.tool import Tool

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.compensation.trend import DayTrend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, unexplained
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.identification.identification import Identification
 from calib.identification.noise_level import refuted
 from calib.model import Model

@@ -17,10 +17,10 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.lineup import FitView, Lineup, lineup
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import Round, apart, better, linear_scores, yields
-from calib.diagnosis.view import FitView, Lineup, lineup
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable

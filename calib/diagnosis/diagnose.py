@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.diagnosis.candidates import candidates
+from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.causes import (
+    Cause,
     GapPlace,
     Standing,
+    VerdictName,
     causes_of,
     located,
     verdict_of,
@@ -19,14 +22,12 @@ from calib.diagnosis.causes import (
 )
 from calib.diagnosis.contest import search
 from calib.diagnosis.cross_validation import BY_TIME, reselected
-from calib.diagnosis.detection_limit import hidden
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.detection_limit import Hidden, hidden
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.gap import gap_of
-from calib.diagnosis.imitated import imitated
+from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
+from calib.diagnosis.imitated import Imitated, imitated
 from calib.diagnosis.prior import stated
-from calib.diagnosis.rest import rest_of
-from calib.diagnosis.sides import sides_of
+from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
@@ -36,8 +37,80 @@ from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
-from calib.result import fields_of
+from calib.result import Result, fields_of
 from calib.threads import one_blas_thread
+
+_MOST = 5  # places that a summary names
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Diagnosis(Result, Finding):
+    """Result of :func:`diagnose`: what was found, and what follows from it.
+
+    imitated : tuple of Imitated, causes that parameters of the user's model stand for
+    sides : tuple of SideShare, of camera, board and arm, empty without a camera
+    rest : Rest, what remains beside the causes
+    outlier : ndarray of bool, shape (m,), poses that were left out
+    waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
+        follow from the order: the arm came there from a side that nothing tells
+    not_asked : causes that the table's columns cannot speak of
+    """
+
+    verdict: VerdictName
+    causes: tuple[Cause, ...]
+    imitated: tuple[Imitated, ...]
+    sides: tuple[SideShare, ...]
+    rest: Rest
+    located: tuple[GapPlace, ...]
+    gap: Gap
+    hidden: tuple[Hidden, ...]
+    not_asked: tuple[NotAsked, ...]
+    outlier: Mask
+    waiting: Mask
+    heldout: Measurements | None
+
+    @property
+    def data(self) -> Measurements:
+        """All that was read, what was left out included."""
+        return self.stage.data
+
+    @property
+    def suspects(self) -> tuple[Candidate, ...]:
+        """All that was asked."""
+        return tuple(c for c in self.outcome.suspects if not c.echo)
+
+    def sentences(self) -> list[str]:
+        gap = self.gap
+        errors = [f"fitted poses {_shrinks(gap.fit_before, gap.fit_after)}"]
+        if gap.heldout_before is not None:
+            errors.append(f"held out {_shrinks(gap.heldout_before, gap.heldout_after)}")
+        if gap.crossed is not None:
+            errors.append(f"cross-validated {_shrinks(*gap.crossed)}")
+        places = () if self.causes else self.located[:_MOST]
+        return [
+            f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
+            f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm",
+            *(f"the model stands for {c.candidate.key}: {c.value:.3g}" for c in self.imitated),
+            *(f"no cause named: {place!r}" for place in places),
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "cause": cause.name,
+                "where": cause.where,
+                "probability": cause.probability,
+                "standing": cause.standing,
+                "share_of_gap": cause.share,
+            }
+            for cause in self.causes
+        ]
+
+
+def _shrinks(before: float, after: float | None) -> str:
+    return (
+        f"{1e3 * before:.3g} mm" if after is None else f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
+    )
 
 
 @one_blas_thread
@@ -72,8 +145,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
     if anew is not None:
         gap = replace(gap, crossed=(anew.before, anew.after))
-    if by_time:
-        gap = replace(gap, over_time=_over_time(finding))
+    if by_time and (over := reselected(finding.linear, outcome, finding.named, by_time=True)):
+        gap = replace(gap, over_time=(over.before, over.after))
     entered = {c.named.candidate.key for c in causes} | {c.candidate.key for c in stood_for}
     weak = tuple(weak_of(finding))
     return Diagnosis(
@@ -81,7 +154,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         verdict=concluded,
         causes=tuple(c for c in causes if not c.displaced),
         imitated=stood_for,
-        sides=sides_of(finding),
+        sides=sides_of(outcome, finding.scale),
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,
@@ -102,12 +175,6 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
     model, start = model.extended(start, stated(model, start, data))
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
-
-
-def _over_time(finding: Finding) -> tuple[float, float] | None:
-    """Error at blocks of time left out, without and with what is chosen without them, 3-D RMS, m."""
-    found = reselected(finding.linear, finding.outcome, finding.named, by_time=True)
-    return None if found is None else (found.before, found.after)
 
 
 def _model(cell: Cell, data: Measurements) -> Model:

@@ -18,7 +18,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import PoseVariable, last_moves, polyline
 from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field

@@ -19,9 +19,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.lineup import FitView
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import FitView
 from calib.linear import LinearProblem
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised

@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.gear_ripple import FEWEST, GearRipple

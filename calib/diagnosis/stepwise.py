@@ -11,11 +11,11 @@ import numpy as np
 
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.lineup import FitView
 from calib.diagnosis.profile import likelihood_problem
 from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, score, scored
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.subsets import instead_of
-from calib.diagnosis.view import FitView
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01

@@ -70,7 +70,7 @@ def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
         apart = replace(linear, dropped=fold == f)
         fits = [apart.fit([c.effect]) for c in offered]
         best = min(fits, key=lambda own: float((own.r**2).sum()))
-        off = best.observation.linearise(best.values)[0]
+        off = linear.observation(best.model, fit.weight).linearise(best.values)[0]
         expected += float((off[fold == f] ** 2).sum())
     assert found.with_it == pytest.approx(expected, rel=1e-6)
     assert found.again == 1.0

@@ -12,10 +12,10 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
+from calib.diagnosis.lineup import lineup
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stepwise import ALPHA
 from calib.diagnosis.subsets import instead_of
-from calib.diagnosis.view import lineup
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from tests.helpers import all_seen, cell_of, light_chain, stage_of

@@ -281,7 +281,10 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
             found.append(GapPlace(own.where, own.depends_on, _share_of(finding, entry)))
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
-        share = np.nan if found else _unfollowed(outcome.before, after)
+        noise, before = after.dof * after.variances.scale**2, outcome.before.cost
+        share = np.nan
+        if not found and before > noise:
+            share = max(after.cost - noise, 0.0) / (before - noise)
         found.append(GapPlace(_scattering(finding), "pose", share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
@@ -307,9 +310,3 @@ def _scattering(finding: Finding) -> str:
     first = int(np.argmax(each))
     alone = first < robot.dof and each[first] > _ALONE * sum(each)
     return robot.joints[first] if alone else ARM
-
-
-def _unfollowed(first: Fit, after: Fit) -> float:
-    """Share of the gap that differs from pose to pose and that nothing found follows."""
-    before, noise = first.cost, after.dof * after.variances.scale**2
-    return max(after.cost - noise, 0.0) / (before - noise) if before > noise else np.nan

@@ -237,7 +237,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
             break
         stage = replace(stage, dropped=out, robust=False)
         linear = stage.about(fit, [c.effect for c in suspects])
-        active = [_tuned_as(c, fit) for c in outcome.active]
+        active = [c.as_tuned(float(fit.values[fit.positions(c.effect)[0]])) for c in outcome.active]
         asked = lineup(linear, suspects, asked.grids)
         outcome = contest(linear, asked, active, outcome.proved)
     return Search(stage, linear, outcome, factor, grows, statistic, limit)
@@ -247,13 +247,6 @@ def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:
     """The stage weighed by what repeated readings say of the noise, and actual over stated noise."""
     factor = replicate_factor(stage.data, stated)
     return replace(stage, weights=stated / factor), factor
-
-
-def _tuned_as(candidate: Candidate, fit: Fit) -> Candidate:
-    """A candidate with the tuning that it has in a fit."""
-    if not isinstance(candidate.effect, Tuned):
-        return candidate
-    return candidate.as_tuned(float(fit.values[fit.positions(candidate.effect)[0]]))
 
 
 def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:

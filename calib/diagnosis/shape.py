@@ -59,9 +59,10 @@ def modulations(stage: Stage, fit: Fit, where: str) -> list[Modulation]:
     ]
     for name, columns in known:
         powers = [c**n for c in columns for n in (1, 2)]
-        centred = np.column_stack([_centred(p, kept) for p in powers if _varies(p[kept])])
+        # Of mean zero and a root mean square of one over the readings that count.
+        centred = [(p - p[kept].mean()) / p[kept].std() for p in powers if _varies(p[kept])]
         plain = np.column_stack([c / np.abs(c[kept]).max() for c in columns])
-        found.append(Modulation(name, centred, plain, _KNOWN / len(known)))
+        found.append(Modulation(name, np.column_stack(centred), plain, _KNOWN / len(known)))
     return found
 
 
@@ -117,11 +118,6 @@ def _known(data: Measurements, fit: Fit, where: str) -> Iterator[tuple[str, Sequ
 
 def _varies(column: Array) -> bool:
     return bool(np.ptp(column) > _STILL * max(1.0, float(np.abs(column).max())))
-
-
-def _centred(column: Array, kept: Mask) -> Array:
-    """Of mean zero and a root mean square of one over the readings that count."""
-    return np.asarray((column - column[kept].mean()) / column[kept].std())
 
 
 SHAPE_ALPHA = 0.03

@@ -238,7 +238,13 @@ class Stage:
     def _settled(self, fit: Fit) -> Fit:
         """The fit with weights of poses and amplitudes of curves that follow from it."""
         for _ in range(_ROUNDS):
-            weight, amplitudes = self._robust_weight(fit), _amplitudes_of(fit)
+            weight = np.ones(len(self.data))
+            if self.robust:
+                length = np.sqrt(self.statistics(fit))
+                weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
+            J = stacked(fit.J) / fit.pull
+            r = fit.r.ravel() / fit.pull + J @ fit.moving
+            amplitudes = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
             same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
             if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
                 break
@@ -300,12 +306,6 @@ class Stage:
         every = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
         return every.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
 
-    def _robust_weight(self, fit: Fit) -> Array:
-        if not self.robust:
-            return np.ones(len(self.data))
-        length = np.sqrt(self.statistics(fit))
-        return huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
-
 
 def _amplitudes_in(model: Model, like: Fit) -> tuple[float, ...]:
     """Those of a model's curves: as another fit has them, weak for those that it lacks."""
@@ -325,12 +325,6 @@ def determined_by(observation: Points, start: Array) -> Array:
     plain = np.eye(len(start))[:, ~curved]
     kept = choose_directions(observation, start, plain).kept
     return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
-
-
-def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
-    J = stacked(fit.J) / fit.pull
-    r = fit.r.ravel() / fit.pull + J @ fit.moving
-    return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 
 
 def positions(model: Model, effect: Effect) -> IntArray:

@@ -119,22 +119,32 @@ def _identification(
     residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
     nominal = _nominal(observation, start)
     parts = _parts(fit, residuals, nominal, held)
+    by_instrument: dict[tuple[str, str], dict[str, float]] = {}
+    for key, (part, poses) in parts.items():
+        for name, unit, errors in part.errors(poses):
+            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
+            by_instrument.setdefault((name, unit), {}).update(rms)
+    status: Status = "rank_deficient" if fit.choice.unidentifiable else "converged"
+    if not (fit.best.converged and fit.regular):
+        status = "not_converged"
+    # Poses whose markers were measured and do not count.
+    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
     follow = partial(fit.estimator.followed, counted, values, span)
     return Identification(
         **fields_of(fit),
         covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
-        status=_status(fit),
+        status=status,
         approach=approach,
         method=method,
         absorbed=built.dropped,
         undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
-        unused=_unused(observation),
+        unused=tuple(data.poses.names[i] for i in np.flatnonzero(idle)),
         fit=residuals,
         heldout=held,
         nominal=nominal,
         distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
-        by_instrument=_by_instrument(parts),
+        by_instrument=by_instrument,
         std_by_pose=_std_by_pose(fit),
         step_two_std=_step_two_std(counted, values, span) * widening,
         profiled=profiled(counted, values, span, np.sqrt(np.diag(stated)), widening),
@@ -194,19 +204,6 @@ def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 
-def _status(fit: Estimation) -> Status:
-    if not (bool(fit.best.converged) and fit.regular):
-        return "not_converged"
-    return "rank_deficient" if fit.choice.unidentifiable else "converged"
-
-
-def _unused(observation: Observation) -> tuple[str, ...]:
-    """Poses whose markers were measured and do not count."""
-    data = observation.data
-    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
-    return tuple(data.poses.names[i] for i in np.flatnonzero(idle))
-
-
 def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
@@ -218,17 +215,6 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
-
-
-def _by_instrument(
-    parts: dict[str, tuple[Residuals, Mask | None]],
-) -> dict[tuple[str, str], dict[str, float]]:
-    found: dict[tuple[str, str], dict[str, float]] = {}
-    for key, (part, poses) in parts.items():
-        for name, unit, errors in part.errors(poses):
-            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
-            found.setdefault((name, unit), {}).update(rms)
-    return found
 
 
 def _std_by_pose(fit: Estimation) -> Array | None:

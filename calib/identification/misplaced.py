@@ -230,7 +230,8 @@ def _settled(model: Model, data: Measurements) -> Array | None:
 
 
 def reordered(data: Measurements, order: IntArray) -> Measurements:
-    """The readings with the markers of each pose in another order, (m, M)."""
+    """The readings with the markers of each pose in another order, (m, M), or (M,) of all poses."""
+    order = np.broadcast_to(order, data.seen.shape)
     return replace(
         data,
         readings=np.take_along_axis(data.points, order[..., None], axis=1),

@@ -29,6 +29,7 @@ from calib.effects.geometry import Geometry
 from calib.effects.link_geometry import LinkGeometry
 from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
+from calib.linear import along_prior, marginal_gain
 from calib.model import Model
 from calib.poses import Poses
 
@@ -106,11 +107,9 @@ def explanations(found: Difference, causes: Sequence[ChangeCause]) -> tuple[Expl
 
 def _evidence(y: Array, Y: Array) -> float:
     """Logarithm of the marginal likelihood over that of no cause, mean over the factors of size."""
-    roots, axes = np.linalg.eigh(Y.T @ Y)
-    roots, along = np.maximum(roots, 0.0), (axes.T @ (Y.T @ y)) ** 2
-    squared = _FACTORS[:, None] ** 2
-    wide = 1.0 + squared * roots
-    each = 0.5 * (squared * along / wide - np.log(wide)).sum(axis=1)
+    variances, along = along_prior(Y.T @ Y, Y.T @ y, np.eye(Y.shape[1]))
+    fall, price = marginal_gain(np.maximum(variances, 0.0), along, _FACTORS[:, None] ** 2)
+    each = 0.5 * (fall - price)
     return float(np.logaddexp.reduce(each) - np.log(len(each)))
 
 

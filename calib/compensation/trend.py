@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.compensation.unexplained import Fitted
 from calib.effects.base import Base
-from calib.linear import LinearProblem
+from calib.linear import Complement, LinearProblem
 from calib.model import Model
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -84,7 +84,10 @@ def _regressed(
     """
     from scipy.special import fdtrc
 
-    beside, moved = problem.complement, problem.columns(moved).reshape(moved.shape)
+    r, J = problem.independent
+    Q, _ = np.linalg.qr(_unit(J @ problem.span)[0])
+    beside = Complement(problem, Q, r - Q @ (Q.T @ r))
+    moved = problem.columns(moved).reshape(moved.shape)
     falls, amplitudes, rank = np.zeros(grown.shape[1]), [], 0
     for k, g in enumerate(grown.T):
         columns, scale = _unit(stacked(moved * g[:, None, None]))
@@ -93,8 +96,7 @@ def _regressed(
         rank = max(rank, int(shown))
         falls[k] = beside.left @ outside @ found
         amplitudes.append(found / scale)
-    rows = np.count_nonzero((problem.independent[1] @ problem.span).any(axis=1))
-    dof = int(rows) - beside.Q.shape[1] - rank
+    dof = int(np.count_nonzero((J @ problem.span).any(axis=1))) - Q.shape[1] - rank
     if not rank or dof <= 0:
         return None
     noise = float(beside.left @ beside.left - falls.max()) / dof

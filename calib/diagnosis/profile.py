@@ -22,7 +22,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
-from calib.linear import LinearProblem
+from calib.linear import LinearProblem, along_prior, cholesky_of, marginal_gain
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
@@ -59,7 +59,7 @@ class LikelihoodProblem:
         if suspect.spread is None:
             return self.approximate_together([suspect])
         own = self.at[suspect.key]
-        half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
+        half = cholesky_of(suspect.spread * suspect.effect.parameters[0].size ** 2)
         amplitude = _amplitude(*self.nearby.beside(own), half)
         gain = self.nearby.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
@@ -105,7 +105,7 @@ class LikelihoodProblem:
         return Score(fall, fall, k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        half = _half(spread)
+        half = cholesky_of(spread)
         inverse = _inverse(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
@@ -127,11 +127,6 @@ class LikelihoodProblem:
         return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
 
 
-def _half(spread: Array) -> Array:
-    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
-    return np.asarray(np.linalg.cholesky(spread + jitter))
-
-
 def _inverse(half: Array) -> Array:
     return np.asarray(np.linalg.inv(half), dtype=np.float64)
 
@@ -144,12 +139,9 @@ def _of_curve(evidence: float, price: float) -> Score:
 
 def _amplitude(S: Array, z: Array, half: Array) -> float:
     """That of a curve which the readings prefer, in plausible sizes; their products (k, k) and (k,)."""
-    d, vectors = np.linalg.eigh(half.T @ S @ half)
-    d = np.maximum(d, 0.0)
-    squares = (vectors.T @ (half.T @ z)) ** 2
-    t = _AMPLITUDES[:, None] ** 2
-    evidence = (squares * t / (1.0 + t * d) - np.log1p(t * d)).sum(axis=1)
-    return float(_AMPLITUDES[int(np.argmax(evidence))])
+    d, along = along_prior(S, z, half)
+    fall, price = marginal_gain(np.maximum(d, 0.0), along, _AMPLITUDES[:, None] ** 2)
+    return float(_AMPLITUDES[int(np.argmax(fall - price))])
 
 
 def _marginal(

@@ -151,8 +151,11 @@ def _linear(points: Points, values: Array, span: Array) -> LinearProblem:
     return LinearProblem(*points.linearise(values), span, *points.model.beside(values))
 
 
-def unspent(observation: Observation, values: Array, span: Array) -> float:
-    """Rows of the robot's type beyond the parameters that they determine: no residuals of readings."""
+def prior_residual_freedom(observation: Observation, values: Array, span: Array) -> float:
+    """Degrees of freedom of the prior's own residuals: its rows less what it determines of the values.
+
+    They are no residuals of readings.
+    """
     rows = observation.model.prior_rows
     if not rows:
         return 0.0

@@ -20,8 +20,8 @@ from calib.identification.estimators import (
     Differences,
     Estimator,
     choose_directions,
+    prior_residual_freedom,
     rigid_directions,
-    unspent,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import (
@@ -189,7 +189,9 @@ class Estimation:
 
 def _spare(estimator: Estimator, observation: Observation, values: Array, span: Array) -> int:
     """Degrees of freedom of the residuals, less what the robot's type says of itself."""
-    return estimator.dof(observation, span) - round(unspent(observation, values, span))
+    return estimator.dof(observation, span) - round(
+        prior_residual_freedom(observation, values, span)
+    )
 
 
 # -- outliers ----------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from calib.identification.outliers import (
     fit_statistics,
     lack_alone,
     pose_statistics,
-    prediction_statistics,
 )
 from calib.model.build import build
 from calib.noise import Noise
@@ -100,7 +99,9 @@ def test_weights_of_none_and_of_one() -> None:
     r, J = rng.normal(size=(12, 6)), rng.normal(size=(12, 6, 4))
     cov = np.linalg.inv(np.einsum("mri,mrj->ij", J, J))
     none, half, one = (fit_statistics(r, J, np.full(12, w), cov)[0] for w in (0.0, 0.7, 1.0))
-    np.testing.assert_array_equal(none, prediction_statistics(r, J, cov)[0])
+    predicted = np.eye(6) + J @ cov @ np.swapaxes(J, -1, -2)
+    squares = (r * np.linalg.solve(predicted, r[..., None])[..., 0]).sum(axis=-1)
+    np.testing.assert_allclose(none, squares / 6.0)
     every = np.ones(12, dtype=bool)
     held = np.zeros((0, 4))
     np.testing.assert_allclose(one, pose_statistics(r, J, every, np.eye(4), held)[0])

@@ -104,6 +104,10 @@ class Fitted:
         """Which numbers of the readings are lengths, shape (C, r)."""
         return self.model.readout.channels.lengths
 
+    def scattered(self, data: Measurements) -> Array:
+        """What the arm's scatter adds to each point (m, M), m^2."""
+        return _scatter(self.model, self.values, data.poses, self.variances)
+
     def told(self, data: Measurements) -> Mask:
         """Readings of a data set that hold a length, shape (m, C): of several instruments some do."""
         return np.asarray(data.seen & self.lengths.any(axis=-1))
@@ -111,7 +115,11 @@ class Fitted:
 
 def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
-    model = working_points(model)
+    return _scatter(working_points(model), values, poses, variances)
+
+
+def _scatter(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
+    """The same at what the model reads."""
     if variances is None or not variances.any:
         return np.zeros((len(poses), len(model.readout.channels.lengths)))
     total = variances.approach + variances.configuration
@@ -132,7 +140,7 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     if not seen.any():
         return Unexplained(0.0, "left-out configurations")
     there = (vectors**2 * fit.lengths).sum(axis=-1)
-    expected = _noise(fit) + _scatter(fit, fit.data) + share * growth[:, None]
+    expected = _noise(fit) + fit.scattered(fit.data) + share * growth[:, None]
     excess = float((there - expected)[seen].mean())
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(there, expected, seen, fit.data.poses.configuration)
@@ -215,7 +223,7 @@ def _score_tested(fit: Fitted, data: Measurements, off: Array, spread: Array) ->
     told, seen = _told(fit, data), fit.told(data)
     if not (fit.sigma and seen.any()):
         return shown
-    scatter = _scatter(fit, data)
+    scatter = fit.scattered(data)
     each = np.sqrt(fit.sigma**2 + scatter / np.maximum(told.sum(axis=-1), 1))[..., None] * told
     _, chance = _excess(
         off[told] / each[told],
@@ -279,7 +287,7 @@ def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: 
     seen, told = fit.told(data), _told(fit, data)
     error = (off**2 * told).sum(axis=-1)
     share = (spread**2 * told[..., None]).sum(axis=(-1, -2))
-    expected = np.maximum(_noise(fit) + share + _scatter(fit, data), _NOTHING)
+    expected = np.maximum(_noise(fit) + share + fit.scattered(data), _NOTHING)
     if not seen.any():
         return Unseen(0.0, 0.0, 0.0, source)
     noise = np.broadcast_to(_noise(fit), seen.shape)
@@ -325,14 +333,6 @@ def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
 def _noise(fit: Fitted) -> Array:
     """What the instrument adds to each reading (C,), m^2: ``3 sigma^2`` to a point."""
     return np.asarray(fit.lengths.sum(axis=-1) * fit.sigma**2)
-
-
-def _scatter(fit: Fitted, data: Measurements) -> Array:
-    """What the arm's scatter adds to each point (m, M), m^2."""
-    if fit.variances is None or not fit.variances.any:
-        return np.zeros(data.seen.shape)
-    total = fit.variances.approach + fit.variances.configuration
-    return scatter_of(fit.model, fit.values, data.poses, fit.variances).point_variance(total)
 
 
 def _beyond(error: Array, expected: Array, seen: Mask, configuration: IntArray) -> bool:

@@ -20,7 +20,13 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView, Lineup, lineup
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import Round, apart, better, linear_scores, yields
+from calib.diagnosis.stepwise import (
+    Round,
+    anything_elastic,
+    linear_scores,
+    next_selection,
+    with_curves,
+)
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
@@ -101,7 +107,7 @@ def contest(
     fresh, grown = True, 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
-        found = better(state)
+        found = next_selection(state)
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
@@ -132,7 +138,7 @@ def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(found)
 
 
-def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
+def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
     """The outcome with some of what entered, nothing asked anew."""
     fit = stage.fit([c.effect for c in rest], outcome.fit)
     view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
@@ -141,7 +147,7 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
 
 def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Entrant:
     rest = [c for c in active if c is not member]
-    stiff = isinstance(member.effect, ElasticEffect) and not yields((), view)
+    stiff = isinstance(member.effect, ElasticEffect) and not anything_elastic((), view)
     suspects = [
         c
         for c in view.suspects
@@ -152,7 +158,7 @@ def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Ent
             and not (stiff and isinstance(c.effect, LoadEffect))
         )
     ]
-    taken = apart(member, active)
+    taken = with_curves(member, active)
     scores = linear_scores(view.without(*taken), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
@@ -170,7 +176,7 @@ def plausible(stage: Stage, outcome: Outcome) -> Outcome:
         rest = [c for c in outcome.active if not (c.named and far_out(outcome.fit, c))]
         if len(rest) == len(outcome.active):
             return outcome
-        outcome = left_with(stage, outcome, rest)
+        outcome = restricted_to(stage, outcome, rest)
 
 
 def far_out(fit: Fit, candidate: Candidate) -> str:
@@ -252,6 +258,6 @@ def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:
 def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
     plain = stage.statistics(fit)
-    statistic = plain / stage.lack_alone(fit, plain)
+    statistic = plain / stage.extrapolation_factor(fit, plain)
     limit = threshold(statistic, fit.r.shape[-1])
     return judge(statistic, limit), statistic, limit

@@ -23,7 +23,7 @@ from calib.diagnosis.contest import Outcome
 from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import apart
+from calib.diagnosis.stepwise import with_curves
 from calib.effects.protocol import Effect
 from calib.linear import LinearProblem
 from calib.noise import unwhitened
@@ -300,7 +300,7 @@ def reselected(
     square, again = whole.rms_with**2, {}
     for one in named:
         member = one.entry.candidate
-        place = [c.effect for c in apart(member, active)]
+        place = [c.effect for c in with_curves(member, active)]
         told = crossed.ledger(place, by_time, list(_choices(outcome, one)))
         square += max(told.rms_with**2 - whole.rms_with**2, 0.0)
         again[member.key] = told.again

@@ -22,11 +22,11 @@ from calib.diagnosis.causes import (
 )
 from calib.diagnosis.contest import search
 from calib.diagnosis.cross_validation import BY_TIME, reselected
-from calib.diagnosis.detection_limit import Hidden, hidden
+from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
 from calib.diagnosis.imitated import Imitated, imitated
-from calib.diagnosis.prior import stated
+from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
@@ -63,7 +63,7 @@ class Diagnosis(Result, Finding):
     rest: Rest
     located: tuple[GapPlace, ...]
     gap: Gap
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[DetectionLimit, ...]
     not_asked: tuple[NotAsked, ...]
     outlier: Mask
     waiting: Mask
@@ -158,7 +158,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,
-        hidden=hidden(stage, outcome, entered, (targets, weights)),
+        hidden=detection_limits(stage, outcome, entered, (targets, weights)),
         not_asked=tuple(missing),
         outlier=outlier,
         waiting=waiting,
@@ -173,7 +173,7 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)
     weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
-    model, start = model.extended(start, stated(model, start, data))
+    model, start = model.extended(start, common_errors(model, start, data))
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
 
 

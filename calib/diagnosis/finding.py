@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, Search, contest, left_with
+from calib.diagnosis.contest import Outcome, Search, contest, restricted_to
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
 from calib.diagnosis.screen import backward_elimination
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import apart
+from calib.diagnosis.stepwise import with_curves
 from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
@@ -71,7 +71,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
         return []
     crossed = CrossValidation(stage, fit)
     accounts = [
-        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
+        (
+            c,
+            crossed.ledger([o.effect for o in with_curves(c, active)], c.depends_on in BY_TIME),
+        )
         for c in active
     ]
     idle = [(c, a) for c, a in accounts if not a.earns]
@@ -172,7 +175,7 @@ def finding_of(search: Search) -> Finding:
         if again < _ASKED_AGAIN:
             outcome = contest(linear, lineup, rest, outcome.proved, outcome.before)
         else:
-            outcome = left_with(linear, replace(outcome, lineup=lineup), rest)
+            outcome = restricted_to(linear, replace(outcome, lineup=lineup), rest)
     view = replace(outcome.view, fit=outcome.before)
     nothing = replace(outcome, fit=outcome.before, active=(), view=view)
     return believed(nothing, (), before)

@@ -97,7 +97,7 @@ def fitted_amplitudes(
 
 
 @dataclass(frozen=True, eq=False)
-class Stated(ReadingEffect):
+class CommonErrorEffect(ReadingEffect):
     """One common error of one tracker, in standard uncertainties.
 
     origins : ndarray, shape (S, 3), m, where its beams begin, in the axes of each station
@@ -139,7 +139,7 @@ class Stated(ReadingEffect):
         return by(beams) * self.error.std
 
 
-def stated(model: Model, values: Array, data: Measurements) -> Iterator[Stated]:
+def common_errors(model: Model, values: Array, data: Measurements) -> Iterator[CommonErrorEffect]:
     """Those of a model's trackers; a direction of gravity is none, for it moves no reading.
 
     values : ndarray, shape (p,), SI, by which the instruments stand
@@ -153,4 +153,4 @@ def stated(model: Model, values: Array, data: Measurements) -> Iterator[Stated]:
         origins[data.poses.station] = starts[:, 0]
         for error in instrument.common:
             if error.kind.columns is not None:
-                yield Stated(instrument.name, error, origins)
+                yield CommonErrorEffect(instrument.name, error, origins)

@@ -15,7 +15,7 @@ from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
-from calib.identification.outliers import fit_statistics, lack_alone
+from calib.identification.outliers import extrapolation_factor, fit_statistics
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
@@ -294,12 +294,12 @@ class Stage:
         cov = fit.by_instrument(fit.r, fit.J).covariance
         return fit_statistics(r, J, fit.weight * ~self.dropped, cov)[0]
 
-    def lack_alone(self, fit: Fit, statistics: Array) -> Array:
+    def extrapolation_factor(self, fit: Fit, statistics: Array) -> Array:
         """How many times larger these statistics may be of poses that stand alone, shape (m,)."""
         r, J = self._in_full(fit)
         kept = ~self.dropped
         known = fit.by_instrument(r, J).observation.beside(fit.values)
-        return lack_alone(self.data.poses, r, J, kept, fit.span, known, statistics)
+        return extrapolation_factor(self.data.poses, r, J, kept, fit.span, known, statistics)
 
     def _in_full(self, fit: Fit) -> tuple[Array, Array]:
         """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""

@@ -25,9 +25,9 @@ from calib.identification.estimators import (
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import (
+    extrapolation_factor,
     independent_share,
     judge,
-    lack_alone,
     next_outlier,
     pose_statistics,
     small_set,
@@ -337,7 +337,7 @@ def _judged(
     known = observation.beside(values)
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
     poses = observation.data.poses
-    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, statistics)
+    lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
     statistics = statistics / lack
     if not small_set(len(kept)):
         limit = threshold(statistics, judged.r.shape[-1])

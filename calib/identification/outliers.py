@@ -205,7 +205,7 @@ class _Others:
         return square / max(1, int(self.rows[one].sum()))
 
 
-def lack_alone(
+def extrapolation_factor(
     poses: Poses,
     r: Array,
     J: Array,

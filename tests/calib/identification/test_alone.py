@@ -11,8 +11,8 @@ import calib
 from calib import Cell, Measurements
 from calib.identification.outliers import (
     _alone,
+    extrapolation_factor,
     fit_statistics,
-    lack_alone,
     pose_statistics,
 )
 from calib.model.build import build
@@ -79,7 +79,7 @@ def lack(data: Measurements, seed: int) -> np.ndarray[tuple[int], np.dtype[np.fl
     r = rng.normal(size=(m, 9))
     known = np.zeros(0), np.zeros((0, 3))
     statistics = np.where(data.poses.q[:, 0] == data.poses.q[ALONE, 0], 10.0, 1.0)
-    return lack_alone(data.poses, r, J, kept, np.eye(3), known, statistics)
+    return extrapolation_factor(data.poses, r, J, kept, np.eye(3), known, statistics)
 
 
 def test_only_what_stands_alone_is_forgiven_and_noise_alone_little() -> None:

@@ -46,7 +46,7 @@ _LACKED = ("transmission_scale", "transmission_harmonic", "backlash", "gravity_s
 
 @dataclass(frozen=True, eq=False)
 class ChangeCause:
-    """What may have happened.
+    """A single event that may explain the difference between two days.
 
     kind : "base", "tool", "marker", or a kind of effect; where : its place
     parameters : tuple of Parameter, its r sizes
@@ -81,7 +81,7 @@ class Explanation:
 
     @property
     def explains(self) -> bool:
-        """Whether what it leaves may be noise."""
+        """Whether the difference that remains beside the cause may be noise."""
         return self.p_left > _LEFT
 
     @property
@@ -138,7 +138,7 @@ def _explained(found: Difference, cause: ChangeCause, Y: Array, probability: flo
 def same_as(
     found: Difference, cause: ChangeCause, others: Iterable[ChangeCause]
 ) -> tuple[ChangeCause, ...]:
-    """Causes that can do all that one does."""
+    """Causes whose effect on the parameters includes that of a given cause."""
     own = _basis(found.half @ (cause.columns * cause.sizes))
     bases = ((other, _basis(found.half @ (other.columns * other.sizes))) for other in others)
     return tuple(
@@ -151,7 +151,7 @@ def same_as(
 def candidates(
     found: Difference, model: Model, values: Array, poses: Poses, context: Context
 ) -> tuple[ChangeCause, ...]:
-    """Every cause that may be asked here.
+    """Every cause that this model and these poses can show.
 
     model, values : of the later day; poses : that it was identified at
     """

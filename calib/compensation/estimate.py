@@ -57,7 +57,7 @@ class Estimate:
 
     @property
     def arm(self) -> Variances | None:
-        """Of what is the arm's, or undecided."""
+        """Variances of the arm's own scatter; what is undecided counts as the arm's."""
         return None if self.variances is None else parted(self.variances, self.rest_of)[0]
 
     @property
@@ -87,7 +87,7 @@ class Estimate:
 
 
 def estimate_of(result: Result) -> Estimate:
-    """What an identification or a diagnosis knows."""
+    """The identified model of an identification or a diagnosis, for the next command."""
     return _identified(result) if isinstance(result, Identification) else _diagnosed(result)
 
 

@@ -53,7 +53,7 @@ class Unseen:
     certain: float = 0.0
 
     def times(self, factor: float) -> Unseen:
-        """The same in another unit."""
+        """The same figures in another unit of length."""
         lengths = {
             field.name: factor * getattr(self, field.name)
             for field in fields(self)
@@ -96,7 +96,7 @@ class Fitted:
 
     @property
     def by_instrument(self) -> LinearProblem:
-        """The same as if nothing but the instrument erred."""
+        """The linear problem without the arm's scatter: rows err by the instrument alone."""
         return replace(self.linear, mixing=None)
 
     @property
@@ -105,7 +105,7 @@ class Fitted:
         return self.model.readout.channels.lengths
 
     def scattered(self, data: Measurements) -> Array:
-        """What the arm's scatter adds to each point (m, M), m^2."""
+        """Variance that the arm's scatter adds to each point, shape (m, M), m^2."""
         return _scatter(self.model, self.values, data.poses, self.variances)
 
     def told(self, data: Measurements) -> Mask:

@@ -55,7 +55,7 @@ _WEIGHTS = (
 
 @dataclass(frozen=True)
 class NameEvidence:
-    """What speaks for and against a name.
+    """Evidence for and against the name that a cause was given.
 
     key : str, ``effect:where``; form_p : of the test of its form
     curve_ratio : evidence of the best curve at its place over its own
@@ -71,13 +71,13 @@ class NameEvidence:
 
     @property
     def probability(self) -> float:
-        """That the name, or one of its class, is right."""
+        """Probability that the name, or one equivalent to it, is right."""
         log_odds = _INTERCEPT + sum(w * x for w, x in zip(_WEIGHTS, self.against, strict=True))
         return 1.0 / (1.0 + exp(-log_odds))
 
     @property
     def against(self) -> tuple[float, ...]:
-        """What speaks against it, a number for each of the weights."""
+        """Terms of the logistic model of the probability, one for each of its weights."""
         kind, where = self.key.split(":", 1)
         effect = catalogue()[kind]
         timed = issubclass(effect, Timed)
@@ -128,7 +128,7 @@ class Cause:
 
     @property
     def probability(self) -> float:
-        """That it is there, by this name."""
+        """Probability that this effect at this place is the cause."""
         return self.members[0][1]
 
     def __repr__(self) -> str:
@@ -166,7 +166,7 @@ class GapPlace:
 def causes_of(
     finding: Finding, asked: int, targets: Poses, again: Mapping[str, float]
 ) -> Iterator[Cause]:
-    """The causes of a finding that are plainly there.
+    """The named causes of a finding, with values, probabilities and shares of the gap.
 
     asked : int, over how many its p counts; targets : where accuracy counts
     again : share of the folds without which each entry is chosen again
@@ -260,7 +260,7 @@ def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
 
 
 def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapPlace, ...]:
-    """Places of all that was found, largest share first.
+    """Where the gap lies and on what it depends, largest share first.
 
     left : whether more remains than such an arm scatters by
     """

@@ -71,17 +71,17 @@ class Outcome:
 
     @property
     def last(self) -> Field:
-        """The candidates beside all that is modelled."""
+        """Candidates with everything modelled projected out."""
         return self.view.beside
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
-        """All that was asked, with the tunings that are best now."""
+        """All candidates, those with a tuning at the best one."""
         return self.view.suspects
 
     @cached_property
     def entries(self) -> tuple[Entrant, ...]:
-        """Every candidate that entered, with its rivals."""
+        """Every selected candidate with the candidates that could take its place."""
         return tuple(_entry(self.view, c, self.active) for c in self.active)
 
 
@@ -139,7 +139,7 @@ def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
-    """The outcome with some of what entered, nothing asked anew."""
+    """The outcome with a part of its members alone, no candidate tried again."""
     fit = stage.fit([c.effect for c in rest], outcome.fit)
     view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
     return replace(outcome, fit=fit, active=tuple(rest), view=view)
@@ -216,7 +216,7 @@ class Search:
 
 
 def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
-    """Ask all suspects for what the model leaves.
+    """Select effects that explain the residual, with noise and outliers judged anew.
 
     stage : Stage, weighed by the noise as stated; what it drops stays out
     """

@@ -159,7 +159,7 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class Without:
-    """What the rest of a fit leaves, some effects taken out.
+    """Cross-validation residuals of a fit from which some effects are removed.
 
     u : ndarray, shape (k, c), directions of the fit that they leave free
     r : ndarray, shape (N,), the residual then
@@ -210,7 +210,7 @@ class Without:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Poses that are left out together.
+    """A fold of the cross-validation: poses that are left out together.
 
     here : ndarray of bool, shape (m,); Q : ndarray, shape (n, k), their rows of the basis
     inverse : ndarray, shape (k, k), ``(I - Q^T Q)^-1``

@@ -54,7 +54,7 @@ def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Detectable:
-    """What readings would show of one cause of k parameters.
+    """Detection limits of a cause of k parameters, for given readings.
 
     directions : int, in which it can be seen; none where it is hidden
     share : ndarray, shape (k,), of each parameter's signal that is left beside the model

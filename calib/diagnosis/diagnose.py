@@ -71,12 +71,12 @@ class Diagnosis(Result, Finding):
 
     @property
     def data(self) -> Measurements:
-        """All that was read, what was left out included."""
+        """All measurements, those that were left out included."""
         return self.stage.data
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
-        """All that was asked."""
+        """Every candidate cause of the diagnosis."""
         return tuple(c for c in self.outcome.suspects if not c.echo)
 
     def sentences(self) -> list[str]:

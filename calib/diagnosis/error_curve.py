@@ -169,7 +169,7 @@ class ErrorCurve:
 
 
 def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
-    """The curve of one candidate that was found.
+    """The error of a place as a fitted line over the variable that a cause depends on.
 
     None where its place is no single frame (the arm as a whole, the instrument), where it depends on
     nothing that varies, or for what is too fine to be drawn: a gear ripple stands in the spectra.

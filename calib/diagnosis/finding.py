@@ -41,7 +41,7 @@ _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 @dataclass(frozen=True)
 class Refused:
-    """A candidate that was in, and why it is not named.
+    """A candidate that was selected and not believed, and why.
 
     effect : str, of the catalogue, or ``curve over`` what a cause without a name depends on
     """
@@ -139,7 +139,7 @@ class Finding(Search):
 
 
 def finding_of(search: Search) -> Finding:
-    """What of a search deserves its name, fitted in full.
+    """Keep the selected effects that cross-validation supports, and fit them in full.
 
     What something stood for that goes may have another cause: the others are asked again, a few times.
     """

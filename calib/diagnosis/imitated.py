@@ -29,7 +29,7 @@ from calib.model.build import context_of, place_effect
 
 @dataclass(frozen=True, eq=False)
 class Imitated:
-    """A cause that the parameters of the user's model stand for.
+    """A cause that the free geometry of the user's model has absorbed.
 
     members : tuple of (Candidate, float), it and what does the same on the arm's side, and how likely
         each is; value, std : SI; p : probability of as much by chance

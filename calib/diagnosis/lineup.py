@@ -47,7 +47,7 @@ class TunedForm:
         return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.effect.amplitudes])
 
     def only(self, chosen: IntArray) -> TunedForm:
-        """The same at some of its tunings."""
+        """The form at a part of its tunings."""
         return TunedForm(self.effect, self.tunings[chosen], self.functions[chosen])
 
 
@@ -207,7 +207,7 @@ class FitView:
 
     @cached_property
     def columns(self) -> Array:
-        """The same of independent rows, shape (N, K)."""
+        """Columns of all candidates in independent rows, shape (N, K)."""
         return self.fit.linear.columns(self.rows)
 
     @cached_property
@@ -218,7 +218,7 @@ class FitView:
 
     @cached_property
     def by_instrument(self) -> FitView:
-        """The same as if nothing but the instrument erred."""
+        """The view of a fit whose readings err by the instrument alone."""
         return replace(self, fit=self.fit.by_instrument(self.fit.r, self.fit.J))
 
     def without(self, *members: Candidate) -> Field:

@@ -34,7 +34,7 @@ _SETTLED = 0.1  # of -2 log likelihood
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodProblem:
-    """What is modelled, with the columns of some suspects.
+    """The restricted likelihood of noise levels, with the columns of some suspects.
 
     problem : Turned, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
@@ -66,7 +66,7 @@ class LikelihoodProblem:
         return _of_curve(gain.fall + gain.promised - price, price)
 
     def approximate_together(self, causes: Sequence[Candidate]) -> Score:
-        """The same of causes by name beside each other."""
+        """Approximate score of several named causes together."""
         own, limits = self._columns_of(causes)
         gain = self.nearby.gain(own, np.diag(1.0 / limits))
         told = np.diag(gain.triangle) * limits
@@ -74,7 +74,7 @@ class LikelihoodProblem:
         return self._priced(fall, told).counted(prod(c.choices for c in causes))
 
     def score(self, suspect: Candidate) -> Score:
-        """What a suspect would explain, variances found anew."""
+        """Likelihood ratio of a suspect, the variances estimated with and without it."""
         if suspect.spread is None:
             return self.score_together([suspect])
         own = self.at[suspect.key]

@@ -56,7 +56,7 @@ class Rest:
 def rest_of(
     finding: Finding, misshapen: bool, left_out: int, heldout: Measurements | None = None
 ) -> Rest:
-    """What a finding leaves.
+    """Size and kind of the error that remains beside all causes found.
 
     misshapen : whether a cause is there in another form; left_out : poses that count as blunders
     heldout : what these err by beyond all that is expected remains as well

@@ -169,7 +169,7 @@ def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
 
 @dataclass(frozen=True)
 class Score:
-    """What one candidate would explain.
+    """Result of the score test of one candidate.
 
     fall : float, by which the sum of squares would fall
     evidence : float, fall of -2 log likelihood; for a curve of the marginal one
@@ -184,7 +184,7 @@ class Score:
 
     @property
     def gain(self) -> float:
-        """Evidence less its price."""
+        """Evidence less the price of the parameters (Schwarz)."""
         return self.evidence - self.price
 
     def counted(self, tried: float) -> Score:

@@ -49,7 +49,7 @@ class Modulation:
 
 
 def modulations(stage: Stage, fit: Fit, where: str) -> list[Modulation]:
-    """All that a table allows to ask of an effect at a place."""
+    """Functions of every known variable by which the size of an effect may vary."""
     kept = ~stage.dropped
     found = list(_postures(fit.model.robot, stage.data.poses, kept, where))
     known = [
@@ -131,7 +131,7 @@ _SURE = 0.01  # probability by chance below which an effect is there beside what
 
 @dataclass(frozen=True)
 class Doubt:
-    """What speaks against the shape of an effect.
+    """The strongest evidence that the size of an effect varies with something.
 
     p : float, probability of as much by chance; depends_on : str, with what its size varies most
     fall : float, of the sum of squares

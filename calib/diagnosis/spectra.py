@@ -208,7 +208,7 @@ class _Joint:
         return np.asarray(cycles[near & ~taken])
 
     def beside_slow(self) -> _Joint:
-        """The same where all that is slow is modelled."""
+        """The joint with everything below three cycles a turn projected out as well."""
         cycles = np.arange(_FEWEST, _SLOW, 0.5 * self.width)
         functions = self.ripple.functions(self.poses, cycles).transpose(1, 0, 2)
         rows = times(self.carrier, functions.reshape(len(self.q), -1))

@@ -143,7 +143,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Data, the user's model, and where its search starts.
+    """A regression problem: data, the user's model, weights and starting values.
 
     model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, C, r, r)
     dropped : ndarray of bool, shape (m,), poses that are left out; robust : whether poses that stand

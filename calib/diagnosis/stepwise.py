@@ -87,7 +87,7 @@ class Round:
         return found
 
     def stays(self, found: Score) -> bool:
-        """Whether a score keeps a member in its place.
+        """Whether a score is enough for a selected effect to stay.
 
         It asks a little less than entering does, so that no effect enters and leaves in turn.
         """

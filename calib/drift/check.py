@@ -52,7 +52,7 @@ class Rate:
 
 @dataclass(frozen=True, eq=False)
 class DriftTest:
-    """What the repeated readings say.
+    """Result of the test of repeated readings for motion over time.
 
     verdict : "steady", "drift" (with time), or "moved" (most of it without a trend, or too few
         readings to tell)

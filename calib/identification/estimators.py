@@ -182,7 +182,7 @@ def _soft(model: Model, span: Array) -> Mask:
 def choose_directions(
     observation: Observation, values: Array, span: Array | None = None
 ) -> Identifiable:
-    """What the data determine at some values.
+    """The subset of directions that the data determine, linearised at some values.
 
     span : ndarray, shape (p, k), directions to choose from; the observation's by default
     Elastic elements are taken as a little soft at least: a load effect shows through them only.

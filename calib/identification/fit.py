@@ -64,7 +64,7 @@ _SETTLED = 0.05  # of a width
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
-    """An estimate and what it was made of.
+    """An estimate with its observation, span, outliers and levels of noise.
 
     observation : Observation, under the levels of noise that were found
     first : Minimum over every pose; best : Minimum over the poses kept
@@ -106,7 +106,7 @@ class Estimation:
 
     @cached_property
     def counted(self) -> Observation:
-        """Of the poses that were kept."""
+        """The observation of the poses that were kept."""
         return self.observation.only(self.kept)
 
     @cached_property
@@ -129,7 +129,7 @@ class Estimation:
 
     @cached_property
     def noise(self) -> NoiseLevel:
-        """How loud the readings are, by the poses that were kept."""
+        """Noise scale of the readings, from the poses that were kept."""
         data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
         alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
         if self.observation.mixing is None or self.levels is None:
@@ -272,11 +272,11 @@ class _Choice:
         return cls(among, choose_directions(observation, values, among))
 
     def anew(self, observation: Observation, values: Array) -> _Choice:
-        """The same at other values."""
+        """The choice made anew, linearised at other values."""
         return replace(self, chosen=choose_directions(observation, values, self.among))
 
     def without(self, observation: Observation, values: Array, strayed: Mask) -> _Choice:
-        """The same without the values (p,) that a fit lost."""
+        """The choice without values (p,) whose estimates diverged."""
         names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(strayed))
         among = self.among[:, np.abs(self.among[strayed]).sum(axis=0) == 0.0]
         lost = Unidentifiable(names, _STRAYED)

@@ -200,7 +200,7 @@ def uncounted(model: Model, poses: Poses) -> Mask:
 
 
 def after_the_first_move(model: Model, data: Measurements) -> Measurements:
-    """The data without what does not count."""
+    """The data without readings before the first move, where approaches count."""
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 

@@ -44,7 +44,7 @@ class Placed:
 
     @property
     def share(self) -> float:
-        """What is missed of the spread of the points."""
+        """RMS misfit over the spread of the points."""
         return self.rms / self.spread if self.spread > 0.0 else np.inf
 
     @property
@@ -196,7 +196,7 @@ class Exchanged:
 
 
 def exchanged(model: Model, data: Measurements) -> Exchanged:
-    """What each pose gains by an exchange of two markers.
+    """Test, pose by pose, whether two markers have exchanged names.
 
     Where half of the readings or more are exchanged, the others come out.
     """

@@ -97,7 +97,7 @@ def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
 
 
 def replicate_spreads(data: Measurements, weights: Array, group: IntArray) -> Array:
-    """The same of each group of several readings, shape (.., 2).
+    """Weighted sum of squares and degrees of freedom of each group of repeats, shape (.., 2).
 
     group : ndarray of int, shape (m,), of each reading
     """

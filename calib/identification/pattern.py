@@ -76,7 +76,7 @@ class Shared:
 
 
 def variables_of(robot: Robot, data: Measurements) -> tuple[Variable, ...]:
-    """What is known of each pose and differs among them."""
+    """Variables known of each pose that differ among the poses."""
     # Mean distance of the visible points from the origin of the readings.
     lengths = np.linalg.norm(data.points, axis=-1) * data.seen
     ranges = lengths.sum(axis=1) / np.maximum(data.seen.sum(axis=1), 1)

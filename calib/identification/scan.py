@@ -28,7 +28,7 @@ _VISIBLE = 1e-3  # of a column: what must be left of it beside all that is model
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """A carrier beside what is modelled, pose by pose.
+    """Products of a carrier's columns with residual and model, pose by pose.
 
     g : ndarray, shape (m, b), its products with the residual; H : ndarray, shape (m, b, k), with the
         basis of what is modelled

@@ -62,7 +62,7 @@ class Observation(ABC):
 
     @cached_property
     def mixing(self) -> Mixing | None:
-        """What would make the rows independent; None where they are."""
+        """Decorrelation of whitened rows under the levels of noise; None where they are independent."""
         return self._mixing(self.known if self.scatter is None else self.scatter)
 
     def _mixing(self, scatter: Scatter | None) -> Mixing | None:
@@ -96,7 +96,7 @@ class Observation(ABC):
         return self.pull * known, self.pull * by_known
 
     def known_beside(self, values: Array) -> tuple[Array, Array]:
-        """The same as it is stated, of unit variance."""
+        """Rows of what is known beside the readings, of unit variance as stated."""
         known, by_known = self.model.beside(values)
         if self.prior is None:
             return known, by_known

@@ -81,7 +81,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """What makes whole poses independent.
+    """Decorrelation of the rows of poses that err as a whole.
 
     levels : tuple of Level, approaches first, of rows in the instrument's actual standard deviations
     scale : float, actual over stated standard deviation of the instrument
@@ -155,7 +155,7 @@ class Scatter:
         return lever_of(self.joints)
 
     def at(self, variances: Variances) -> Scatter:
-        """The same poses at other variances."""
+        """The scatter of the same poses under other variances."""
         return replace(self, variances=variances)
 
     def take(self, index: Any) -> Scatter:
@@ -196,7 +196,7 @@ class Scatter:
         return float(np.sqrt(v.scale**2 + squares[counted].mean()))
 
     def mixing(self, weighted: Array) -> Mixing:
-        """What makes whitened rows independent.
+        """The decorrelation of whitened rows.
 
         weighted : ndarray, shape (..., m, R, n + 6), the levers, whitened as the rows are
         """

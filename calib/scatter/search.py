@@ -25,7 +25,7 @@ _FEWEST = 10  # rows that see the instrument alone, from which on it can be told
 
 @dataclass(frozen=True, eq=False)
 class VarianceEstimate:
-    """What scatters beyond the instrument as stated.
+    """Variance components of instrument, approaches and configurations.
 
     variances : Variances
     free : ndarray of int, which of the problem's variances were estimated; theta : their values, all of
@@ -237,7 +237,7 @@ _FAINT = 0.05  # of the instrument's noise: what scatters by less adds nothing
 
 @dataclass(frozen=True, eq=False)
 class Unnoticed:
-    """What the arm scatters by on average over what is likely.
+    """Scatter of the arm averaged over its likelihood, where none was significant.
 
     variances : Variances; freedom : float, degrees of freedom of what the arm adds, one at least
     """

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.model.covariance import covariance, gain
-from calib.scatter.poses import Mixing
+from calib.scatter.mixing import Mixing
 
 DEPENDENT = 1e-8
 """Share of a column that the others leave, below which it is one of them."""

@@ -21,7 +21,7 @@ from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Scatter, VarianceEstimate, Variances, levels_of, scatter_of
-from calib.scatter.poses import Mixing
+from calib.scatter.mixing import Mixing
 from calib.solver import least_squares, levenberg_marquardt
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less

@@ -14,7 +14,8 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
 from calib.poses import Measurements
-from calib.scatter.poses import Mixing, Scatter
+from calib.scatter.mixing import Mixing
+from calib.scatter.poses import Scatter
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.identification.start import initial_values
+from calib.identification.start import initial_values, missed_by
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -66,12 +66,6 @@ def placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> Placed:
         kept = near
     points = data.points[kept][data.seen[kept]]
     return Placed(values, missed, kept, float(np.sqrt(points.var(axis=0).sum())))
-
-
-def missed_by(model: Model, data: Measurements, values: Array) -> Array:
-    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = model.off(values, data)
-    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
 
 
 def some(data: Measurements, count: int) -> Measurements:

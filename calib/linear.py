@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.model.covariance import covariance, gain
-from calib.scatter.poses import Mixing
+from calib.scatter.mixing import Mixing
 
 DEPENDENT = 1e-8
 """Share of a column that the others leave, below which it is one of them."""
@@ -77,6 +77,12 @@ class LinearProblem:
         return orthonormal(self.independent[1] @ self.span)
 
     @cached_property
+    def complement(self) -> Complement:
+        """What the fitted directions do not follow."""
+        r, _ = self.independent
+        return Complement(self, self.basis, r - self.basis @ (self.basis.T @ r))
+
+    @cached_property
     def along(self) -> tuple[Array, Array]:
         """Derivatives by every parameter, determined or not, (k, p), and residual (k,) in the basis."""
         r, J = self.independent
@@ -124,6 +130,42 @@ class LinearProblem:
         return self.mixing.covariance(own) + held.T @ held
 
 
+@dataclass(frozen=True, eq=False)
+class Complement:
+    """The orthogonal complement of fitted columns, in independent rows: what least squares leaves.
+
+    Q : ndarray, shape (N, k), orthonormal basis of the columns
+    left : ndarray, shape (N,), residual outside of them
+    """
+
+    problem: LinearProblem
+    Q: Array
+    left: Array
+
+    def of(self, rows: Array) -> Array:
+        """Independent rows (N, ..) with the columns projected out."""
+        return np.asarray(rows - self.Q @ (self.Q.T @ rows))
+
+    def columns(self, rows: Array) -> Array:
+        """The same of whitened columns (m, R, K) of the readings, shape (N, K)."""
+        return self.of(self.problem.columns(rows))
+
+    def without(self, X: Array) -> Complement:
+        """The complement of further columns (N, K) as well, which lie in this one."""
+        Q = orthonormal(X)
+        left = self.left - Q @ (Q.T @ self.left)
+        return replace(self, Q=np.concatenate([self.Q, Q], axis=1), left=left)
+
+    @cached_property
+    def at_readings(self) -> tuple[Array, Array]:
+        """Residual (m, R) and basis (m, R, k), brought back to the whitened rows of the readings."""
+        (m, R), mixing = self.problem.r.shape, self.problem.mixing
+        rows = np.column_stack([self.left, self.Q])[: m * R].reshape(m, R, -1)
+        if mixing is not None:
+            rows = mixing.back(rows)
+        return rows[..., 0], rows[..., 1:]
+
+
 def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of columns (N, p), shape (N, rank)."""
     from scipy.linalg import qr
@@ -137,6 +179,34 @@ def unit(columns: Array) -> Array:
     """Columns (N, p) of length one; those of zeros as they are."""
     lengths = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
+
+
+def along_prior(S: Array, z: Array, half: Array) -> tuple[Array, Array]:
+    """Variances a priori of a signal along its principal axes, and the readings there, (..., k) each.
+
+    S : ndarray, shape (..., k, k), products of whitened columns; z : ndarray, shape (..., k), of these
+        with the residual; half : ndarray, shape (..., k, k), ``half half^T`` the covariance a priori of
+        their coefficients
+    """
+    back = np.swapaxes(half, -1, -2)
+    d, axes = np.linalg.eigh(back @ S @ half)
+    return d, (np.swapaxes(axes, -1, -2) @ (back @ z[..., None]))[..., 0]
+
+
+def marginal_gain(d: Array, along: Array, squared: Array) -> tuple[Array, Array]:
+    """Fall of the sum of squares by normal coefficients, and what their freedom costs, (...) each.
+
+    d, along : ndarray, shape (..., k), as of :func:`along_prior`; squared : ndarray, shape (..., 1),
+        factors of the variances. The difference is that of -2 log marginal likelihood.
+    """
+    wide = squared * d
+    return (squared * along**2 / (1.0 + wide)).sum(axis=-1), np.log1p(wide).sum(axis=-1)
+
+
+def cholesky_of(spread: Array) -> Array:
+    """Lower factor of a covariance (k, k), of rank less than k as well."""
+    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
+    return np.asarray(np.linalg.cholesky(spread + jitter))
 
 
 def huber_weights(lengths: Array, typical: float, multiple: float) -> Array:

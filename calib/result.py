@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import fields
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from calib.errors import CalibError
 
@@ -56,6 +57,11 @@ class Result(ABC):
             for row in rows
         )
         return f"{said}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def fields_of(found: Any) -> dict[str, Any]:
+    """Fields of a dataclass as they are: what a result that goes on from another begins with."""
+    return {field.name: getattr(found, field.name) for field in fields(found)}
 
 
 def _lines(rows: list[dict[str, object]]) -> list[str]:

@@ -28,6 +28,7 @@ from calib.effects.context import ARM
 from calib.effects.geometry import Geometry, LinkGeometry
 from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
+from calib.linear import along_prior, marginal_gain
 from calib.model import Model
 from calib.poses import Poses
 
@@ -44,7 +45,7 @@ _LACKED = ("transmission_scale", "transmission_harmonic", "backlash", "gravity_s
 
 @dataclass(frozen=True, eq=False)
 class ChangeCause:
-    """What may have happened.
+    """A single event that may explain the difference between two days.
 
     kind : "base", "tool", "marker", or a kind of effect; where : its place
     parameters : tuple of Parameter, its r sizes
@@ -79,7 +80,7 @@ class Explanation:
 
     @property
     def explains(self) -> bool:
-        """Whether what it leaves may be noise."""
+        """Whether the difference that remains beside the cause may be noise."""
         return self.p_left > _LEFT
 
     @property
@@ -105,11 +106,9 @@ def explanations(found: Difference, causes: Sequence[ChangeCause]) -> tuple[Expl
 
 def _evidence(y: Array, Y: Array) -> float:
     """Logarithm of the marginal likelihood over that of no cause, mean over the factors of size."""
-    roots, axes = np.linalg.eigh(Y.T @ Y)
-    roots, along = np.maximum(roots, 0.0), (axes.T @ (Y.T @ y)) ** 2
-    squared = _FACTORS[:, None] ** 2
-    wide = 1.0 + squared * roots
-    each = 0.5 * (squared * along / wide - np.log(wide)).sum(axis=1)
+    variances, along = along_prior(Y.T @ Y, Y.T @ y, np.eye(Y.shape[1]))
+    fall, price = marginal_gain(np.maximum(variances, 0.0), along, _FACTORS[:, None] ** 2)
+    each = 0.5 * (fall - price)
     return float(np.logaddexp.reduce(each) - np.log(len(each)))
 
 
@@ -138,7 +137,7 @@ def _explained(found: Difference, cause: ChangeCause, Y: Array, probability: flo
 def same_as(
     found: Difference, cause: ChangeCause, others: Iterable[ChangeCause]
 ) -> tuple[ChangeCause, ...]:
-    """Causes that can do all that one does."""
+    """Causes whose effect on the parameters includes that of a given cause."""
     own = _basis(found.half @ (cause.columns * cause.sizes))
     bases = ((other, _basis(found.half @ (other.columns * other.sizes))) for other in others)
     return tuple(
@@ -151,7 +150,7 @@ def same_as(
 def candidates(
     found: Difference, model: Model, values: Array, poses: Poses, context: Context
 ) -> tuple[ChangeCause, ...]:
-    """Every cause that may be asked here.
+    """Every cause that this model and these poses can show.
 
     model, values : of the later day; poses : that it was identified at
     """

@@ -76,7 +76,7 @@ class Changes:
 
     @property
     def cause(self) -> Explanation | None:
-        """The likeliest cause that explains all."""
+        """The likeliest cause that explains the whole difference; None where none does."""
         return self.explanations[0] if self.told in ("named", "ambiguous") else None
 
     @cached_property

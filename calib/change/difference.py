@@ -4,9 +4,10 @@ Frames and markers may differ between the days: a base or a marker is compared w
 :data:`SAME_PLACE` of where it stood. Else the instrument, the marker or the tool was put elsewhere, and
 says nothing of the robot: it stays free, as any unknown of the day does.
 
-What a day left open (:meth:`calib.change.known.Known.ignorance`) stood at nominal, and least squares
-put part of it into the others: ``d = e + (V_after - V_before) u`` with u the true errors. Rows that see
-u are taken out, so no plausible size enters, and what poses of both days took up alike stays compared.
+What a day left open (:meth:`calib.change.known.DayEstimate.ignorance`) stood at nominal, and least
+squares put part of it into the others: ``d = e + (V_after - V_before) u`` with u the true errors.
+Rows that see u are taken out, so no plausible size enters, and what poses of both days took up
+alike stays compared.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class DayEstimate:
         counts: tuple[int, int],
         poses: Poses | None,
     ) -> DayEstimate:
-        """From what a fit says.
+        """An estimate of a day from values, covariance and noise of its fit.
 
         noise_dof, sigma : behind its noise level, and m, of one coordinate of the instrument as stated
         scatters : whether poses err as a whole; counts : of poses and points that were fitted
@@ -122,7 +122,7 @@ def approaches(poses: int, parameters: int) -> float:
 
 
 def known_of(found: Identification) -> DayEstimate:
-    """What an identification knows."""
+    """The estimate of one day from its identification."""
     estimate, model = estimate_of(found), found.model
     fitted = found.fit.data.take(~found.fit.outlier)
     return DayEstimate.of_fit(

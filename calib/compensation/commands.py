@@ -37,7 +37,7 @@ from calib.cell.targets import check_targets
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.compensation.inverse import Goal, Reached, reach, tip_of
 from calib.compensation.unexplained import Unexplained, scatter_at
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.readings import ReadingEffect
 from calib.effects.timed import Timed
 from calib.effects.tool import Tool
@@ -182,27 +182,18 @@ def compensate(
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
     after, known = cell.design.targets_after or 0.0, replace(estimate, model=model)
     parts = [_block(known, poses.take(block), after) for block in blocks]
-    q, before, left, turn_before, turn_left, spread, scatter, unfollowed, trend = (
-        np.concatenate(column) for column in zip(*(part[:-1] for part in parts), strict=True)
-    )
+    by_target = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    limited_by, q = tuple(by_target.pop("limited_by").tolist()), by_target["q"]
     return Compensation(
         targets=poses,
         weights=weights,
-        q=q,
         at="markers" if len(model.where(Tool)) else "tip",
-        before=before,
-        left=left,
-        turn_before=turn_before,
-        turn_left=turn_left,
-        spread=spread,
-        scatter=scatter,
-        unfollowed=unfollowed,
-        trend=trend,
+        **by_target,
         an_hour_on=estimate.an_hour_on(replace(poses, q=q), after),
         unexplained=estimate.unexplained,
         rest_of=estimate.rest_of,
         after=cell.design.targets_after,
-        limited_by=tuple(str(reason) for part in parts for reason in part[-1]),
+        limited_by=limited_by,
         notes=(*estimate.notes, *_notes(estimate, poses, q)),
     )
 
@@ -242,8 +233,8 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
     check_targets(cell, poses)
 
 
-def _block(estimate: Estimate, poses: Poses, after: float) -> tuple[Array, ...]:
-    """(q, before, left, turn before, turn left, spread, scatter, unfollowed, trend, reasons)."""
+def _block(estimate: Estimate, poses: Poses, after: float) -> dict[str, Array]:
+    """Fields of :class:`Compensation` that have one entry for each target, for some of them."""
     model, values = estimate.model, estimate.values
     working = working_points(model)
     points = working.marker_positions(values)
@@ -254,16 +245,23 @@ def _block(estimate: Estimate, poses: Poses, after: float) -> tuple[Array, ...]:
     before, turn_before = _distance(R, o, now.R[:, -1], now.o[:, -1], points)
     left, turn_left = _distance(R, o, found.R, found.o, points)
     there = replace(poses, q=found.q)
-    errs = [
-        _spread(estimate, there),
-        *(
-            np.sqrt(scatter_at(model, values, there, own).mean(axis=-1))
-            for own in (estimate.arm, estimate.unfollowed)
-        ),
-        estimate.moved_on(there, after),
-    ]
+    scatter, unfollowed = (
+        np.sqrt(scatter_at(model, values, there, own).mean(axis=-1))
+        for own in (estimate.arm, estimate.unfollowed)
+    )
     reasons = _reasons(model, found, (left > _NOTHING) | (turn_left > _NOTHING))
-    return found.q, before, left, turn_before, turn_left, *errs, np.array(reasons)
+    return {
+        "q": found.q,
+        "before": before,
+        "left": left,
+        "turn_before": turn_before,
+        "turn_left": turn_left,
+        "spread": _spread(estimate, there),
+        "scatter": scatter,
+        "unfollowed": unfollowed,
+        "trend": estimate.moved_on(there, after),
+        "limited_by": np.array(reasons),
+    }
 
 
 def _distance(R: Array, o: Array, R_is: Array, o_is: Array, points: Array) -> tuple[Array, Array]:

@@ -10,10 +10,9 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.compensation.trend import DayTrend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, unexplained
-from calib.diagnosis.diagnosis import Diagnosis
-from calib.diagnosis.screen import refuted
-from calib.diagnosis.stage import Fit
+from calib.diagnosis.diagnose import Diagnosis
 from calib.identification.identification import Identification
+from calib.identification.noise_level import refuted
 from calib.model import Model
 from calib.model.covariance import ignorance
 from calib.poses import Poses
@@ -58,7 +57,7 @@ class Estimate:
 
     @property
     def arm(self) -> Variances | None:
-        """Of what is the arm's, or undecided."""
+        """Variances of the arm's own scatter; what is undecided counts as the arm's."""
         return None if self.variances is None else parted(self.variances, self.rest_of)[0]
 
     @property
@@ -88,7 +87,7 @@ class Estimate:
 
 
 def estimate_of(result: Result) -> Estimate:
-    """What an identification or a diagnosis knows."""
+    """The identified model of an identification or a diagnosis, for the next command."""
     return _identified(result) if isinstance(result, Identification) else _diagnosed(result)
 
 
@@ -161,7 +160,8 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     if unnamed:
         named = [cause.named.candidate.effect for cause in result.causes]
         fit = stage.exact(result.linear.fit(named, fit))
-        scale = _scale(fit)
+        # From the residual, where that refutes the stated deviation.
+        scale = float(np.sqrt(fit.cost / fit.dof)) if refuted(fit.cost, fit.dof) else 1.0
     levels, cov = fit.levels, fit.covariance * scale**2
     kept, lost = ~stage.dropped, np.diag(cov) <= 0.0
     sigma = result.noise.sigma
@@ -206,13 +206,6 @@ def _doubts(result: Diagnosis) -> tuple[str, ...]:
             place = f"{entry.candidate.where} by {entry.candidate.depends_on}"
             notes.append(f"not corrected: the gap located at {place}, which has no named cause")
     return tuple(notes)
-
-
-def _scale(fit: Fit) -> float:
-    """Actual over stated standard deviation, from the residual where that refutes the stated one."""
-    cost = float((fit.r**2).sum())
-    dof = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1))) - fit.spent
-    return float(np.sqrt(cost / dof)) if refuted(cost, dof) else 1.0
 
 
 def _names(model: Model, chosen: Mask) -> tuple[str, ...]:

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, stacked
 from calib.compensation.unexplained import Fitted
 from calib.effects.base import Base
+from calib.linear import Complement, LinearProblem
 from calib.model import Model
 from calib.model.covariance import working_points
 from calib.poses import Poses
-from calib.scatter import scatter_of
 
 _SURE = 0.01  # p value below which there is a trend
 _TAUS = (0.25, 0.5, 1.0, 2.0, 1e3)  # of the session; the last one is a steady drift
@@ -64,72 +64,52 @@ def trend_of(fit: Fitted, sure: float = _SURE) -> DayTrend | None:
         return None
     taus = np.array(_TAUS) * float(np.ptp(poses.clock))
     grown = -np.expm1(-poses.clock[:, None] / taus)
-    rows = _rows(fit, own)
-    found = _regressed(_independent(fit, rows), grown, sure)
+    problem, moved = fit.linear, fit.linear.J[..., own]
+    found = _regressed(problem, moved, grown, sure)
     if found is None:
         return None
     likely, amplitudes = found
     moving = np.zeros((len(taus), len(fit.values)))
     moving[:, own] = amplitudes
-    taken = -_taken_up(rows, grown, amplitudes) @ fit.span.T
+    taken = -_taken_up(problem, moved, grown, amplitudes) @ fit.span.T
     return DayTrend(taus, likely, taken, moving, float(poses.clock.max()))
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Whitened residuals (m, R), fitted columns (m, R, k) and those of the bases (m, R, b)."""
+def _regressed(
+    problem: LinearProblem, moved: Array, grown: Array, sure: float
+) -> tuple[Array, Array] | None:
+    """How likely each function (m, K) is, and its amplitudes (K, b); None where chance may be all.
 
-    r: Array
-    A: Array
-    moved: Array
-
-
-def _rows(fit: Fitted, own: IntArray) -> _Rows:
-    points, J = fit.model.jacobian(fit.values, fit.data.poses)
-    off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
-    m, p = len(off), J.shape[-1]
-    J = (fit.weights @ J).reshape(m, -1, p)
-    return _Rows((fit.weights @ off[..., None]).reshape(m, -1), J @ fit.span, J[..., own])
-
-
-def _independent(fit: Fitted, rows: _Rows) -> _Rows:
-    """The rows with poses that err as a whole made independent."""
-    if fit.variances is None or not fit.variances.any:
-        return rows
-    scatter = scatter_of(fit.model, fit.values, fit.data.poses, fit.variances)
-    mixing = scatter.mixing((fit.weights @ scatter.levers).reshape(*rows.r.shape, -1))
-    return _Rows(mixing(rows.r[..., None])[..., 0], mixing(rows.A), mixing(rows.moved))
-
-
-def _regressed(rows: _Rows, grown: Array, sure: float) -> tuple[Array, Array] | None:
-    """How likely each function (m, K) is, and its amplitudes (K, b); None where chance may be all."""
+    moved : ndarray, shape (m, R, b), how the readings follow the bases
+    """
     from scipy.special import fdtrc
 
-    A, r = stacked(rows.A), rows.r.ravel()
-    Q = np.linalg.qr(_unit(A)[0])[0]
-    r = r - Q @ (Q.T @ r)
+    r, J = problem.independent
+    Q, _ = np.linalg.qr(_unit(J @ problem.span)[0])
+    beside = Complement(problem, Q, r - Q @ (Q.T @ r))
+    moved = problem.columns(moved).reshape(moved.shape)
     falls, amplitudes, rank = np.zeros(grown.shape[1]), [], 0
     for k, g in enumerate(grown.T):
-        columns, scale = _unit(stacked(rows.moved * g[:, None, None]))
-        beside = columns - Q @ (Q.T @ columns)
-        found, _, shown, _ = np.linalg.lstsq(beside, r, rcond=_SHOWN)
+        columns, scale = _unit(stacked(moved * g[:, None, None]))
+        outside = beside.of(columns)
+        found, _, shown, _ = np.linalg.lstsq(outside, beside.left, rcond=_SHOWN)
         rank = max(rank, int(shown))
-        falls[k] = r @ beside @ found
+        falls[k] = beside.left @ outside @ found
         amplitudes.append(found / scale)
-    dof = int(np.count_nonzero(A.any(axis=1))) - Q.shape[1] - rank
+    dof = int(np.count_nonzero((J @ problem.span).any(axis=1))) - Q.shape[1] - rank
     if not rank or dof <= 0:
         return None
-    noise = float(r @ r - falls.max()) / dof
+    noise = float(beside.left @ beside.left - falls.max()) / dof
     if min(1.0, len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise))) > sure:
         return None
     likely = np.exp(0.5 * (falls - falls.max()) / noise)
     return likely / likely.sum(), np.array(amplitudes)
 
 
-def _taken_up(rows: _Rows, grown: Array, amplitudes: Array) -> Array:
+def _taken_up(problem: LinearProblem, moved: Array, grown: Array, amplitudes: Array) -> Array:
     """How far least squares went along with each function, shape (K, k)."""
-    through = np.einsum("mrb,mk,kb->mrk", rows.moved, grown, amplitudes, optimize=True)
-    A, scale = _unit(stacked(rows.A))
+    through = np.einsum("mrb,mk,kb->mrk", moved, grown, amplitudes, optimize=True)
+    A, scale = _unit(stacked(problem.J @ problem.span))
     return np.asarray((np.linalg.lstsq(A, stacked(through), rcond=_SHOWN)[0] / scale[:, None]).T)
 
 

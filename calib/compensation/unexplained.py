@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size, stacked
-from calib.diagnosis.screen import refuted
+from calib.identification.noise_level import refuted
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import half, working_points
 from calib.noise import counted, unwhitened
+from calib.observations import Points
 from calib.poses import Measurements, Poses
 from calib.poses.moves import in_order
-from calib.scatter import Variances, scatter_of
+from calib.scatter import Scatter, Variances, scatter_of
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
 _SURELY = 2.33  # standard deviations: once in a hundred by chance
@@ -50,7 +53,7 @@ class Unseen:
     certain: float = 0.0
 
     def times(self, factor: float) -> Unseen:
-        """The same in another unit."""
+        """The same figures in another unit of length."""
         lengths = {
             field.name: factor * getattr(self, field.name)
             for field in fields(self)
@@ -78,10 +81,32 @@ class Fitted:
     sigma: float
     variances: Variances | None
 
+    @cached_property
+    def scatter(self) -> Scatter | None:
+        """How the arm scatters at the poses that were fitted; None where it does not."""
+        if self.variances is None or not self.variances.any:
+            return None
+        return scatter_of(self.model, self.values, self.data.poses, self.variances)
+
+    @cached_property
+    def linear(self) -> LinearProblem:
+        """The fit to first order, by the readings alone."""
+        points = Points(self.model, self.data, self.weights, scatter=self.scatter)
+        return LinearProblem(*points.whitened(self.values), self.span, mixing=points.mixing)
+
+    @property
+    def by_instrument(self) -> LinearProblem:
+        """The linear problem without the arm's scatter: rows err by the instrument alone."""
+        return replace(self.linear, mixing=None)
+
     @property
     def lengths(self) -> Mask:
         """Which numbers of the readings are lengths, shape (C, r)."""
         return self.model.readout.channels.lengths
+
+    def scattered(self, data: Measurements) -> Array:
+        """Variance that the arm's scatter adds to each point, shape (m, M), m^2."""
+        return _scatter(self.model, self.values, data.poses, self.variances)
 
     def told(self, data: Measurements) -> Mask:
         """Readings of a data set that hold a length, shape (m, C): of several instruments some do."""
@@ -90,7 +115,11 @@ class Fitted:
 
 def scatter_at(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
     """Squared error (m, M) [m^2] that the arm's scatter adds where it is approached anew."""
-    model = working_points(model)
+    return _scatter(working_points(model), values, poses, variances)
+
+
+def _scatter(model: Model, values: Array, poses: Poses, variances: Variances | None) -> Array:
+    """The same at what the model reads."""
     if variances is None or not variances.any:
         return np.zeros((len(poses), len(model.readout.channels.lengths)))
     total = variances.approach + variances.configuration
@@ -111,7 +140,7 @@ def left_in_fit(fit: Fitted) -> Unexplained:
     if not seen.any():
         return Unexplained(0.0, "left-out configurations")
     there = (vectors**2 * fit.lengths).sum(axis=-1)
-    expected = _noise(fit) + _scatter(fit, fit.data) + share * growth[:, None]
+    expected = _noise(fit) + fit.scattered(fit.data) + share * growth[:, None]
     excess = float((there - expected)[seen].mean())
     if fit.variances is not None and fit.variances.any:
         surely = _beyond(there, expected, seen, fit.data.poses.configuration)
@@ -153,7 +182,7 @@ def at_ends(fit: Fitted) -> Unseen | None:
     readings F that are left out miss by ``r_F + Q_F (I - Q_F^T Q_F)^-1 Q_F^T r_F``. The worse end
     counts.
     """
-    r, Q = _projected(fit)
+    r, Q = fit.by_instrument.complement.at_readings
     order, found = in_order(fit.data.poses), []
     for way in (order, order[::-1]):
         parts = (np.sort(way[: round(part * len(way))]) for part in _ENDS)
@@ -194,7 +223,7 @@ def _score_tested(fit: Fitted, data: Measurements, off: Array, spread: Array) ->
     told, seen = _told(fit, data), fit.told(data)
     if not (fit.sigma and seen.any()):
         return shown
-    scatter = _scatter(fit, data)
+    scatter = fit.scattered(data)
     each = np.sqrt(fit.sigma**2 + scatter / np.maximum(told.sum(axis=-1), 1))[..., None] * told
     _, chance = _excess(
         off[told] / each[told],
@@ -217,7 +246,7 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
     ``(I - Q_F Q_F^T)^-1 r_F``. Returns these errors (m, C, r); by how much more the parameters'
     uncertainty counts there, (m,); and whether the others tell of the configuration at all, (m,).
     """
-    r, Q = _projected(fit)
+    r, Q = fit.by_instrument.complement.at_readings
     m, R = r.shape
     errors, growth, known = np.zeros((m, R)), np.ones(m), np.zeros(m, dtype=bool)
     for index in by_size(fit.data.poses.configuration):
@@ -245,17 +274,6 @@ def _directions(F: Array) -> tuple[Array, Array]:
     ], squares
 
 
-def _projected(fit: Fitted) -> tuple[Array, Array]:
-    """Whitened residuals (m, R) outside the fitted columns, and a basis of these, (m, R, k)."""
-    points, J = fit.model.jacobian(fit.values, fit.data.poses)
-    off = fit.model.readout.difference(fit.data.readings, points) * fit.data.seen[..., None]
-    r = (fit.weights @ off[..., None])[..., 0]
-    m, R, k = len(r), r[0].size, fit.span.shape[1]
-    A = (fit.weights @ (J @ fit.span)).reshape(m * R, k)
-    Q, _ = np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))
-    return (r.ravel() - Q @ (Q.T @ r.ravel())).reshape(m, R), Q.reshape(m, R, Q.shape[1])
-
-
 def _told(fit: Fitted, data: Measurements) -> Mask:
     """Which numbers of a data set are lengths that were read, shape (m, C, r)."""
     return np.asarray(data.seen[..., None] & fit.lengths)
@@ -269,7 +287,7 @@ def _unseen(fit: Fitted, data: Measurements, off: Array, spread: Array, source: 
     seen, told = fit.told(data), _told(fit, data)
     error = (off**2 * told).sum(axis=-1)
     share = (spread**2 * told[..., None]).sum(axis=(-1, -2))
-    expected = np.maximum(_noise(fit) + share + _scatter(fit, data), _NOTHING)
+    expected = np.maximum(_noise(fit) + share + fit.scattered(data), _NOTHING)
     if not seen.any():
         return Unseen(0.0, 0.0, 0.0, source)
     noise = np.broadcast_to(_noise(fit), seen.shape)
@@ -315,14 +333,6 @@ def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
 def _noise(fit: Fitted) -> Array:
     """What the instrument adds to each reading (C,), m^2: ``3 sigma^2`` to a point."""
     return np.asarray(fit.lengths.sum(axis=-1) * fit.sigma**2)
-
-
-def _scatter(fit: Fitted, data: Measurements) -> Array:
-    """What the arm's scatter adds to each point (m, M), m^2."""
-    if fit.variances is None or not fit.variances.any:
-        return np.zeros(data.seen.shape)
-    total = fit.variances.approach + fit.variances.configuration
-    return scatter_of(fit.model, fit.values, data.poses, fit.variances).point_variance(total)
 
 
 def _beyond(error: Array, expected: Array, seen: Mask, configuration: IntArray) -> bool:

@@ -1,5 +1,5 @@
 """Sim-to-real diagnosis: where the gap lies, what causes it, how far it shrinks."""
 
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 
 __all__ = ["Diagnosis"]

@@ -72,7 +72,7 @@ class Candidate:
 
     @property
     def amounts(self) -> tuple[Parameter, ...]:
-        """Its parameters but for a tuning, which is no size."""
+        """Its parameters without the tuning, such as a frequency or a time constant."""
         effect = self.effect
         return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
 
@@ -102,7 +102,7 @@ class Candidate:
         return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.amounts])
 
     def as_tuned(self, tuning: float) -> Candidate:
-        """The same at another tuning."""
+        """The same candidate at another tuning."""
         effect = self.effect
         return replace(self, effect=effect.tuned(tuning)) if isinstance(effect, Tuned) else self
 

@@ -55,7 +55,7 @@ _WEIGHTS = (
 
 @dataclass(frozen=True)
 class NameEvidence:
-    """What speaks for and against a name.
+    """Evidence for and against the name that a cause was given.
 
     key : str, ``effect:where``; form_p : of the test of its form
     curve_ratio : evidence of the best curve at its place over its own
@@ -71,13 +71,13 @@ class NameEvidence:
 
     @property
     def probability(self) -> float:
-        """That the name, or one of its class, is right."""
+        """Probability that the name, or one equivalent to it, is right."""
         log_odds = _INTERCEPT + sum(w * x for w, x in zip(_WEIGHTS, self.against, strict=True))
         return 1.0 / (1.0 + exp(-log_odds))
 
     @property
     def against(self) -> tuple[float, ...]:
-        """What speaks against it, a number for each of the weights."""
+        """Terms of the logistic model of the probability, one for each of its weights."""
         kind, where = self.key.split(":", 1)
         effect = catalogue()[kind]
         timed = issubclass(effect, Timed)
@@ -128,7 +128,7 @@ class Cause:
 
     @property
     def probability(self) -> float:
-        """That it is there, by this name."""
+        """Probability that this effect at this place is the cause."""
         return self.members[0][1]
 
     def __repr__(self) -> str:
@@ -166,14 +166,14 @@ class GapPlace:
 def causes_of(
     finding: Finding, asked: int, targets: Poses, again: Mapping[str, float]
 ) -> Iterator[Cause]:
-    """The causes of a finding that are plainly there.
+    """The named causes of a finding, with values, probabilities and shares of the gap.
 
     asked : int, over how many its p counts; targets : where accuracy counts
     again : share of the folds without which each entry is chosen again
     """
     if not finding.named:
         return
-    stage, after = finding.search.stage, finding.after
+    stage, after = finding.stage, finding.after
     std = _deviations(stage, after, finding.scale)
     for named in finding.named:
         if _no_cause(finding, named):
@@ -260,7 +260,7 @@ def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
 
 
 def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapPlace, ...]:
-    """Places of all that was found, largest share first.
+    """Where the gap lies and on what it depends, largest share first.
 
     left : whether more remains than such an arm scatters by
     """
@@ -281,7 +281,10 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
             found.append(GapPlace(own.where, own.depends_on, _share_of(finding, entry)))
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
-        share = np.nan if found else _unfollowed(outcome.before, after)
+        noise, before = after.dof * after.variances.scale**2, outcome.before.cost
+        share = np.nan
+        if not found and before > noise:
+            share = max(after.cost - noise, 0.0) / (before - noise)
         found.append(GapPlace(_scattering(finding), "pose", share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
@@ -292,15 +295,13 @@ def _share_of(finding: Finding, entry: Entrant) -> float:
     The noise left beside the estimated parameters is what it says, or less where less is left.
     """
     after = finding.after
-    before, left = (float((fit.r**2).sum()) for fit in (finding.outcome.before, after))
-    rows = int(np.count_nonzero(np.abs(after.J).sum(axis=-1)))
-    excess = before - min(left, (rows - after.spent) * finding.scale**2)
+    excess = finding.outcome.before.cost - min(after.cost, after.dof * finding.scale**2)
     return entry.fall / excess if excess > 0.0 else np.nan
 
 
 def _scattering(finding: Finding) -> str:
     """The joint that nearly all comes from which differs from pose to pose; else the arm."""
-    stage, after = finding.search.stage, finding.after
+    stage, after = finding.stage, finding.after
     variances, robot = after.variances.configuration, after.model.robot
     each = [
         float(stage.scatter.point_variance(variances * (np.arange(len(variances)) == k)).mean())
@@ -309,11 +310,3 @@ def _scattering(finding: Finding) -> str:
     first = int(np.argmax(each))
     alone = first < robot.dof and each[first] > _ALONE * sum(each)
     return robot.joints[first] if alone else ARM
-
-
-def _unfollowed(first: Fit, after: Fit) -> float:
-    """Share of the gap that differs from pose to pose and that nothing found follows."""
-    before, left = (float((fit.r**2).sum()) for fit in (first, after))
-    dof = int(np.count_nonzero(np.abs(after.J).sum(axis=-1))) - after.spent
-    noise = dof * after.variances.scale**2
-    return max(left - noise, 0.0) / (before - noise) if before > noise else np.nan

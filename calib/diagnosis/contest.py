@@ -15,17 +15,28 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.lineup import FitView, Lineup, lineup
 from calib.diagnosis.screen import Field, Score
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import Round, apart, better, linear_scores, yields
-from calib.diagnosis.view import FitView, Lineup
+from calib.diagnosis.stepwise import (
+    Round,
+    anything_elastic,
+    linear_scores,
+    next_selection,
+    with_curves,
+)
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
+from calib.errors import Unsolvable
+from calib.identification.noise_level import Growth, growth_with_range, replicate_factor
+from calib.identification.outliers import judge, threshold
 
 _MOST_ROUNDS = 40  # of a contest from nothing
 _MOST_MORE = 12  # of one that goes on from another
 _SCANNED_ANEW = 8  # newcomers after which all tunings are tried again
+_MOST_PASSES = 2  # contests, while outliers are judged anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +71,17 @@ class Outcome:
 
     @property
     def last(self) -> Field:
-        """The candidates beside all that is modelled."""
+        """Candidates with everything modelled projected out."""
         return self.view.beside
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
-        """All that was asked, with the tunings that are best now."""
+        """All candidates, those with a tuning at the best one."""
         return self.view.suspects
 
     @cached_property
     def entries(self) -> tuple[Entrant, ...]:
-        """Every candidate that entered, with its rivals."""
+        """Every selected candidate with the candidates that could take its place."""
         return tuple(_entry(self.view, c, self.active) for c in self.active)
 
 
@@ -96,7 +107,7 @@ def contest(
     fresh, grown = True, 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
-        found = better(state)
+        found = next_selection(state)
         if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
@@ -127,8 +138,8 @@ def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(found)
 
 
-def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
-    """The outcome with some of what entered, nothing asked anew."""
+def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
+    """The outcome with a part of its members alone, no candidate tried again."""
     fit = stage.fit([c.effect for c in rest], outcome.fit)
     view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
     return replace(outcome, fit=fit, active=tuple(rest), view=view)
@@ -136,7 +147,7 @@ def left_with(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outc
 
 def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Entrant:
     rest = [c for c in active if c is not member]
-    stiff = isinstance(member.effect, ElasticEffect) and not yields((), view)
+    stiff = isinstance(member.effect, ElasticEffect) and not anything_elastic((), view)
     suspects = [
         c
         for c in view.suspects
@@ -147,7 +158,7 @@ def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Ent
             and not (stiff and isinstance(c.effect, LoadEffect))
         )
     ]
-    taken = apart(member, active)
+    taken = with_curves(member, active)
     scores = linear_scores(view.without(*taken), view, suspects)
     gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
     gains.sort(key=lambda pair: -pair[1])
@@ -165,7 +176,7 @@ def plausible(stage: Stage, outcome: Outcome) -> Outcome:
         rest = [c for c in outcome.active if not (c.named and far_out(outcome.fit, c))]
         if len(rest) == len(outcome.active):
             return outcome
-        outcome = left_with(stage, outcome, rest)
+        outcome = restricted_to(stage, outcome, rest)
 
 
 def far_out(fit: Fit, candidate: Candidate) -> str:
@@ -180,3 +191,73 @@ def far_out(fit: Fit, candidate: Candidate) -> str:
         f"its {p.name} of {values[worst] / p.scale:.3g} {p.unit} is far out: beyond "
         f"{limit / p.scale:.3g} {p.unit} such an error is seldom met"
     )
+
+
+# -- the contest in full: about the exact fit, and anew while noise and outliers are judged anew ----
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where the contests ended.
+
+    stage : Stage, what was fitted; linear : the same to first order about its last fit
+    factor : float, actual over stated noise by readings that were repeated
+    growth : Growth, of the noise with range, None where the residual shows none
+    statistic : ndarray, shape (m,), of each pose under that fit, an outlier's above ``limit``
+    """
+
+    stage: Stage
+    linear: Stage
+    outcome: Outcome
+    factor: float
+    growth: Growth | None
+    statistic: Array
+    limit: float
+
+
+def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
+    """Select effects that explain the residual, with noise and outliers judged anew.
+
+    stage : Stage, weighed by the noise as stated; what it drops stays out
+    """
+    stated, data, waiting = stage.weights, stage.data, stage.dropped
+    stage, factor = _as_repeated(stage, stated)
+    linear = stage.about(stage.fit(()), [c.effect for c in suspects])
+    asked = lineup(linear, suspects)
+    outcome = contest(linear, asked)
+    grows = growth_with_range(data, outcome.fit.r)
+    if grows is not None:
+        stage, factor = _as_repeated(stage, stated / grows.relative[..., None, None])
+        linear = replace(linear, weights=stage.weights)
+        outcome = contest(linear, asked)
+    statistic, limit = np.zeros(len(data)), np.inf
+    for _ in range(_MOST_PASSES):
+        try:
+            fit = stage.exact(outcome.fit)
+        except Unsolvable:  # to first order an arm may be so soft that it does not stand
+            outcome = plausible(linear, outcome)
+            fit = stage.exact(outcome.fit)
+        out, statistic, limit = _outliers(stage, fit)
+        out |= waiting
+        if not stage.robust and np.array_equal(out, stage.dropped):
+            break
+        stage = replace(stage, dropped=out, robust=False)
+        linear = stage.about(fit, [c.effect for c in suspects])
+        active = [c.as_tuned(float(fit.values[fit.positions(c.effect)[0]])) for c in outcome.active]
+        asked = lineup(linear, suspects, asked.grids)
+        outcome = contest(linear, asked, active, outcome.proved)
+    return Search(stage, linear, outcome, factor, grows, statistic, limit)
+
+
+def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:
+    """The stage weighed by what repeated readings say of the noise, and actual over stated noise."""
+    factor = replicate_factor(stage.data, stated)
+    return replace(stage, weights=stated / factor), factor
+
+
+def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
+    """Poses that the model with all its effects does not explain."""
+    plain = stage.statistics(fit)
+    statistic = plain / stage.extrapolation_factor(fit, plain)
+    limit = threshold(statistic, fit.r.shape[-1])
+    return judge(statistic, limit), statistic, limit

@@ -13,7 +13,7 @@ nothing. To first order the price of each choice adds up.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from calib.diagnosis.contest import Outcome
 from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.gap import blocks_of_time
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import apart
+from calib.diagnosis.stepwise import with_curves
 from calib.effects.protocol import Effect
 from calib.linear import LinearProblem
 from calib.noise import unwhitened
@@ -79,6 +79,7 @@ class CrossValidation:
 
     stage: Stage
     fit: Fit
+    _last: dict[bool, Folds] = field(default_factory=dict, init=False, repr=False)
 
     def ledger(
         self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice] = ()
@@ -93,11 +94,16 @@ class CrossValidation:
         left, again = self._folds(by_time).left, 1.0
         if choices:
             left, again = self._anew(effects, by_time, choices)
-        costs = [_costs(self.fit, e) for e in (left, gone)]
+        errors = np.stack([left, gone], axis=-1)
+        if self.fit.mixing is not None:
+            errors = self.fit.mixing(errors)
+        costs = (errors**2).sum(axis=1).T
+        # What the poses of one configuration gain goes together.
+        gained = np.bincount(self.stage.data.poses.configuration, costs[1] - costs[0])
         return PredictionErrors(
             with_it=float(costs[0].sum()),
             without=float(costs[1].sum()),
-            margin=_standard_error(costs[1] - costs[0], self.stage.data.poses.configuration),
+            margin=float(np.sqrt(len(gained)) * gained.std()),
             rms_with=_rms(self.stage, self.fit, left),
             rms_without=_rms(self.stage, self.fit, gone),
             again=again,
@@ -137,7 +143,12 @@ class CrossValidation:
         return replace(rest, r=rest.beside(fit.without(effects).linear.fitted[0]))
 
     def _folds(self, by_time: bool) -> Folds:
-        return self._by_time if by_time else self._by_configuration
+        if by_time not in self._last:
+            r, Q = self._kept.complement.at_readings
+            fold = _folds(self.stage.data.poses, by_time)
+            each = (_fold(Q, fold == f) for f in range(int(fold.max()) + 1))
+            self._last[by_time] = Folds(tuple(each), r)
+        return self._last[by_time]
 
     @cached_property
     def _kept(self) -> LinearProblem:
@@ -145,24 +156,10 @@ class CrossValidation:
         linear = self.fit.linear
         return linear if linear.mixing is None else replace(linear, mixing=None)
 
-    @cached_property
-    def _by_configuration(self) -> Folds:
-        return self._over(_folds(self.stage.data.poses, by_time=False))
-
-    @cached_property
-    def _by_time(self) -> Folds:
-        return self._over(_folds(self.stage.data.poses, by_time=True))
-
-    def _over(self, fold: IntArray) -> Folds:
-        (m, R), Q, r = self.fit.r.shape, self._kept.basis, self._kept.fitted[0]
-        r = (r - Q @ (Q.T @ r))[: m * R].reshape(m, R)
-        Q = Q[: m * R].reshape(m, R, -1)
-        return Folds(tuple(_fold(Q, fold == f) for f in range(int(fold.max()) + 1)), r)
-
 
 @dataclass(frozen=True, eq=False)
 class Without:
-    """What the rest of a fit leaves, some effects taken out.
+    """Cross-validation residuals of a fit from which some effects are removed.
 
     u : ndarray, shape (k, c), directions of the fit that they leave free
     r : ndarray, shape (N,), the residual then
@@ -213,7 +210,7 @@ class Without:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Poses that are left out together.
+    """A fold of the cross-validation: poses that are left out together.
 
     here : ndarray of bool, shape (m,); Q : ndarray, shape (n, k), their rows of the basis
     inverse : ndarray, shape (k, k), ``(I - Q^T Q)^-1``
@@ -269,19 +266,6 @@ def _fold(Q: Array, here: Mask) -> Fold:
     return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
 
 
-def _costs(fit: Fit, errors: Array) -> Array:
-    """Sum of squares of the independent rows of each pose, shape (m,)."""
-    if fit.mixing is not None:
-        errors = fit.mixing(errors[..., None])[..., 0]
-    return np.asarray((errors**2).sum(axis=-1))
-
-
-def _standard_error(gained: Array, configuration: IntArray) -> float:
-    """Of the sum of what poses gained (m,), those of one configuration together."""
-    each = np.bincount(configuration, gained)
-    return float(np.sqrt(len(each)) * each.std())
-
-
 def _rms(stage: Stage, fit: Fit, errors: Array) -> float:
     """3-D root mean square per point, m, of whitened errors (m, R)."""
     counted = stage.data.seen & ~stage.dropped[:, None]
@@ -316,7 +300,7 @@ def reselected(
     square, again = whole.rms_with**2, {}
     for one in named:
         member = one.entry.candidate
-        place = [c.effect for c in apart(member, active)]
+        place = [c.effect for c in with_curves(member, active)]
         told = crossed.ledger(place, by_time, list(_choices(outcome, one)))
         square += max(told.rms_with**2 - whole.rms_with**2, 0.0)
         again[member.key] = told.again

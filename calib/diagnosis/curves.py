@@ -145,7 +145,7 @@ class RangeCurve(Curve, ReadingEffect):
 
 
 def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
-    """Every place with every variable that varies in the data.
+    """Unnamed curves: every place, over every variable that varies in the data.
 
     ranges : ndarray, shape (n,), m, distances of the visible points from their stations
     """

@@ -54,7 +54,7 @@ def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Detectable:
-    """What readings would show of one cause of k parameters.
+    """Detection limits of a cause of k parameters, for given readings.
 
     directions : int, in which it can be seen; none where it is hidden
     share : ndarray, shape (k,), of each parameter's signal that is left beside the model
@@ -92,7 +92,7 @@ _NEVER = 1e3  # plausible sizes: what must be larger to be found is not visible
 
 
 @dataclass(frozen=True)
-class Hidden:
+class DetectionLimit:
     """The size (SI) that an effect must have to be found; infinite where no size would do.
 
     left : float, m, 3-D RMS that it leaves per point where accuracy counts, at that size or at a
@@ -122,12 +122,12 @@ class _HiddenError:
         return min(self.smallest, self.parameter.size)
 
 
-def hidden(
+def detection_limits(
     stage: Stage,
     outcome: Outcome,
     entered: Collection[str],
     targets: tuple[Poses, Array],
-) -> tuple[Hidden, ...]:
+) -> tuple[DetectionLimit, ...]:
     """What every cause that is not in would have to be to be found, nine times in ten.
 
     entered : keys of those that are
@@ -148,7 +148,7 @@ def hidden(
         **_left(fit, others, poses, np.where(stage.dropped, 0.0, 1.0)),
     }
     return tuple(
-        Hidden(
+        DetectionLimit(
             e.candidate.effect.kind,
             e.candidate.effect.where,
             e.smallest,

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.diagnosis.candidates import candidates
+from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.causes import (
+    Cause,
     GapPlace,
     Standing,
+    VerdictName,
     causes_of,
     located,
     verdict_of,
     weak_of,
 )
+from calib.diagnosis.contest import search
 from calib.diagnosis.cross_validation import BY_TIME, reselected
-from calib.diagnosis.detection_limit import hidden
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.imitated import imitated
-from calib.diagnosis.prior import stated
-from calib.diagnosis.rest import rest_of
-from calib.diagnosis.searched import searched
-from calib.diagnosis.sides import sides_of
+from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
+from calib.diagnosis.imitated import Imitated, imitated
+from calib.diagnosis.prior import common_errors
+from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
@@ -35,7 +37,80 @@ from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
+from calib.result import Result, fields_of
 from calib.threads import one_blas_thread
+
+_MOST = 5  # places that a summary names
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Diagnosis(Result, Finding):
+    """Result of :func:`diagnose`: what was found, and what follows from it.
+
+    imitated : tuple of Imitated, causes that parameters of the user's model stand for
+    sides : tuple of SideShare, of camera, board and arm, empty without a camera
+    rest : Rest, what remains beside the causes
+    outlier : ndarray of bool, shape (m,), poses that were left out
+    waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
+        follow from the order: the arm came there from a side that nothing tells
+    not_asked : causes that the table's columns cannot speak of
+    """
+
+    verdict: VerdictName
+    causes: tuple[Cause, ...]
+    imitated: tuple[Imitated, ...]
+    sides: tuple[SideShare, ...]
+    rest: Rest
+    located: tuple[GapPlace, ...]
+    gap: Gap
+    hidden: tuple[DetectionLimit, ...]
+    not_asked: tuple[NotAsked, ...]
+    outlier: Mask
+    waiting: Mask
+    heldout: Measurements | None
+
+    @property
+    def data(self) -> Measurements:
+        """All measurements, those that were left out included."""
+        return self.stage.data
+
+    @property
+    def suspects(self) -> tuple[Candidate, ...]:
+        """Every candidate cause of the diagnosis."""
+        return tuple(c for c in self.outcome.suspects if not c.echo)
+
+    def sentences(self) -> list[str]:
+        gap = self.gap
+        errors = [f"fitted poses {_shrinks(gap.fit_before, gap.fit_after)}"]
+        if gap.heldout_before is not None:
+            errors.append(f"held out {_shrinks(gap.heldout_before, gap.heldout_after)}")
+        if gap.crossed is not None:
+            errors.append(f"cross-validated {_shrinks(*gap.crossed)}")
+        places = () if self.causes else self.located[:_MOST]
+        return [
+            f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
+            f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm",
+            *(f"the model stands for {c.candidate.key}: {c.value:.3g}" for c in self.imitated),
+            *(f"no cause named: {place!r}" for place in places),
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {
+                "cause": cause.name,
+                "where": cause.where,
+                "probability": cause.probability,
+                "standing": cause.standing,
+                "share_of_gap": cause.share,
+            }
+            for cause in self.causes
+        ]
+
+
+def _shrinks(before: float, after: float | None) -> str:
+    return (
+        f"{1e3 * before:.3g} mm" if after is None else f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
+    )
 
 
 @one_blas_thread
@@ -52,10 +127,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     stage = _stage(cell, data)
     waiting = stage.dropped
     suspects, missing = candidates(cell, stage.model, data)
-    search = searched(stage, suspects)
-    finding = finding_of(search)
-    stage, outcome, after = search.stage, finding.outcome, finding.after
-    anew = reselected(search.linear, outcome, finding.named)
+    finding = finding_of(search(stage, suspects))
+    stage, outcome = finding.stage, finding.outcome
+    anew = reselected(finding.linear, outcome, finding.named)
     targets, weights = targets_of(cell)
     again = {} if anew is None else anew.again
     causes = tuple(causes_of(finding, len(suspects), targets, again))
@@ -67,38 +141,28 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     places = located(finding, causes, not rest.closed)
     places += tuple(GapPlace(c.where, c.candidate.depends_on, np.nan) for c in stood_for)
     by_time = any(place.depends_on in BY_TIME for place in places)
-    gap = finding.gap(heldout, by_time)
+    before, after = finding.before, finding.after
+    gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
     if anew is not None:
         gap = replace(gap, crossed=(anew.before, anew.after))
-    if by_time:
-        gap = replace(gap, over_time=_over_time(finding))
+    if by_time and (over := reselected(finding.linear, outcome, finding.named, by_time=True)):
+        gap = replace(gap, over_time=(over.before, over.after))
     entered = {c.named.candidate.key for c in causes} | {c.candidate.key for c in stood_for}
+    weak = tuple(weak_of(finding))
     return Diagnosis(
+        **fields_of(replace(finding, refused=finding.refused + weak)),
         verdict=concluded,
-        noise=finding.noise,
         causes=tuple(c for c in causes if not c.displaced),
         imitated=stood_for,
-        sides=sides_of(finding),
+        sides=sides_of(outcome, finding.scale),
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,
-        hidden=hidden(stage, outcome, entered, (targets, weights)),
+        hidden=detection_limits(stage, outcome, entered, (targets, weights)),
         not_asked=tuple(missing),
-        refused=(*finding.refused, *weak_of(finding)),
-        data=data,
         outlier=outlier,
         waiting=waiting,
-        statistic=search.statistic,
-        limit=search.limit,
-        before=finding.before,
-        after=after,
-        outcome=outcome,
-        stage=stage,
-        linear=search.linear,
-        suspects=tuple(c for c in outcome.suspects if not c.echo),
         heldout=heldout,
-        growth=search.growth,
-        scale=finding.scale,
     )
 
 
@@ -109,14 +173,8 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)
     weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
-    model, start = model.extended(start, stated(model, start, data))
+    model, start = model.extended(start, common_errors(model, start, data))
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
-
-
-def _over_time(finding: Finding) -> tuple[float, float] | None:
-    """Error at blocks of time left out, without and with what is chosen without them, 3-D RMS, m."""
-    found = reselected(finding.search.linear, finding.outcome, finding.named, by_time=True)
-    return None if found is None else (found.before, found.after)
 
 
 def _model(cell: Cell, data: Measurements) -> Model:

@@ -23,7 +23,7 @@ _MORE = 3  # directions beyond those of a cause from which on anything can be im
 
 
 @dataclass(frozen=True, eq=False)
-class Twin:
+class Imitation:
     """A cause whose columns imitate the signal of another.
 
     left : float, of the evidence for the other, what it cannot imitate
@@ -37,7 +37,7 @@ class Twin:
     exact: bool
 
 
-def twins(outcome: Outcome, entry: Entrant) -> list[Twin]:
+def imitations(outcome: Outcome, entry: Entrant) -> list[Imitation]:
     """All causes by name beside an entry, the best imitation first."""
     view = outcome.view
     beside, where = view.without(entry.candidate), view.where
@@ -64,7 +64,7 @@ def twins(outcome: Outcome, entry: Entrant) -> list[Twin]:
         same = V.shape[1] == U.shape[1] > 0
         worst = float(np.linalg.norm(crossed, -2)) if same else 0.0
         exact = 1.0 - worst**2 < _EXACT
-        found.append(Twin(suspect, left, max(0, V.shape[1] - U.shape[1]), exact))
+        found.append(Imitation(suspect, left, max(0, V.shape[1] - U.shape[1]), exact))
     return sorted(found, key=lambda twin: (not twin.exact, twin.left))
 
 
@@ -135,7 +135,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
-        others = twins(outcome, entry)
+        others = imitations(outcome, entry)
         prices = {c.key: -gain - 2.0 * float(np.log(c.twin_odds)) for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
         # What stands elsewhere already is another name here, and never the first.
@@ -152,7 +152,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
 
 
-def _close(entry: Entrant, others: Sequence[Twin]) -> list[Candidate]:
+def _close(entry: Entrant, others: Sequence[Imitation]) -> list[Candidate]:
     """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
     least = max(0.0, entry.rivals[0][1] - CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
@@ -171,7 +171,9 @@ def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
 
 
 def _members(
-    rivals: Sequence[tuple[Candidate, float]], others: Sequence[Twin] = (), direction: float = 0.0
+    rivals: Sequence[tuple[Candidate, float]],
+    others: Sequence[Imitation] = (),
+    direction: float = 0.0,
 ) -> tuple[tuple[Candidate, float], ...]:
     """Rivals (candidate, price) that the data cannot tell from the first; calibrated shares.
 

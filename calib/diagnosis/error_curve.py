@@ -9,7 +9,7 @@ line and of the effect alike, each coefficient weighed as the data see it; what 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import PoseVariable, last_moves, polyline
 from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
@@ -169,7 +169,7 @@ class ErrorCurve:
 
 
 def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
-    """The curve of one candidate that was found.
+    """The error of a place as a fitted line over the variable that a cause depends on.
 
     None where its place is no single frame (the arm as a whole, the instrument), where it depends on
     nothing that varies, or for what is too fine to be drawn: a gear ripple stands in the spectra.
@@ -266,21 +266,16 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array)
     ]
     held = np.pad(prior_rows(alone.model, amplitudes), ((0, 0), (0, len(h))))
     model = after.model.with_effects((*others, line))
-    observation = stage.observation(model, after.weight)
-
-    def linearise(values: Array) -> tuple[Array, Array]:
-        r, J = observation.flat(values)
-        return np.append(r, -held @ values), np.concatenate([J, held])
-
-    _, J = linearise(np.append(rest, h))
+    observation = replace(stage.observation(model, after.weight), prior=held)
+    _, J = observation.flat(np.append(rest, h))
     view = field(J[:, : len(rest)] @ seen, J[:, len(rest) :], np.zeros(len(J)))
     lengths = np.where(view.lengths > 0.0, view.lengths, 1.0)
     eigenvalues, V = np.linalg.eigh((view.X / lengths).T @ (view.X / lengths))
     V = V[:, eigenvalues > _ABSORBED**2]
     span = block_diag(seen, V / lengths[:, None])
     projection = (V @ V.T) * lengths / lengths[:, None]
-    found = levenberg_marquardt(linearise, np.append(rest, projection @ h), span)
-    cov = result.scale**2 * covariance(linearise(found.values)[1], span)
+    found = levenberg_marquardt(observation.flat, np.append(rest, projection @ h), span)
+    cov = result.scale**2 * covariance(observation.flat(found.values)[1], span)
     absorbed = len(h) - V.shape[1]
     return _LineFit(model, found.values, cov, projection, absorbed, bool(found.converged))
 

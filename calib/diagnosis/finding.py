@@ -8,24 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, contest, left_with
+from calib.diagnosis.contest import Outcome, Search, contest, restricted_to
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
-from calib.diagnosis.gap import Gap, gap_of
 from calib.diagnosis.screen import backward_elimination
-from calib.diagnosis.searched import Searched
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import apart
+from calib.diagnosis.stepwise import with_curves
 from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
+from calib.result import fields_of
 
 Why = Literal["configurations", "time", "together", "nothing", "weak"]
 
@@ -43,7 +41,7 @@ _ASKED_AGAIN = 2  # times that all others may take the place of what went
 
 @dataclass(frozen=True)
 class Refused:
-    """A candidate that was in, and why it is not named.
+    """A candidate that was selected and not believed, and why.
 
     effect : str, of the catalogue, or ``curve over`` what a cause without a name depends on
     """
@@ -73,7 +71,10 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
         return []
     crossed = CrossValidation(stage, fit)
     accounts = [
-        (c, crossed.ledger([o.effect for o in apart(c, active)], c.depends_on in BY_TIME))
+        (
+            c,
+            crossed.ledger([o.effect for o in with_curves(c, active)], c.depends_on in BY_TIME),
+        )
         for c in active
     ]
     idle = [(c, a) for c, a in accounts if not a.earns]
@@ -109,54 +110,55 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """What is believed of what a search found.
+class Finding(Search):
+    """What is believed of what a search found; ``outcome`` is what of it is left.
 
+    named : tuple of Named, with what the data cannot tell from them; refused : tuple of Refused
     before, after : Fit, exact, of the user's model and with all that is believed
+    noise : NoiseLevel, of the readings beside all that is believed
+    scale : float, actual over the standard deviation that the stage weighs by
     """
 
-    search: Searched
-    outcome: Outcome
     named: tuple[Named, ...]
     before: Fit
     after: Fit
     refused: tuple[Refused, ...]
-
-    @cached_property
-    def noise(self) -> NoiseLevel:
-        """What the readings err by beside all that is believed."""
-        return _noise(self.search.stage, self.after, self.search.factor)
+    noise: NoiseLevel
+    scale: float
 
     @property
     def counted(self) -> Measurements:
         """The readings that were fitted."""
-        return self.search.stage.data.take(~self.search.stage.dropped)
+        return self.stage.data.take(~self.stage.dropped)
 
     @property
     def floor(self) -> float:
         """3-D root mean square of the noise alone, m per point."""
-        channels = self.search.stage.model.readout.channels
+        channels = self.stage.model.readout.channels
         return float(np.sqrt(channels.numbers_each(self.counted.seen))) * self.noise.sigma
 
-    @property
-    def scale(self) -> float:
-        """Actual over the standard deviation that the stage weighs by."""
-        if self.noise.source == "cell" or self.after.mixing is not None:
-            return 1.0
-        return self.noise.factor / self.search.factor
 
-    def gap(self, heldout: Measurements | None, by_time: bool = False) -> Gap:
-        """How far the error shrinks."""
-        return gap_of(self.before, self.after, self.counted, heldout, self.floor, by_time)
-
-
-def finding_of(search: Searched) -> Finding:
-    """What of a search deserves its name, fitted in full.
+def finding_of(search: Search) -> Finding:
+    """Keep the selected effects that cross-validation supports, and fit them in full.
 
     What something stood for that goes may have another cause: the others are asked again, a few times.
     """
     stage, linear, outcome = search.stage, search.linear, search.outcome
     before, refused = stage.exact(outcome.before), dict[str, Refused]()
+
+    def believed(outcome: Outcome, named: tuple[Named, ...], after: Fit) -> Finding:
+        noise = _noise(stage, after, search.factor)
+        told = noise.source == "cell" or after.mixing is not None
+        return Finding(
+            **fields_of(replace(search, outcome=outcome)),
+            named=named,
+            before=before,
+            after=after,
+            refused=tuple(refused.values()),
+            noise=noise,
+            scale=1.0 if told else noise.factor / search.factor,
+        )
+
     for again in range(_MOST_ROUNDS):
         fresh = _unworthy(linear, outcome.fit, outcome.active)
         if not fresh:
@@ -166,27 +168,26 @@ def finding_of(search: Searched) -> Finding:
             # The best name of an entry may be another than that by which it came in.
             fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
             if not fresh:
-                return Finding(search, outcome, named, before, after, tuple(refused.values()))
+                return believed(outcome, named, after)
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
         if again < _ASKED_AGAIN:
             outcome = contest(linear, lineup, rest, outcome.proved, outcome.before)
         else:
-            outcome = left_with(linear, replace(outcome, lineup=lineup), rest)
+            outcome = restricted_to(linear, replace(outcome, lineup=lineup), rest)
     view = replace(outcome.view, fit=outcome.before)
     nothing = replace(outcome, fit=outcome.before, active=(), view=view)
-    return Finding(search, nothing, (), before, before, tuple(refused.values()))
+    return believed(nothing, (), before)
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     """Noise from the residual of the final model, the stated one or the repeats' where they agree."""
     kept = ~stage.dropped
-    cost = float((fit.r**2).sum())
     weights = stage.weights[kept] * factor
     dof = int(counted(weights).sum()) - fit.spent
     lengths = stage.model.readout.channels.lengths
-    alone = noise_level(cost * factor**2, dof, stage.data.take(kept), weights, lengths)
+    alone = noise_level(fit.cost * factor**2, dof, stage.data.take(kept), weights, lengths)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")
@@ -204,8 +205,7 @@ def _with_paying_parameters(stage: Stage, fit: Fit) -> Fit:
     """
     many = [e for e in fit.model.effects if e.where == ARM and len(e.parameters) > 1]
     own = np.array([i for e in many for i in fit.positions(e) if fit.span[i].any()], dtype=int)
-    rows = int(np.count_nonzero(np.abs(fit.J).sum(axis=-1)))
-    price = float(np.log(max(2, rows)))
+    price = float(np.log(max(2, fit.rows)))
     gone, _ = backward_elimination(fit.values[own], fit.covariance[np.ix_(own, own)], price)
     if not gone.any():
         return fit

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.diagnosis.contest import Outcome
 from calib.diagnosis.stage import Fit
+from calib.instruments import Camera
 from calib.poses import Measurements, Poses
 
 _DRAWS = 2000
@@ -135,3 +138,49 @@ def _interval(
     shares = (mean_first - mean_second)[usable] / (mean_first - floor**2)[usable]
     low, high = np.quantile(shares, [0.025, 0.975])
     return float(low), float(high)
+
+
+Side = Literal["camera", "board", "arm"]
+
+
+class SideShare(NamedTuple):
+    """A side, and its share of the unmodelled error."""
+
+    side: Side
+    share: float
+
+
+def side_of(where: str) -> Side:
+    """Whose error a cause at a place is."""
+    first = where.partition(":")[0]
+    return "camera" if first == "camera" else "board" if first == "board" else "arm"
+
+
+def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
+    """Camera, board or arm: how much of the unmodelled error each has, where a camera reads.
+
+    Shares of causes taken out one by one do not add up where causes do alike. The error that was there
+    is ``r0 = r + sum of x``, x what each cause does beside the user's model and r what is left, which
+    lies across all of them. So ``|r0|^2 = |r|^2 + sum of x . r0``, and these products add up.
+
+    scale : float, actual over the standard deviation that the fit weighs by
+    """
+    fit, active = outcome.view.fit, outcome.active
+    if not active or not any(isinstance(i, Camera) for i in fit.model.instruments):
+        return ()
+    r, J = (rows[: fit.r.size] for rows in fit.linear.independent)
+    own = {c.key: fit.positions(c.effect) for c in active}
+    every = np.concatenate(list(own.values()))
+    Q = fit.without([c.effect for c in active]).linear.basis[: fit.r.size]
+    moved = {key: J[:, at] @ fit.moving[at] for key, at in own.items()}
+    moved = {key: x - Q @ (Q.T @ x) for key, x in moved.items()}
+    r = r - Q @ (Q.T @ r)
+    before = r + np.sum(list(moved.values()), axis=0)
+    noise = min(float(r @ r), fit.dof * scale**2)
+    excess = float(before @ before) - noise
+    if excess <= 0.0 or not len(every):
+        return ()
+    found = dict.fromkeys(("camera", "board", "arm"), 0.0)
+    for c in active:
+        found[side_of(c.where)] += float(moved[c.key] @ before) / excess
+    return tuple(SideShare(side, share) for side, share in found.items())  # type: ignore[arg-type]

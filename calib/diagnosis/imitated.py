@@ -9,7 +9,7 @@ costs less than Schwarz's price of the other k - 1.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,13 +24,12 @@ from calib.effects.context import ARM
 from calib.effects.link_growth import LinkScale
 from calib.effects.protocol import Constant
 from calib.errors import CalibError
-from calib.linear import orthonormal
 from calib.model.build import context_of, place_effect
 
 
 @dataclass(frozen=True, eq=False)
 class Imitated:
-    """A cause that the parameters of the user's model stand for.
+    """A cause that the free geometry of the user's model has absorbed.
 
     members : tuple of (Candidate, float), it and what does the same on the arm's side, and how likely
         each is; value, std : SI; p : probability of as much by chance
@@ -66,21 +65,18 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
     ]
     determined = [i for i in own if fit.span[i].any()]
     boards = [c for c in view.suspects if isinstance(c.effect, BoardScale)]
-    rows = int(fit.r.size)
     if not boards or len(determined) < 2 or not fit.converged:
         return
-    r, J = (rows_of[:rows] for rows_of in fit.linear.independent)
-    rest = orthonormal(J @ fit.span[:, ~np.any(fit.span[own], axis=0)])
-    whole = orthonormal(J @ fit.span)
-    without = r + J[:, own] @ fit.values[own]
-    without = without - rest @ (rest.T @ without)
-    left = float(r @ r) - float(np.square(whole.T @ r).sum())
-    noise = max(left / max(view.counted - whole.shape[1], 1), 1.0)
-    price = noise * float(np.log(max(view.counted, 2)))
+    readings = replace(fit.linear, off=np.zeros(0))
+    (r, J), whole = readings.independent, readings.complement
+    rest = replace(readings, span=fit.span[:, ~np.any(fit.span[own], axis=0)]).complement
+    without = rest.of(r + J[:, own] @ fit.values[own])
+    left = float(whole.left @ whole.left)
+    noise = max(left / max(fit.rows - whole.Q.shape[1], 1), 1.0)
+    price = noise * float(np.log(max(fit.rows, 2)))
     best: tuple[float, Candidate, Array] | None = None
     for candidate in boards:
-        column = view.columns[:rows, view.where[candidate.key]][:, 0]
-        column = column - rest @ (rest.T @ column)
+        column = rest.columns(view.rows[..., view.where[candidate.key]])[:, 0]
         length = float(column @ column)
         if length <= 0.0:
             continue
@@ -102,7 +98,7 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
 def _members(cell: Cell, finding: Finding, board: Candidate) -> tuple[tuple[Candidate, float], ...]:
     probability = NameEvidence(board.key, 1.0, 0.0, 1.0, False).probability
     try:
-        context = context_of(cell, finding.search.stage.data.poses)
+        context = context_of(cell, finding.stage.data.poses)
         effect = place_effect(LinkScale.kind, ARM, context)
     except CalibError:
         return ((board, probability),)

@@ -8,7 +8,8 @@ full (:meth:`calib.diagnosis.stage.Stage.exact`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -45,17 +46,7 @@ class LinearModel(Model):
     @property
     def exact(self) -> Model:
         """The model itself."""
-        return Model(
-            self.robot,
-            self.marker_names,
-            self.markers,
-            self.effects,
-            self.payload,
-            self.gravity,
-            self.instruments,
-            lengths=self.lengths,
-            prior=self.prior,
-        )
+        return Model(**_described(self))
 
     def _knows(self, effect: Effect) -> bool:
         return id(effect) in self.known or (effect.kind, effect.where) in self.carried
@@ -114,18 +105,15 @@ def linearised(
     moving = everything.copy()
     moving[whole.tunings] = 0.0
     return LinearModel(
-        exact.robot,
-        exact.marker_names,
-        exact.markers,
-        exact.effects,
-        exact.payload,
-        exact.gravity,
-        exact.instruments,
-        poses,
-        readings - J @ moving,
-        J,
-        known,
-        carried,
-        lengths=exact.lengths,
-        prior=exact.prior,
+        **_described(exact),
+        at=poses,
+        readings_at_zero=readings - J @ moving,
+        columns=J,
+        known=known,
+        carried=carried,
     )
+
+
+def _described(model: Model) -> dict[str, Any]:
+    """What makes a model, by name."""
+    return {own.name: getattr(model, own.name) for own in fields(Model) if own.init}

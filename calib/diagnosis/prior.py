@@ -66,20 +66,6 @@ def _limits(model: Model) -> Array:
     return found
 
 
-def held_rows(
-    model: Model, amplitudes: Sequence[float], values: Array, pull: float = 1.0
-) -> tuple[Array, Array]:
-    """Residuals (h,) and derivatives (h, p) of the prior, and of what is known beside the readings.
-
-    pull : as of a fit, by which they weigh more
-    """
-    prior, (known, by_known) = prior_rows(model, amplitudes), model.beside(values)
-    return (
-        pull * np.concatenate([-prior @ values, known]),
-        pull * np.concatenate([prior, by_known]),
-    )
-
-
 def fitted_amplitudes(
     model: Model, amplitudes: Sequence[float], J: Array, r: Array, span: Array
 ) -> tuple[float, ...]:
@@ -111,7 +97,7 @@ def fitted_amplitudes(
 
 
 @dataclass(frozen=True, eq=False)
-class Stated(ReadingEffect):
+class CommonErrorEffect(ReadingEffect):
     """One common error of one tracker, in standard uncertainties.
 
     origins : ndarray, shape (S, 3), m, where its beams begin, in the axes of each station
@@ -153,7 +139,7 @@ class Stated(ReadingEffect):
         return by(beams) * self.error.std
 
 
-def stated(model: Model, values: Array, data: Measurements) -> Iterator[Stated]:
+def common_errors(model: Model, values: Array, data: Measurements) -> Iterator[CommonErrorEffect]:
     """Those of a model's trackers; a direction of gravity is none, for it moves no reading.
 
     values : ndarray, shape (p,), SI, by which the instruments stand
@@ -167,4 +153,4 @@ def stated(model: Model, values: Array, data: Measurements) -> Iterator[Stated]:
         origins[data.poses.station] = starts[:, 0]
         for error in instrument.common:
             if error.kind.columns is not None:
-                yield Stated(instrument.name, error, origins)
+                yield CommonErrorEffect(instrument.name, error, origins)

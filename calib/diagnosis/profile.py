@@ -19,10 +19,10 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.prior import held_rows
+from calib.diagnosis.lineup import FitView
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.view import FitView
+from calib.linear import LinearProblem, along_prior, cholesky_of, marginal_gain
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
@@ -34,7 +34,7 @@ _SETTLED = 0.1  # of -2 log likelihood
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodProblem:
-    """What is modelled, with the columns of some suspects.
+    """The restricted likelihood of noise levels, with the columns of some suspects.
 
     problem : Turned, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
@@ -59,14 +59,14 @@ class LikelihoodProblem:
         if suspect.spread is None:
             return self.approximate_together([suspect])
         own = self.at[suspect.key]
-        half = _half(suspect.spread * suspect.effect.parameters[0].size ** 2)
+        half = cholesky_of(suspect.spread * suspect.effect.parameters[0].size ** 2)
         amplitude = _amplitude(*self.nearby.beside(own), half)
         gain = self.nearby.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
 
     def approximate_together(self, causes: Sequence[Candidate]) -> Score:
-        """The same of causes by name beside each other."""
+        """Approximate score of several named causes together."""
         own, limits = self._columns_of(causes)
         gain = self.nearby.gain(own, np.diag(1.0 / limits))
         told = np.diag(gain.triangle) * limits
@@ -74,7 +74,7 @@ class LikelihoodProblem:
         return self._priced(fall, told).counted(prod(c.choices for c in causes))
 
     def score(self, suspect: Candidate) -> Score:
-        """What a suspect would explain, variances found anew."""
+        """Likelihood ratio of a suspect, the variances estimated with and without it."""
         if suspect.spread is None:
             return self.score_together([suspect])
         own = self.at[suspect.key]
@@ -105,7 +105,7 @@ class LikelihoodProblem:
         return Score(fall, fall, k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall)))
 
     def _curve(self, own: IntArray, spread: Array) -> Score:
-        half = _half(spread)
+        half = cholesky_of(spread)
         inverse = _inverse(half)
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
@@ -127,11 +127,6 @@ class LikelihoodProblem:
         return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
 
 
-def _half(spread: Array) -> Array:
-    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
-    return np.asarray(np.linalg.cholesky(spread + jitter))
-
-
 def _inverse(half: Array) -> Array:
     return np.asarray(np.linalg.inv(half), dtype=np.float64)
 
@@ -144,12 +139,9 @@ def _of_curve(evidence: float, price: float) -> Score:
 
 def _amplitude(S: Array, z: Array, half: Array) -> float:
     """That of a curve which the readings prefer, in plausible sizes; their products (k, k) and (k,)."""
-    d, vectors = np.linalg.eigh(half.T @ S @ half)
-    d = np.maximum(d, 0.0)
-    squares = (vectors.T @ (half.T @ z)) ** 2
-    t = _AMPLITUDES[:, None] ** 2
-    evidence = (squares * t / (1.0 + t * d) - np.log1p(t * d)).sum(axis=1)
-    return float(_AMPLITUDES[int(np.argmax(evidence))])
+    d, along = along_prior(S, z, half)
+    fall, price = marginal_gain(np.maximum(d, 0.0), along, _AMPLITUDES[:, None] ** 2)
+    return float(_AMPLITUDES[int(np.argmax(fall - price))])
 
 
 def _marginal(
@@ -173,17 +165,25 @@ def likelihood_problem(
     without : candidates that are in the fit and are taken out of it
     """
     fit = view.fit.without([c.effect for c in without]) if without else view.fit
-    span, r = fit.span, fit.r
-    off, prior = held_rows(fit.model, fit.amplitudes, fit.values)
-    of_prior = np.column_stack([prior @ span, off])
-    of_prior = of_prior[of_prior.any(axis=1)]  # what is taken out takes its prior along
+    linear, known = fit.linear, fit.span.shape[1]
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
-    known = span.shape[1]
-    weighted = stage.observation(fit.model, fit.weight).rows(stage.scatter.levers)
-    wide = np.concatenate([fit.J @ span, view.rows[..., columns]], axis=-1)
-    of_prior = np.insert(of_prior, [known] * len(columns), 0.0, axis=1)
-    problem, start, may = problem_of(stage.scatter, weighted, r, wide, of_prior, stage.arm)
+    weighted = fit.observation.rows(stage.scatter.levers)
+    wide = np.concatenate([fit.J @ fit.span, view.rows[..., columns]], axis=-1)
+    held = linear.held @ fit.span
+    shown = held.any(axis=1) | (linear.off != 0.0)  # what is taken out takes its prior along
+    problem, start, may = problem_of(
+        stage.scatter,
+        weighted,
+        LinearProblem(
+            fit.r,
+            wide,
+            np.eye(wide.shape[-1]),
+            linear.off[shown],
+            np.pad(held[shown], ((0, 0), (0, len(columns)))),
+        ),
+        stage.arm,
+    )
     levels = fit.levels
     free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE, Field
+from calib.linear import along_prior, cholesky_of
 
 _ROUNDS, _PARTS = 12, 32
 _AT_THE_MEAN = 1e-3  # standard deviations from the mean within which the formula loses its digits
@@ -30,15 +31,13 @@ def weighted_test(
     mean : whether they are weighed against the mean of d, a signal about as large as the noise with
         which the data determine it; else against the noise
     """
-    half = np.linalg.cholesky(spread + 1e-9 * spread.diagonal().mean() * np.eye(len(spread)))
-    S, Xr = field.products(columns)
-    d, vectors = np.linalg.eigh(half.T @ S @ half)
+    d, along = along_prior(*field.products(columns), cholesky_of(spread))
     longest = float((field.lengths[columns] ** 2).max(initial=0.0))
     seen = d > VISIBLE**2 * float(spread.diagonal().mean()) * longest
     if not seen.any() or field.dof <= np.count_nonzero(seen):
         return 1.0, 0.0
-    d, vectors = d[seen], vectors[:, seen]
-    squares = (vectors.T @ (half.T @ Xr)) ** 2 / d
+    d = d[seen]
+    squares = along[seen] ** 2 / d
     w = d / (d + (d.mean() if mean else field.spread))
     statistic = float(w @ squares) / field.spread
     chance = (

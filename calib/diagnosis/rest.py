@@ -56,7 +56,7 @@ class Rest:
 def rest_of(
     finding: Finding, misshapen: bool, left_out: int, heldout: Measurements | None = None
 ) -> Rest:
-    """What a finding leaves.
+    """Size and kind of the error that remains beside all causes found.
 
     misshapen : whether a cause is there in another form; left_out : poses that count as blunders
     heldout : what these err by beyond all that is expected remains as well
@@ -65,7 +65,7 @@ def rest_of(
     rest = _judged(finding, structure)
     if heldout is None:
         return rest
-    numbers = finding.search.stage.model.readout.channels.numbers_each(heldout.seen)
+    numbers = finding.stage.model.readout.channels.numbers_each(heldout.seen)
     expected = hypot(finding.floor, rest.size * float(np.sqrt(numbers)))
     more = beyond_noise(finding.after, heldout, expected)
     return rest if more is None else _judged(finding, structure, more)
@@ -73,7 +73,7 @@ def rest_of(
 
 def _has_place(finding: Finding, left_out: int) -> bool:
     """Whether what remains is more than scatter: a part of it follows a column, or single poses."""
-    stage, after = finding.search.stage, finding.after
+    stage, after = finding.stage, finding.after
     curves = any(not c.named for c in finding.outcome.active)
     blunders = left_out <= max(1.0, _BLUNDERS * len(stage.data))
     scatters = bool(after.variances.configuration.any())
@@ -89,7 +89,7 @@ def _lacks_fit(finding: Finding) -> bool:
     """
     from scipy.special import fdtrc
 
-    stage, outcome, after = finding.search.stage, finding.outcome, finding.after
+    stage, outcome, after = finding.stage, finding.outcome, finding.after
     if after.mixing is not None:
         return False
     kept = ~stage.dropped
@@ -106,7 +106,7 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
 
     more : m per coordinate, beyond what the fitted poses show
     """
-    stage, fit, noise = finding.search.stage, finding.after, finding.noise
+    stage, fit, noise = finding.stage, finding.after, finding.noise
     each = (fit.variances.approach, fit.variances.configuration)
     arm, fixed = (_size(stage, v) for v in each)
     fixed = hypot(fixed, more)

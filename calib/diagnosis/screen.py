@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.linear import orthonormal
+from calib.identification.noise_level import refuted
+from calib.linear import along_prior, marginal_gain, orthonormal
 
 VISIBLE = 1e-3
 """Share of a column's length that must be left beside the modelled ones for it to count."""
@@ -24,7 +25,6 @@ CURVE_PRICE = float(2.0 * np.log(10.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
 _AMPLITUDES = 24
 _NOTHING = 1e-100  # sum of squares that is none
-_AGREES = 0.01  # probability below which the residual refutes the stated noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +154,6 @@ class Field:
         return vectors * scale[..., None, :] / lengths[..., :, None], seen
 
 
-def refuted(cost: float, dof: int) -> bool:
-    """Whether a sum of squares of so many degrees of freedom is no chi-square."""
-    from scipy.special import chdtr, chdtrc
-
-    if dof <= 0:
-        return False
-    return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _AGREES
-
-
 def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
     """Project the modelled columns out of candidates and residual.
 
@@ -178,7 +169,7 @@ def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
 
 @dataclass(frozen=True)
 class Score:
-    """What one candidate would explain.
+    """Result of the score test of one candidate.
 
     fall : float, by which the sum of squares would fall
     evidence : float, fall of -2 log likelihood; for a curve of the marginal one
@@ -193,7 +184,7 @@ class Score:
 
     @property
     def gain(self) -> float:
-        """Evidence less its price."""
+        """Evidence less the price of the parameters (Schwarz)."""
         return self.evidence - self.price
 
     def counted(self, tried: float) -> Score:
@@ -349,19 +340,14 @@ def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
     -2 log likelihood falls by ``sum(w z^2) - sum(log(1 + t d))``, ``w = t d / (1 + t d)``. Being a
     ratio of likelihoods, e comes by chance at most once in ``exp(e / 2)`` times (Markov).
     """
-    half = np.linalg.cholesky(spread + 1e-9 * np.eye(spread.shape[-1]))
-    back = np.swapaxes(half, -1, -2)
-    S, Xr = field.products(columns)
-    d, vectors = np.linalg.eigh(back @ S @ half)
+    half = np.asarray(np.linalg.cholesky(spread + 1e-9 * np.eye(spread.shape[-1])))
+    d, along = along_prior(*field.products(columns), half)
     longest = (field.lengths[columns] ** 2).max(axis=-1, initial=0.0)
     seen = d > VISIBLE**2 * longest[:, None]
-    visible, d = seen.any(axis=-1), np.where(seen, d, 0.0)
-    z = (np.swapaxes(vectors, -1, -2) @ (back @ Xr[..., None]))[..., 0]
-    squares = np.where(seen, z**2 / np.where(seen, d, 1.0), 0.0)
-    largest = np.where(visible, d.max(axis=-1), 1.0)
-    td = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] * (d / largest[:, None])[:, None, :]
-    falls = (squares[:, None] * td / (1.0 + td)).sum(axis=-1)
-    price = np.log1p(td).sum(axis=-1)
+    d, along = np.where(seen, d, 0.0), np.where(seen, along, 0.0)
+    largest = np.where(seen.any(axis=-1), d.max(axis=-1), 1.0)
+    squared = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] / largest[:, None, None]
+    falls, price = marginal_gain(d[:, None], along[:, None], squared)
     evidence = falls - price
     if field.noise_refuted:
         evidence = (

@@ -49,7 +49,7 @@ class Modulation:
 
 
 def modulations(stage: Stage, fit: Fit, where: str) -> list[Modulation]:
-    """All that a table allows to ask of an effect at a place."""
+    """Functions of every known variable by which the size of an effect may vary."""
     kept = ~stage.dropped
     found = list(_postures(fit.model.robot, stage.data.poses, kept, where))
     known = [
@@ -59,9 +59,10 @@ def modulations(stage: Stage, fit: Fit, where: str) -> list[Modulation]:
     ]
     for name, columns in known:
         powers = [c**n for c in columns for n in (1, 2)]
-        centred = np.column_stack([_centred(p, kept) for p in powers if _varies(p[kept])])
+        # Of mean zero and a root mean square of one over the readings that count.
+        centred = [(p - p[kept].mean()) / p[kept].std() for p in powers if _varies(p[kept])]
         plain = np.column_stack([c / np.abs(c[kept]).max() for c in columns])
-        found.append(Modulation(name, centred, plain, _KNOWN / len(known)))
+        found.append(Modulation(name, np.column_stack(centred), plain, _KNOWN / len(known)))
     return found
 
 
@@ -119,11 +120,6 @@ def _varies(column: Array) -> bool:
     return bool(np.ptp(column) > _STILL * max(1.0, float(np.abs(column).max())))
 
 
-def _centred(column: Array, kept: Mask) -> Array:
-    """Of mean zero and a root mean square of one over the readings that count."""
-    return np.asarray((column - column[kept].mean()) / column[kept].std())
-
-
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""
 TESTED = 0.8
@@ -135,7 +131,7 @@ _SURE = 0.01  # probability by chance below which an effect is there beside what
 
 @dataclass(frozen=True)
 class Doubt:
-    """What speaks against the shape of an effect.
+    """The strongest evidence that the size of an effect varies with something.
 
     p : float, probability of as much by chance; depends_on : str, with what its size varies most
     fall : float, of the sum of squares
@@ -283,4 +279,4 @@ def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:
     own = fit.positions(effect)
     _, J = fit.model.jacobian(fit.values, stage.data.poses)
     moved = (J[..., own] @ fit.moving[own])[..., None] * functions[:, None, None, :]
-    return fit.linear.columns(stage.observation(fit.model, fit.weight).rows(moved))
+    return fit.linear.columns(fit.observation.rows(moved))

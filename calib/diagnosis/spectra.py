@@ -20,12 +20,12 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.gear_ripple import FEWEST, GearRipple
-from calib.identification.scan import Beside, scores, times
-from calib.linear import orthonormal
+from calib.identification.scan import carried, scores, times
+from calib.linear import Complement
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 
@@ -91,13 +91,13 @@ def spectra(result: Diagnosis) -> tuple[Spectrum, ...]:
 
 def spectra_of(stage: Stage, fit: Fit, scale: float = 1.0) -> tuple[Spectrum, ...]:
     """The same at any fit; scale : float, actual over the standard deviation that it weighs by."""
-    views = _views(stage, fit, scale)
-    tried = sum(len(view.cycles) for view in views)
+    joints = _joints(stage, fit, scale)
+    tried = sum(len(joint.cycles) for joint in joints)
     alarm = -2.0 * float(np.log(_CHANCE / max(tried, 1)))
-    return tuple(view.spectrum(alarm) for view in views)
+    return tuple(joint.spectrum(alarm) for joint in joints)
 
 
-def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
+def _joints(stage: Stage, fit: Fit, scale: float) -> list[_Joint]:
     """Every joint that turns and moves, with what its spectrum needs."""
     robot, poses, kept = fit.model.robot, stage.data.poses, ~stage.dropped
     moving = [
@@ -110,7 +110,7 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
     carriers = [ripple.carrier for ripple in moving]
     whole, values = fit.model.extended(fit.values, carriers)
     _, J = whole.jacobian(values, poses)
-    rows = stage.observation(fit.model, fit.weight).rows(J[..., -len(carriers) :])
+    rows = fit.observation.rows(J[..., -len(carriers) :])
     found = []
     for i, ripple in enumerate(moving):
         own = [
@@ -121,9 +121,8 @@ def _views(stage: Stage, fit: Fit, scale: float) -> list[_View]:
         bare = fit.without(own) if own else fit
         parts = [fit.values[fit.positions(effect)] for effect in own]
         named = tuple((values[0], values[1:3]) for values in parts)
-        found.append(
-            _View(ripple, poses, bare, bare.linear.basis, rows[..., i : i + 1], scale, named)
-        )
+        beside = bare.linear.complement
+        found.append(_Joint(ripple, poses, beside, rows[..., i : i + 1], scale, named))
     return found
 
 
@@ -133,17 +132,16 @@ def _ripple(robot: Robot, joint: int) -> GearRipple:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _Joint:
     """One joint.
 
-    fit : Fit, without its ripples; Q : ndarray, shape (N, k), basis of what is modelled
+    beside : Complement, of what is modelled without its ripples
     carrier : ndarray, shape (m, R, 1), whitened; named : cycles and amounts (2,) of its ripples
     """
 
     ripple: GearRipple
     poses: Poses
-    fit: Fit
-    Q: Array
+    beside: Complement
     carrier: Array
     scale: float
     named: tuple[tuple[float, Array], ...]
@@ -156,22 +154,12 @@ class _View:
     def cycles(self) -> Array:
         return np.arange(_FEWEST, _MOST, _STEP * self.width)
 
-    @cached_property
-    def left(self) -> Array:
-        """The residual beside the model, of independent rows, shape (N,)."""
-        r, _ = self.fit.linear.independent
-        return np.asarray(r - self.Q @ (self.Q.T @ r))
-
-    @cached_property
-    def around(self) -> Beside:
-        return Beside(*self.back(self.left, self.Q), self.fit.mixing)
-
     @property
     def q(self) -> Array:
         return self.poses.q[:, self.ripple.frame - 1]
 
     def spectrum(self, alarm: float) -> Spectrum:
-        fall = self.falls(self.around, self.cycles)
+        fall = self.falls(self.beside, self.cycles)
         return Spectrum(
             joint=self.ripple.where,
             cycles=self.cycles,
@@ -183,33 +171,33 @@ class _View:
             named=tuple((float(c), self.aliases(c, a)) for c, a in self.named if a.any()),
         )
 
-    def falls(self, around: Beside, cycles: Array) -> Array:
+    def falls(self, beside: Complement, cycles: Array) -> Array:
         """Fall at some cycles (C,), in variances of the noise."""
         limits = (self.ripple.allowance or 1.0) * np.array(
             [p.limit for p in self.ripple.amplitudes]
         )
-        carried, parts = around.carried(self.carrier), [np.zeros(0)]
+        scan, parts = carried(beside, self.carrier), [np.zeros(0)]
         for i in range(0, len(cycles), _CHUNK):
             functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])
-            parts.append(scores(carried, functions, limits)[0])
+            parts.append(scores(scan, functions, limits)[0])
         return np.concatenate(parts) / self.scale**2
 
     def lines(self, fall: Array, alarm: float) -> tuple[SpectralLine, ...]:
         """Lines above the alarm, the strongest first; looked for about what is half as high."""
         slow = self.cycles < _SLOW
-        view = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
-        near, around = self.about(self.cycles[fall > 0.5 * alarm]), view.around
+        joint = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
+        near, beside = self.about(self.cycles[fall > 0.5 * alarm]), joint.beside
         at, falls = np.zeros(0), list[float]()
         while len(near) and len(falls) < _MOST_LINES:
-            now = view.falls(around, near)
+            now = joint.falls(beside, near)
             best = int(np.argmax(now))
             if now[best] <= alarm:
                 break
-            fitted = view.fitted(np.append(at, near[best]))
-            at, around = fitted.at, view.also(fitted.X)
+            fitted = joint.fitted(np.append(at, near[best]))
+            at, beside = fitted.at, joint.beside.without(fitted.X)
             falls.append(float(now[best]))
             near = self.about(near[now > 0.5 * alarm], but=at)
-        return tuple(view.line(k, fitted, fall) for k, fall in enumerate(falls))
+        return tuple(joint.line(k, fitted, fall) for k, fall in enumerate(falls))
 
     def about(self, chosen: Array, but: Array = _NONE) -> Array:
         """Cycles within a line's width of those chosen, but none of a line and nothing slow."""
@@ -219,13 +207,12 @@ class _View:
         )
         return np.asarray(cycles[near & ~taken])
 
-    def beside_slow(self) -> _View:
-        """The same where all that is slow is modelled."""
+    def beside_slow(self) -> _Joint:
+        """The joint with everything below three cycles a turn projected out as well."""
         cycles = np.arange(_FEWEST, _SLOW, 0.5 * self.width)
         functions = self.ripple.functions(self.poses, cycles).transpose(1, 0, 2)
         rows = times(self.carrier, functions.reshape(len(self.q), -1))
-        slow = orthonormal(self.beside_model(rows))
-        return replace(self, Q=np.concatenate([self.Q, slow], axis=1))
+        return replace(self, beside=self.beside.without(self.beside.columns(rows)))
 
     def line(self, k: int, fitted: _Fitted, fall: float) -> SpectralLine:
         amounts, part = fitted.amounts[k], slice(3 * k, 3 * k + 3)
@@ -246,7 +233,7 @@ class _View:
         for _ in range(_ROUNDS):
             X = self.columns(at, amounts)
             length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-            found = np.linalg.lstsq(X / length, self.left, rcond=1e-6)[0] / length
+            found = np.linalg.lstsq(X / length, self.beside.left, rcond=1e-6)[0] / length
             found = found.reshape(-1, 3)
             amounts = found[:, :2]
             at = at + np.clip(found[:, 2], -_STEP * self.width, _STEP * self.width)
@@ -257,28 +244,7 @@ class _View:
         F, slopes = (f(self.poses, at) for f in (self.ripple.functions, self.ripple.slopes))
         by_cycles = np.einsum("lmf,lf->lm", slopes, amounts)[..., None]
         functions = np.concatenate([F, by_cycles], axis=-1).transpose(1, 0, 2)
-        return self.beside_model(times(self.carrier, functions.reshape(len(self.q), -1)))
-
-    def beside_model(self, rows: Array) -> Array:
-        """Whitened rows (m, R, k) as independent ones beside all that is modelled, (N, k)."""
-        mixing = self.fit.mixing
-        own = (rows if mixing is None else mixing(rows)).reshape(-1, rows.shape[-1])
-        flat = np.pad(own, [(0, len(self.left) - len(own)), (0, 0)])
-        return np.asarray(flat - self.Q @ (self.Q.T @ flat))
-
-    def also(self, X: Array) -> Beside:
-        """What is left beside the model and more columns (N, k), themselves beside the model."""
-        Q = orthonormal(X)
-        g, H = self.back(self.left - Q @ (Q.T @ self.left), Q)
-        return Beside(g, np.concatenate([self.around.H, H], axis=-1), self.fit.mixing)
-
-    def back(self, left: Array, Q: Array) -> tuple[Array, Array]:
-        """A residual (N,) and a basis (N, k) of independent rows, brought back to the readings."""
-        m, R = self.fit.r.shape
-        rows = np.column_stack([left, Q])[: m * R].reshape(m, R, -1)
-        if self.fit.mixing is not None:
-            rows = self.fit.mixing.back(rows)
-        return np.asarray(rows[..., 0]), np.asarray(rows[..., 1:])
+        return self.beside.columns(times(self.carrier, functions.reshape(len(self.q), -1)))
 
     def aliases(self, cycles: float, amounts: Array) -> tuple[float, ...]:
         """Cycles at which a line would explain nearly all of this one at the poses measured."""
@@ -286,7 +252,7 @@ class _View:
         if not len(peaks):
             return ()
         own = self.columns(np.array([cycles]), amounts[None])[:, :2] @ amounts
-        alone = replace(self.around, g=self.back(own, self.Q[:, :0])[0])
+        alone = replace(self.beside, left=own)
         near = peaks[:, None] + _STEP * self.width * np.linspace(-0.5, 0.5, 9)
         share = self.falls(alone, near.ravel()).reshape(near.shape) * self.scale**2 / (own @ own)
         best = np.argmax(share, axis=1)

@@ -11,17 +11,17 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
-from calib.diagnosis.prior import curves_in, fitted_amplitudes, held_rows, weak
+from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
-from calib.identification.outliers import fit_statistics, lack_alone
+from calib.identification.outliers import extrapolation_factor, fit_statistics
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Scatter, VarianceEstimate, Variances, levels_of, scatter_of
-from calib.scatter.poses import Mixing
+from calib.scatter.mixing import Mixing
 from calib.solver import least_squares, levenberg_marquardt
 
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
@@ -37,17 +37,16 @@ _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 class Fit:
     """The model with effects added, fitted.
 
-    model : Model; values : ndarray, shape (p,); span : ndarray, shape (p, k)
+    observation : Points, weighed by pose, beside what is known of causes and curves, and under the
+        levels of noise once they are found
+    values : ndarray, shape (p,); span : ndarray, shape (p, k)
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : tuple of float, of the curves' coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
     levels : VarianceEstimate or None, how the readings err beside the instrument
-    mixing : Mixing or None, what makes the rows independent under them
-    pull : float, by how many standard deviations of the instrument a row errs under them, or where
-        nothing errs as a whole and the robot's type is known
     """
 
-    model: Model
+    observation: Points
     values: Array
     span: Array
     weight: Array
@@ -56,8 +55,39 @@ class Fit:
     J: Array
     converged: bool
     levels: VarianceEstimate | None = None
-    mixing: Mixing | None = None
-    pull: float = 1.0
+
+    @property
+    def model(self) -> Model:
+        """As it was fitted."""
+        return self.observation.model
+
+    @property
+    def mixing(self) -> Mixing | None:
+        """What makes the rows independent under the levels of noise; None where they are."""
+        return self.observation.mixing
+
+    @property
+    def pull(self) -> float:
+        """By how many standard deviations of the instrument a row errs under the levels.
+
+        One where nothing errs as a whole and nothing is known of the robot's type.
+        """
+        return self.observation.pull
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the residuals."""
+        return float((self.r**2).sum())
+
+    @cached_property
+    def rows(self) -> int:
+        """How many count."""
+        return int(np.count_nonzero(np.abs(self.J).sum(axis=-1)))
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.rows - self.spent
 
     @property
     def variances(self) -> Variances:
@@ -67,8 +97,8 @@ class Fit:
 
     @cached_property
     def linear(self) -> LinearProblem:
-        """The fit to first order; the rows of the curves' prior are held beside the readings."""
-        held = held_rows(self.model, self.amplitudes, self.values)
+        """The fit to first order."""
+        held = self.observation.known_beside(self.values)
         return LinearProblem(self.r, self.J, self.span, *held, self.mixing, pull=self.pull)
 
     @property
@@ -94,8 +124,9 @@ class Fit:
 
     def by_instrument(self, r: Array, J: Array) -> Fit:
         """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""
+        pull = 1.0 if self.mixing is not None else self.pull
         return replace(
-            self, r=r, J=J, mixing=None, pull=1.0 if self.mixing is not None else self.pull
+            self, r=r, J=J, observation=replace(self.observation, scatter=None, pull=pull)
         )
 
     @property
@@ -112,7 +143,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Data, the user's model, and where its search starts.
+    """A regression problem: data, the user's model, weights and starting values.
 
     model : Model, as the user has it; start : ndarray, shape (p,); weights : ndarray, (m, C, r, r)
     dropped : ndarray of bool, shape (m,), poses that are left out; robust : whether poses that stand
@@ -207,7 +238,13 @@ class Stage:
     def _settled(self, fit: Fit) -> Fit:
         """The fit with weights of poses and amplitudes of curves that follow from it."""
         for _ in range(_ROUNDS):
-            weight, amplitudes = self._robust_weight(fit), _amplitudes_of(fit)
+            weight = np.ones(len(self.data))
+            if self.robust:
+                length = np.sqrt(self.statistics(fit))
+                weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
+            J = stacked(fit.J) / fit.pull
+            r = fit.r.ravel() / fit.pull + J @ fit.moving
+            amplitudes = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
             same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
             if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
                 break
@@ -225,47 +262,31 @@ class Stage:
         amplitudes: tuple[float, ...],
         pull: float = 1.0,
     ) -> Fit:
-        observation = self.observation(model, weight)
+        observation = replace(
+            self.observation(model, weight), prior=prior_rows(model, amplitudes), pull=pull
+        )
         if isinstance(model, LinearModel):
+            r, J = observation.flat(start)
+            step = span @ least_squares(r, J @ span)
             r, J = observation.linearise(start)
-            off, held = held_rows(model, amplitudes, start, pull)
-            step = span @ least_squares(
-                np.concatenate([r.ravel(), off]),
-                np.concatenate([stacked(J), held]) @ span,
-            )
-            r = r - J @ step
-            return Fit(model, start + step, span, weight, amplitudes, r, J, True, pull=pull)
-
-        def linearise(values: Array) -> tuple[Array, Array]:
+            r, values, converged = r - J @ step, start + step, True
+        else:
+            found = levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
+            values, converged = found.values, bool(found.converged)
             r, J = observation.linearise(values)
-            off, held = held_rows(model, amplitudes, values, pull)
-            flat = np.concatenate([stacked(J), held])
-            return np.concatenate([r.ravel(), off]), flat
-
-        found = levenberg_marquardt(linearise, start, span, _MOST_ITERATIONS)
-        r, J = observation.linearise(found.values)
-        converged = bool(found.converged)
-        return Fit(model, found.values, span, weight, amplitudes, r, J, converged, pull=pull)
+        return Fit(observation, values, span, weight, amplitudes, r, J, converged)
 
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""
-        weighted = self.observation(fit.model, fit.weight).rows(self.scatter.levers)
-        off, held = held_rows(fit.model, fit.amplitudes, fit.values)
-        levels = levels_of(
-            self.scatter,
-            weighted,
-            fit.r,
-            fit.J @ fit.span,
-            held=np.column_stack([held @ fit.span, off]),
-            known=self.arm,
-            before=fit.levels,
-        )
-        scatter = self.scatter.at(levels.variances)
-        if not levels.variances.any:
-            pull = levels.variances.scale if fit.model.prior_rows else 1.0
-            return replace(fit, levels=levels, mixing=None, pull=pull)
-        mixing, pull = scatter.mixing(weighted), scatter.typical(weighted)
-        return replace(fit, levels=levels, mixing=mixing, pull=pull)
+        weighted = fit.observation.rows(self.scatter.levers)
+        levels = levels_of(self.scatter, weighted, fit.linear, self.arm, fit.levels)
+        scatter, pull = self.scatter.at(levels.variances), 1.0
+        if levels.variances.any:
+            pull = scatter.typical(weighted)
+        elif fit.model.prior_rows:
+            pull = levels.variances.scale
+        under = replace(fit.observation, scatter=scatter, pull=pull)
+        return replace(fit, levels=levels, observation=under)
 
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
@@ -273,24 +294,17 @@ class Stage:
         cov = fit.by_instrument(fit.r, fit.J).covariance
         return fit_statistics(r, J, fit.weight * ~self.dropped, cov)[0]
 
-    def lack_alone(self, fit: Fit, statistics: Array) -> Array:
+    def extrapolation_factor(self, fit: Fit, statistics: Array) -> Array:
         """How many times larger these statistics may be of poses that stand alone, shape (m,)."""
         r, J = self._in_full(fit)
         kept = ~self.dropped
-        pull = fit.by_instrument(r[kept], J[kept]).pull
-        known = held_rows(fit.model, fit.amplitudes, fit.values, pull)
-        return lack_alone(self.data.poses, r, J, kept, fit.span, known, statistics)
+        known = fit.by_instrument(r, J).observation.beside(fit.values)
+        return extrapolation_factor(self.data.poses, r, J, kept, fit.span, known, statistics)
 
     def _in_full(self, fit: Fit) -> tuple[Array, Array]:
         """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""
         every = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
         return every.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
-
-    def _robust_weight(self, fit: Fit) -> Array:
-        if not self.robust:
-            return np.ones(len(self.data))
-        length = np.sqrt(self.statistics(fit))
-        return huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
 
 
 def _amplitudes_in(model: Model, like: Fit) -> tuple[float, ...]:
@@ -311,12 +325,6 @@ def determined_by(observation: Points, start: Array) -> Array:
     plain = np.eye(len(start))[:, ~curved]
     kept = choose_directions(observation, start, plain).kept
     return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
-
-
-def _amplitudes_of(fit: Fit) -> tuple[float, ...]:
-    J = stacked(fit.J) / fit.pull
-    r = fit.r.ravel() / fit.pull + J @ fit.moving
-    return fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
 
 
 def positions(model: Model, effect: Effect) -> IntArray:

@@ -11,11 +11,11 @@ import numpy as np
 
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.lineup import FitView
 from calib.diagnosis.profile import likelihood_problem
 from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, score, scored
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.subsets import instead_of
-from calib.diagnosis.view import FitView
+from calib.diagnosis.subsets import names_for_curve
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
@@ -87,7 +87,7 @@ class Round:
         return found
 
     def stays(self, found: Score) -> bool:
-        """Whether a score keeps a member in its place.
+        """Whether a score is enough for a selected effect to stay.
 
         It asks a little less than entering does, so that no effect enters and leaves in turn.
         """
@@ -96,14 +96,14 @@ class Round:
         )
 
 
-def better(state: Round) -> tuple[Candidate, ...]:
+def next_selection(state: Round) -> tuple[Candidate, ...]:
     """The next set of effects; the same as now where no step improves it."""
     active, view = state.active, state.view
     acting = tuple(c for c in active if not isinstance(c.effect, LoadEffect))
-    if len(acting) < len(active) and not yields(acting, view):
+    if len(acting) < len(active) and not anything_elastic(acting, view):
         return acting
     for member in active:
-        beside = view.without(*apart(member, active))
+        beside = view.without(*with_curves(member, active))
         own = linear_scores(beside, view, [member])[member.key]
         stands = own.gain > _STANDS * state.proved.get(member.key, np.inf)
         if stands and member.key not in state.new and state.stays(own):
@@ -127,7 +127,7 @@ def better(state: Round) -> tuple[Candidate, ...]:
     return active
 
 
-def apart(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
+def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
     """A member and the curves that can do the same, which must not take the place of a named cause."""
     return [member, *(c for c in active if c.covers(member))]
 
@@ -227,7 +227,7 @@ def _kept(beside: Field, own: IntArray, other: IntArray) -> float:
 def _eligible(active: Sequence[Candidate], view: FitView) -> list[Candidate]:
     """Candidates that may enter: only a few curves, and loads only where something is elastic."""
     full = sum(not c.named for c in active) >= _MOST_CURVES
-    stiff = not yields(active, view)
+    stiff = not anything_elastic(active, view)
     return [
         c
         for c in view.suspects
@@ -238,7 +238,7 @@ def _eligible(active: Sequence[Candidate], view: FitView) -> list[Candidate]:
     ]
 
 
-def yields(active: Sequence[Candidate], view: FitView) -> bool:
+def anything_elastic(active: Sequence[Candidate], view: FitView) -> bool:
     """Whether the user's model, or what is in, holds something elastic.
 
     A load moves nothing else, though to first order about an arm that yields its columns stay.
@@ -258,7 +258,7 @@ def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
     named = [c for c in names if scores[c.key].gain > 0.0]
     named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
     at = [view.where[c.key] for c in named]
-    found = instead_of(beside, view.where[curve.key], curve.spread, at, state.pays)
+    found = names_for_curve(beside, view.where[curve.key], curve.spread, at, state.pays)
     return [named[i] for i in found]
 
 
@@ -292,7 +292,7 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     """
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
-    here = likelihood_problem(state.stage, state.view, [member], apart(member, state.active))
+    here = likelihood_problem(state.stage, state.view, [member], with_curves(member, state.active))
     approximate = here.approximate_score(member)
     return approximate if state.stays(approximate) else here.score(member)
 

@@ -36,7 +36,7 @@ class Names:
     beside: Field
 
 
-def instead_of(
+def names_for_curve(
     field: Field,
     curve: IntArray,
     spread: Array,

@@ -21,6 +21,7 @@ from calib.cell import Cell
 from calib.drift.series import Series, columns_about, flat, inverse, series_of
 from calib.identification import Identification
 from calib.identification.start import whitening
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.observations import Points
 from calib.observations.shape import rigid_motions
@@ -51,7 +52,7 @@ class Rate:
 
 @dataclass(frozen=True, eq=False)
 class DriftTest:
-    """What the repeated readings say.
+    """Result of the test of repeated readings for motion over time.
 
     verdict : "steady", "drift" (with time), or "moved" (most of it without a trend, or too few
         readings to tell)
@@ -237,15 +238,11 @@ def _arm(cell: Cell, found: Identification, model: Model, own: Measurements) -> 
     r, J = points.linearise(values)
     steady = points.rows(_steady(own))
     off, by_known = model.beside(values)
-    free = np.zeros((len(off), steady.shape[-1]))
-    problem, start, may = problem_of(
-        still,
-        points.rows(still.levers),
-        r,
-        np.concatenate([J @ span, steady], axis=-1),
-        np.column_stack([by_known @ span, free, off]),
-        cell.repeatability,
-    )
+    wide = np.concatenate([J @ span, steady], axis=-1)
+    held = np.pad(by_known @ span, ((0, 0), (0, steady.shape[-1])))
+    linear = LinearProblem(r, wide, np.eye(wide.shape[-1]), off, held)
+    levers = points.rows(still.levers)
+    problem, start, may = problem_of(still, levers, linear, cell.repeatability)
     arm = searched(problem, start, may, still).variances
     hidden = None
     if not arm.any and cell.repeatability is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from calib.arrays import Array, Mask, by_size, stacked
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable, identifiable
-from calib.observations import Observation, points_of
+from calib.observations import Observation, Points, points_of
 from calib.solver import Linearise, Minimum, levenberg_marquardt, normal_equations
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
@@ -24,14 +25,6 @@ _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy
 
 
 Method = Literal["joint", "two-step"]
-
-
-class Judged(NamedTuple):
-    """Weighted residuals (m, rows), derivatives (m, rows, p), and directions (p, k) they fitted."""
-
-    r: Array
-    J: Array
-    span: Array
 
 
 @dataclass(frozen=True)
@@ -53,8 +46,8 @@ class Estimator:
 
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
-    ) -> Judged:
-        """The marker residuals by which poses and noise are judged.
+    ) -> LinearProblem:
+        """The marker residuals, and directions they fitted, by which poses and noise are judged.
 
         At the minimum of the points themselves, from which another weighting keeps the estimate:
         elsewhere residuals are longer than their spread says, and right poses would stand out.
@@ -65,7 +58,7 @@ class Estimator:
         if not observation.efficient or observation.weighing is not None:
             counted = observation if kept is None else observation.only(kept)
             values = levenberg_marquardt(points_of(counted).flat, values, span).values
-        return Judged(*points_of(observation).linearise(values), span)
+        return _linear(points_of(observation), values, span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Covariance (p, p) for the noise as stated."""
@@ -111,10 +104,10 @@ class Differences(Estimator):
 
     def judged(
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
-    ) -> Judged:
+    ) -> LinearProblem:
         del kept  # differences are weighted by their noise: their minimum is the points' own
         soft = span[:, _soft(observation.model, span)]
-        return Judged(*points_of(observation, centred=True).linearise(values), soft)
+        return _linear(points_of(observation, centred=True), values, soft)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
@@ -154,8 +147,15 @@ class Differences(Estimator):
         return spare - soft if soft else -1
 
 
-def unspent(observation: Observation, values: Array, span: Array) -> float:
-    """Rows of the robot's type beyond the parameters that they determine: no residuals of readings."""
+def _linear(points: Points, values: Array, span: Array) -> LinearProblem:
+    return LinearProblem(*points.linearise(values), span, *points.model.beside(values))
+
+
+def prior_residual_freedom(observation: Observation, values: Array, span: Array) -> float:
+    """Degrees of freedom of the prior's own residuals: its rows less what it determines of the values.
+
+    They are no residuals of readings.
+    """
     rows = observation.model.prior_rows
     if not rows:
         return 0.0
@@ -182,7 +182,7 @@ def _soft(model: Model, span: Array) -> Mask:
 def choose_directions(
     observation: Observation, values: Array, span: Array | None = None
 ) -> Identifiable:
-    """What the data determine at some values.
+    """The subset of directions that the data determine, linearised at some values.
 
     span : ndarray, shape (p, k), directions to choose from; the observation's by default
     Elastic elements are taken as a little soft at least: a load effect shows through them only.

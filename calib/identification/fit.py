@@ -20,14 +20,14 @@ from calib.identification.estimators import (
     Differences,
     Estimator,
     choose_directions,
+    prior_residual_freedom,
     rigid_directions,
-    unspent,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import (
+    extrapolation_factor,
     independent_share,
     judge,
-    lack_alone,
     next_outlier,
     pose_statistics,
     small_set,
@@ -64,7 +64,7 @@ _SETTLED = 0.05  # of a width
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
-    """An estimate and what it was made of.
+    """An estimate with its observation, span, outliers and levels of noise.
 
     observation : Observation, under the levels of noise that were found
     first : Minimum over every pose; best : Minimum over the poses kept
@@ -106,7 +106,7 @@ class Estimation:
 
     @cached_property
     def counted(self) -> Observation:
-        """Of the poses that were kept."""
+        """The observation of the poses that were kept."""
         return self.observation.only(self.kept)
 
     @cached_property
@@ -129,7 +129,7 @@ class Estimation:
 
     @cached_property
     def noise(self) -> NoiseLevel:
-        """How loud the readings are, by the poses that were kept."""
+        """Noise scale of the readings, from the poses that were kept."""
         data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
         alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
         if self.observation.mixing is None or self.levels is None:
@@ -152,15 +152,12 @@ class Estimation:
         return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
 
     @cached_property
-    def _problem(self) -> tuple[Scatter, Array, Array, Array, Array]:
-        """The linear problem of a fit, as :func:`calib.scatter.levels_of` takes it."""
+    def _problem(self) -> tuple[Scatter, Array, LinearProblem]:
+        """How its poses may err together, as :func:`calib.scatter.levels_of` takes it."""
         model, values, poses = self.model, self.values, self.observation.data.poses
         scatter = scatter_of(model, values, poses, Variances.none(model.robot.dof))
-        judged = self.estimator.judged(self.counted, values, self.span)
-        off, by_known = model.beside(values)
-        held = np.column_stack([by_known @ judged.span, off])
         levers = points_of(self.counted).rows(scatter.levers)
-        return scatter, levers, judged.r, judged.J @ judged.span, held
+        return scatter, levers, self.estimator.judged(self.counted, values, self.span)
 
     def under_levels(self, cell: Cell) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
@@ -192,7 +189,9 @@ class Estimation:
 
 def _spare(estimator: Estimator, observation: Observation, values: Array, span: Array) -> int:
     """Degrees of freedom of the residuals, less what the robot's type says of itself."""
-    return estimator.dof(observation, span) - round(unspent(observation, values, span))
+    return estimator.dof(observation, span) - round(
+        prior_residual_freedom(observation, values, span)
+    )
 
 
 # -- outliers ----------------------------------------------------------------------------------
@@ -273,11 +272,11 @@ class _Choice:
         return cls(among, choose_directions(observation, values, among))
 
     def anew(self, observation: Observation, values: Array) -> _Choice:
-        """The same at other values."""
+        """The choice made anew, linearised at other values."""
         return replace(self, chosen=choose_directions(observation, values, self.among))
 
     def without(self, observation: Observation, values: Array, strayed: Mask) -> _Choice:
-        """The same without the values (p,) that a fit lost."""
+        """The choice without values (p,) whose estimates diverged."""
         names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(strayed))
         among = self.among[:, np.abs(self.among[strayed]).sum(axis=0) == 0.0]
         lost = Unidentifiable(names, _STRAYED)
@@ -338,7 +337,7 @@ def _judged(
     known = observation.beside(values)
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
     poses = observation.data.poses
-    lack = lack_alone(poses, judged.r, judged.J, kept, judged.span, known, statistics)
+    lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
     statistics = statistics / lack
     if not small_set(len(kept)):
         limit = threshold(statistics, judged.r.shape[-1])

@@ -1,4 +1,4 @@
-"""What an identification found, and how good it is."""
+"""Result of an identification: estimates, uncertainties and residuals."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Identification(Result, Estimation):
 
     @property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
-        """What the poses do not determine."""
+        """Parameters that the poses do not determine, and why."""
         return self.choice.unidentifiable
 
     @property
@@ -217,7 +217,7 @@ class Identification(Result, Estimation):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against believing the result."""
+        """Warnings about data, model and result, a sentence each."""
         found = []
         nominal = (self.rms("nominal") or 0.0) * self.footprint
         if nominal > _FAR * self.model.robot.reach:

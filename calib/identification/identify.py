@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,6 +37,7 @@ from calib.observations import (
 from calib.population.sizes import Elementary
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
+from calib.result import fields_of
 from calib.scatter import Unnoticed, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
@@ -118,22 +119,32 @@ def _identification(
     residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
     nominal = _nominal(observation, start)
     parts = _parts(fit, residuals, nominal, held)
+    by_instrument: dict[tuple[str, str], dict[str, float]] = {}
+    for key, (part, poses) in parts.items():
+        for name, unit, errors in part.errors(poses):
+            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
+            by_instrument.setdefault((name, unit), {}).update(rms)
+    status: Status = "rank_deficient" if fit.choice.unidentifiable else "converged"
+    if not (fit.best.converged and fit.regular):
+        status = "not_converged"
+    # Poses whose markers were measured and do not count.
+    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
     follow = partial(fit.estimator.followed, counted, values, span)
     return Identification(
-        **{own.name: getattr(fit, own.name) for own in fields(fit)},
+        **fields_of(fit),
         covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
-        status=_status(fit),
+        status=status,
         approach=approach,
         method=method,
         absorbed=built.dropped,
         undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
-        unused=_unused(observation),
+        unused=tuple(data.poses.names[i] for i in np.flatnonzero(idle)),
         fit=residuals,
         heldout=held,
         nominal=nominal,
         distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
-        by_instrument=_by_instrument(parts),
+        by_instrument=by_instrument,
         std_by_pose=_std_by_pose(fit),
         step_two_std=_step_two_std(counted, values, span) * widening,
         profiled=profiled(counted, values, span, np.sqrt(np.diag(stated)), widening),
@@ -189,21 +200,8 @@ def uncounted(model: Model, poses: Poses) -> Mask:
 
 
 def after_the_first_move(model: Model, data: Measurements) -> Measurements:
-    """The data without what does not count."""
+    """The data without readings before the first move, where approaches count."""
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
-
-
-def _status(fit: Estimation) -> Status:
-    if not (bool(fit.best.converged) and fit.regular):
-        return "not_converged"
-    return "rank_deficient" if fit.choice.unidentifiable else "converged"
-
-
-def _unused(observation: Observation) -> tuple[str, ...]:
-    """Poses whose markers were measured and do not count."""
-    data = observation.data
-    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
-    return tuple(data.poses.names[i] for i in np.flatnonzero(idle))
 
 
 def _nominal(observation: Observation, start: Array) -> Array:
@@ -217,17 +215,6 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
-
-
-def _by_instrument(
-    parts: dict[str, tuple[Residuals, Mask | None]],
-) -> dict[tuple[str, str], dict[str, float]]:
-    found: dict[tuple[str, str], dict[str, float]] = {}
-    for key, (part, poses) in parts.items():
-        for name, unit, errors in part.errors(poses):
-            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
-            found.setdefault((name, unit), {}).update(rms)
-    return found
 
 
 def _std_by_pose(fit: Estimation) -> Array | None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.identification.start import initial_values
+from calib.identification.start import initial_values, missed_by
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -44,7 +44,7 @@ class Placed:
 
     @property
     def share(self) -> float:
-        """What is missed of the spread of the points."""
+        """RMS misfit over the spread of the points."""
         return self.rms / self.spread if self.spread > 0.0 else np.inf
 
     @property
@@ -66,12 +66,6 @@ def placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> Placed:
         kept = near
     points = data.points[kept][data.seen[kept]]
     return Placed(values, missed, kept, float(np.sqrt(points.var(axis=0).sum())))
-
-
-def missed_by(model: Model, data: Measurements, values: Array) -> Array:
-    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = model.off(values, data)
-    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
 
 
 def some(data: Measurements, count: int) -> Measurements:
@@ -196,7 +190,7 @@ class Exchanged:
 
 
 def exchanged(model: Model, data: Measurements) -> Exchanged:
-    """What each pose gains by an exchange of two markers.
+    """Test, pose by pose, whether two markers have exchanged names.
 
     Where half of the readings or more are exchanged, the others come out.
     """
@@ -230,7 +224,8 @@ def _settled(model: Model, data: Measurements) -> Array | None:
 
 
 def reordered(data: Measurements, order: IntArray) -> Measurements:
-    """The readings with the markers of each pose in another order, (m, M)."""
+    """The readings with the markers of each pose in another order, (m, M), or (M,) of all poses."""
+    order = np.broadcast_to(order, data.seen.shape)
     return replace(
         data,
         readings=np.take_along_axis(data.points, order[..., None], axis=1),

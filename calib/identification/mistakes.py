@@ -11,14 +11,13 @@ from calib.errors import ImplausibleData
 from calib.identification.misplaced import (
     Placed,
     exchanged,
-    missed_by,
     placed,
     shifted,
     some,
     telling,
 )
 from calib.identification.slips import Slip, slips, taken_as_known, two_zeros
-from calib.identification.start import refuse_unreachable
+from calib.identification.start import missed_by, refuse_unreachable
 from calib.model import Model
 from calib.poses import Measurements
 

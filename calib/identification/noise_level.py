@@ -10,10 +10,12 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, by_size
 from calib.noise import counted
 from calib.poses import Measurements
+from calib.poses.moves import visits
 from calib.scatter import VarianceEstimate
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
 _SILENT = 1e-9
+_GROSS = 10.0  # times the mean square of a typical group of repeats
 REPLICATES = 10  # degrees of freedom of a repeat estimate worth using
 _NO_TREND = (
     1e-3  # probability by chance of as strong a trend with range, from which on there is none
@@ -95,7 +97,7 @@ def replicate_spread(data: Measurements, weights: Array) -> tuple[float, int]:
 
 
 def replicate_spreads(data: Measurements, weights: Array, group: IntArray) -> Array:
-    """The same of each group of several readings, shape (.., 2).
+    """Weighted sum of squares and degrees of freedom of each group of repeats, shape (.., 2).
 
     group : ndarray of int, shape (m,), of each reading
     """
@@ -111,6 +113,36 @@ def replicate_spreads(data: Measurements, weights: Array, group: IntArray) -> Ar
         dof = (counted(own).max(axis=1) * spare).sum(axis=1)
         found.append(np.column_stack([(deviation**2).sum(axis=(1, 2, 3, 4)), dof]))
     return np.concatenate(found)
+
+
+def replicate_factor(data: Measurements, weights: Array) -> float:
+    """Actual over stated noise by readings repeated without a move; one where they agree.
+
+    One too where they are few. Readings between which the arm moved hold its repeatability as well.
+    Groups with a gross error do not count: whatever is no noise stands out among the others.
+    """
+    _, group = np.unique(
+        np.column_stack([data.poses.repeated, visits(data.poses)]), axis=0, return_inverse=True
+    )
+    spreads = replicate_spreads(data, weights, group.reshape(-1))
+    spreads = spreads[spreads[:, 1] > 0]
+    if not len(spreads):
+        return 1.0
+    squares = spreads[:, 0] / spreads[:, 1]
+    typical = np.quantile(squares, 0.25, method="lower")
+    spread, dof = spreads[squares <= _GROSS * typical].sum(axis=0)
+    if dof < REPLICATES or not spread:  # without any spread they are copies
+        return 1.0
+    return float(np.sqrt(spread / dof)) if refuted(float(spread), int(dof)) else 1.0
+
+
+def refuted(cost: float, dof: int) -> bool:
+    """Whether a sum of squares of so many degrees of freedom is no chi-square."""
+    from scipy.special import chdtr, chdtrc
+
+    if dof <= 0:
+        return False
+    return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _DISAGREE
 
 
 def noise_level(
@@ -130,8 +162,7 @@ def noise_level(
     source: Source = "cell"
     # Noise never repeats to the digit: repeats without any spread are copies and say nothing.
     own = float(np.sqrt(spread / repeats)) if repeats >= REPLICATES and spread > 0.0 else None
-    tail = 2.0 * min(float(chdtr(repeats, spread)), float(chdtrc(repeats, spread)))
-    if own is not None and tail < _DISAGREE:
+    if own is not None and refuted(spread, repeats):
         factor, source = own, "replicates"
     p_fit = 1.0
     if dof > 0:

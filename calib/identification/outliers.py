@@ -47,23 +47,13 @@ def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tupl
     """The same for a fit of weighted poses, and whatever else held it, with covariance (p, p).
 
     weight : ndarray, shape (m,), of their rows in the fit, one in full and zero for those without part
+
+    A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``, and one that counted
+    less by ``I + (1 - 2 weight^2) J cov J^T``: a little less than that, as the poses that weigh less
+    than their noise says owe less to it. What lies across the columns of J scatters as it does by
+    itself; of few rows nothing does.
     """
-    return _mean_squares(r, J, cov, 1.0 - 2.0 * np.square(weight, dtype=float))
-
-
-def prediction_statistics(r: Array, J: Array, cov: Array) -> tuple[Array, Array]:
-    """The same for poses that took no part, under an estimate of covariance (p, p)."""
-    return _mean_squares(r, J, cov, np.ones(len(r)))
-
-
-def _mean_squares(r: Array, J: Array, cov: Array, sign: Array) -> tuple[Array, Array]:
-    """A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``.
-
-    One that counted less, by ``I + (1 - 2 weight^2) J cov J^T``: a little less than that, as the poses
-    that weigh less than their noise says owe less to it.
-
-    What lies across the columns of J scatters as it does by itself; of few rows nothing does.
-    """
+    sign = 1.0 - 2.0 * np.square(weight, dtype=float)
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)
     rows, columns = J.shape[-2:]
@@ -215,7 +205,7 @@ class _Others:
         return square / max(1, int(self.rows[one].sum()))
 
 
-def lack_alone(
+def extrapolation_factor(
     poses: Poses,
     r: Array,
     J: Array,

@@ -76,8 +76,11 @@ class Shared:
 
 
 def variables_of(robot: Robot, data: Measurements) -> tuple[Variable, ...]:
-    """What is known of each pose and differs among them."""
-    found = (*_of_poses(robot, data.poses), Variable("range", _ranges(data), "m", 1.0))
+    """Variables known of each pose that differ among the poses."""
+    # Mean distance of the visible points from the origin of the readings.
+    lengths = np.linalg.norm(data.points, axis=-1) * data.seen
+    ranges = lengths.sum(axis=1) / np.maximum(data.seen.sum(axis=1), 1)
+    found = (*_of_poses(robot, data.poses), Variable("range", ranges, "m", 1.0))
     return tuple(v for v in found if np.isfinite(v.values).all() and np.ptp(v.values) > 0.0)
 
 
@@ -88,24 +91,14 @@ def _of_poses(robot: Robot, poses: Poses) -> Iterator[Variable]:
         yield Variable(f"q:{joint}", poses.q[:, k], unit, scale)
         if poses.approach is not None:
             yield Variable(f"approach:{joint}", poses.approach[:, k], "", 1.0)
-    yield Variable("load", _pulls(poses), "N", 1.0)
+    pulls = np.linalg.norm(poses.wrench[:, :3], axis=1) + 9.80665 * poses.load_mass
+    yield Variable("load", pulls, "N", 1.0)
     if poses.temperature is not None:
         yield Variable("temperature", poses.temperature, "degC", 1.0)
     if poses.time is not None:
         yield Variable("time", poses.elapsed, "s", 1.0)
     else:
         yield Variable("order", np.arange(1.0, len(poses) + 1.0), "(reading)", 1.0)
-
-
-def _pulls(poses: Poses) -> Array:
-    """Size of what pulls at the tip, shape (m,), N."""
-    return np.asarray(np.linalg.norm(poses.wrench[:, :3], axis=1) + 9.80665 * poses.load_mass)
-
-
-def _ranges(data: Measurements) -> Array:
-    """Mean distance of the visible points from the origin of the readings, shape (m,), m."""
-    lengths = np.linalg.norm(data.points, axis=-1) * data.seen
-    return np.asarray(lengths.sum(axis=1) / np.maximum(data.seen.sum(axis=1), 1))
 
 
 def shared(variables: tuple[Variable, ...], outlier: Mask) -> Shared | None:

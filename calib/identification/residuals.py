@@ -11,7 +11,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError, NoEquilibrium
 from calib.identification.fit import Estimation
-from calib.identification.outliers import pose_statistics, prediction_statistics, threshold
+from calib.identification.outliers import fit_statistics, pose_statistics, threshold
 from calib.identification.start import whitening
 from calib.instruments import Channels, Instrument
 from calib.model import Model
@@ -109,7 +109,7 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     r, J = points.linearise(values)
     if not np.isfinite(r).all():
         raise NoEquilibrium(" at the held-out poses")
-    statistics, _ = prediction_statistics(r, J, cov)
+    statistics, _ = fit_statistics(r, J, np.zeros(len(r)), cov)
     return Residuals.of(model, heldout, values, statistics > limit, statistics, limit)
 
 

@@ -21,43 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.linear import LinearProblem, orthonormal
-from calib.scatter.poses import Mixing
+from calib.linear import Complement
 
 _VISIBLE = 1e-3  # of a column: what must be left of it beside all that is modelled
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """What all scans of one fit share.
-
-    g : ndarray, shape (m, R), the residual beside all that is modelled, brought back to the readings
-    H : ndarray, shape (m, R, k), likewise an orthonormal basis of what is modelled
-    """
-
-    g: Array
-    H: Array
-    mixing: Mixing | None
-
-    def carried(self, carrier: Array) -> Carried:
-        """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
-        back = np.swapaxes(carrier, -1, -2)
-        g, H = (back @ self.g[..., None])[..., 0], back @ self.H
-        own, together = back @ carrier, []
-        if self.mixing is not None:
-            own = own / self.mixing.scale**2
-            for index, G in self.mixing.taken():
-                told = np.swapaxes(G, -1, -2) @ carrier[index] / self.mixing.scale
-                if index.shape[1] == 1:
-                    own[index] -= np.swapaxes(told, -1, -2) @ told
-                else:
-                    together.append((index, told))
-        return Carried(g, H, own, tuple(together))
-
-
-@dataclass(frozen=True, eq=False)
 class Carried:
-    """A carrier beside what is modelled, pose by pose.
+    """Products of a carrier's columns with residual and model, pose by pose.
 
     g : ndarray, shape (m, b), its products with the residual; H : ndarray, shape (m, b, k), with the
         basis of what is modelled
@@ -72,17 +43,20 @@ class Carried:
     together: tuple[tuple[IntArray, Array], ...]
 
 
-def beside(problem: LinearProblem, further: Array | None = None) -> Beside:
-    """Project everything modelled, and further columns (m, R, c), out of the residual of a fit."""
-    (r, J), Q, mixing = problem.independent, problem.basis, problem.mixing
-    if further is not None:
-        Q = orthonormal(np.concatenate([J @ problem.span, problem.columns(further)], axis=1))
-    left = r - Q @ (Q.T @ r)
-    m, R = problem.r.shape
-    g, H = left[: m * R].reshape(m, R), Q[: m * R].reshape(m, R, -1)
+def carried(beside: Complement, carrier: Array) -> Carried:
+    """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
+    back, mixing = np.swapaxes(carrier, -1, -2), beside.problem.mixing
+    g, H = beside.at_readings
+    own, together = back @ carrier, []
     if mixing is not None:
-        g, H = mixing.back(g[..., None])[..., 0], mixing.back(H)
-    return Beside(g, H, mixing)
+        own = own / mixing.scale**2
+        for index, G in mixing.taken():
+            told = np.swapaxes(G, -1, -2) @ carrier[index] / mixing.scale
+            if index.shape[1] == 1:
+                own[index] -= np.swapaxes(told, -1, -2) @ told
+            else:
+                together.append((index, told))
+    return Carried((back @ g[..., None])[..., 0], back @ H, own, tuple(together))
 
 
 def times(carrier: Array, functions: Array) -> Array:

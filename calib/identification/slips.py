@@ -14,10 +14,11 @@ from functools import partial
 import numpy as np
 
 from calib.arm.robot import Robot
-from calib.arrays import Array, IntArray
+from calib.arrays import Array
 from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.effects.tool import Tool
+from calib.identification.misplaced import reordered
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements
@@ -217,7 +218,7 @@ def _renamed(model: Model) -> Iterator[Slip]:
             f"{one} and {other} exchanged",
             f"markers {one} and {other} are exchanged",
             "exchange their names in the table or in [markers_mm]",
-            _reordered(order),
+            partial(reordered, order=order),
         )
 
 
@@ -271,12 +272,6 @@ def _mixed(
         return replace(data, poses=replace(data.poses, q=q))
 
     return undone
-
-
-def _reordered(order: IntArray) -> Callable[[Measurements], Measurements]:
-    return lambda data: replace(
-        data, readings=data.points[:, order], seen=data.seen[:, order], sigma=data.sigma[:, order]
-    )
 
 
 def _after(

@@ -64,6 +64,12 @@ def initial_values(model: Model, data: Measurements) -> Array:
     return values
 
 
+def missed_by(model: Model, data: Measurements, values: Array) -> Array:
+    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
+    off = model.off(values, data)
+    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
+
+
 def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
     """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
     limits = _ABSURD * model.sizes
@@ -123,9 +129,6 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
     return W * data.seen[..., None, None]
 
 
-_NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
-
-
 def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     """Refuse what no choice of so few poses could determine.
 
@@ -153,7 +156,9 @@ def outnumbered(model: Model, data: Measurements) -> bool:
 
 def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     """How many there are, at most how many of a pose, and how many beside the poses."""
-    coordinates = _coordinates(model)
+    # How many numbers say where the markers and bodies are on the tip.
+    bodies = sum(isinstance(e, Body) for e in model.effects)
+    coordinates = 3 * (len(model.markers) - 3 * bodies) + 6 * bodies
     rigid = {3: 3, 6: 5}.get(coordinates, 6) if len(model.markers) < 3 else 6
     shape = coordinates - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
@@ -164,12 +169,6 @@ def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     known = model.prior_rows
     equations = min(numbers, rigid * measured + shape + placed) + known
     return equations, rigid, shape + known
-
-
-def _coordinates(model: Model) -> int:
-    """How many numbers say where the markers and bodies are on the tip."""
-    bodies = sum(isinstance(e, Body) for e in model.effects)
-    return 3 * (len(model.markers) - 3 * bodies) + 6 * bodies
 
 
 def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
-from calib.identification.scan import Carried, beside, scores, times
+from calib.identification.scan import Carried, carried, scores, times
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Observation, Points, points_of
@@ -58,8 +58,10 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
 
     def scanned(i: int) -> tuple[float, float]:
         others = [columns(j) for j in found if j != i]
-        around = beside(problem, np.concatenate(others, axis=-1) if others else None)
-        return _best(tuned[i], points.data.poses, around.carried(carriers[i]))
+        beside = problem.complement
+        if others:
+            beside = beside.without(beside.columns(np.concatenate(others, axis=-1)))
+        return _best(tuned[i], points.data.poses, carried(beside, carriers[i]))
 
     alone = [scanned(i) for i in range(len(tuned))]
     first, *others = sorted(range(len(tuned)), key=lambda i: -alone[i][1])
@@ -180,16 +182,16 @@ def _half_width(
     others = span[:, ~span[part].any(axis=0)]
     r = r + own @ values[part.start + 1 : part.stop]
     problem = LinearProblem(r, J, others, mixing=points.mixing)
-    carried = beside(problem).carried(carrier)
+    scan = carried(problem.complement, carrier)
     grid = effect.grid(poses)
-    gain = _falls(effect, poses, carried, np.append(grid, at))
+    gain = _falls(effect, poses, scan, np.append(grid, at))
     left = float((problem.independent[0] ** 2).sum() - gain[-1])
     spread = left / max(1, int(points.numbers.sum()))
     near = grid[gain[:-1] >= gain[-1] - _WIDE * max(1.0, spread)]
     if effect.smooth:
         near = np.append(near, at + std * np.linspace(-_AROUND, _AROUND, 2 * _PARTS + 1))
     near = np.unique(np.append(near, at))
-    cost = -_falls(effect, poses, carried, near)
+    cost = -_falls(effect, poses, scan, near)
     limit = _WITHIN * (1.0 if points.mixing is not None else factor**2)
     inside = near[cost <= cost[near == at].min() + limit]
     if effect.smooth:

@@ -168,7 +168,7 @@ class StaticCompliance:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCriteria:
-    """All that the repeats show.
+    """Criteria of ISO 9283 measured from repeated poses.
 
     several : pose -> vAP, m, and how many ways of coming
     """

@@ -14,7 +14,8 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
 from calib.poses import Measurements
-from calib.scatter.poses import Mixing, Scatter
+from calib.scatter.mixing import Mixing
+from calib.scatter.poses import Scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,8 @@ class Observation(ABC):
     scatter : Scatter or None, how they do as the data show it, what is known included. It weighs
         nothing: a model that lacks something would leave it to the joints that scatter most
     lost : positions of values that the readings do not determine: they stay where they are
+    prior : ndarray, shape (h, p), or None: rows of unit variance about nothing of what is suspected,
+        known beside the readings as well
     pull : what is known beside the readings weighs so many times more than its deviation says, as the
         readings err so many times more than theirs
     """
@@ -38,6 +41,7 @@ class Observation(ABC):
     weights: Array
     known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
+    prior: Array | None = field(default=None, kw_only=True)
     pull: float = field(default=1.0, kw_only=True)
     lost: tuple[int, ...] = field(default=(), kw_only=True)
 
@@ -59,7 +63,7 @@ class Observation(ABC):
 
     @cached_property
     def mixing(self) -> Mixing | None:
-        """What would make the rows independent; None where they are."""
+        """Decorrelation of whitened rows under the levels of noise; None where they are independent."""
         return self._mixing(self.known if self.scatter is None else self.scatter)
 
     def _mixing(self, scatter: Scatter | None) -> Mixing | None:
@@ -82,15 +86,24 @@ class Observation(ABC):
         r, J = self.linearise(values)
         batch = values.shape[:-1]
         r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
-        if not self.model.known_rows:
+        if not self.model.known_rows and self.prior is None:
             return r, J
         known, by_known = self.beside(values)
         return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
 
     def beside(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
-        known, by_known = self.model.beside(values)
+        known, by_known = self.known_beside(values)
         return self.pull * known, self.pull * by_known
+
+    def known_beside(self, values: Array) -> tuple[Array, Array]:
+        """Rows of what is known beside the readings, of unit variance as stated."""
+        known, by_known = self.model.beside(values)
+        if self.prior is None:
+            return known, by_known
+        prior = np.broadcast_to(self.prior, (*values.shape[:-1], *self.prior.shape))
+        off = -(prior @ values[..., None])[..., 0]
+        return np.concatenate([off, known], axis=-1), np.concatenate([prior, by_known], axis=-2)
 
     @property
     def efficient(self) -> bool:
@@ -104,8 +117,7 @@ class Observation(ABC):
 
     def linear(self, values: Array, span: Array) -> LinearProblem:
         """The problem to first order about ``values`` (p,), fitted along ``span`` (p, k)."""
-        known = self.model.beside(values)
-        rows = self.whitened(values)
+        rows, known = self.whitened(values), self.known_beside(values)
         return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.pull)
 
     def covariance(self, values: Array, span: Array) -> Array:

@@ -31,7 +31,7 @@ _MOST = 4  # one robot in so many may be of another type
 
 @dataclass(frozen=True, eq=False)
 class RobotEstimate:
-    """What one robot says: all k parameters, SI.
+    """Estimates of one robot's k parameters, SI.
 
     values : ndarray, shape (k,); noise : ndarray, shape (k, k); open : ndarray, shape (k, u), how the
         values follow what was not determined, each column for an error of the plausible size

@@ -30,7 +30,7 @@ _AS_OTHERS = 4.0  # rows that say that it stands as others do
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """A robot beside its type.
+    """How far a robot deviates from its type.
 
     prior : Prior, of this model's parameters, as the type has it
     scores : ndarray, shape (k,), how far each leaves the mean if the type is believed, in standard
@@ -118,7 +118,7 @@ def loosened(prior: Prior, sizes: Array) -> Prior:
 
 
 def adapted(found: Departure, sizes: Array) -> Prior:
-    """What of the type is believed of this robot.
+    """The prior of the type, widened for a robot that deviates from it.
 
     sizes : ndarray, shape (k,), SI, plausible sizes of the prior's parameters
 

@@ -35,7 +35,7 @@ class Prior:
     robots: int
 
     def only(self, keys: Collection[Key]) -> Prior:
-        """What it says of some parameters, whatever the others are."""
+        """The marginal prior of some parameters."""
         own = np.array([i for i, key in enumerate(self.keys) if key in keys], dtype=int)
         return replace(
             self,
@@ -55,7 +55,7 @@ class Prior:
         return replace(self, keys=(*own, *rest), mean=T @ self.mean, covariance=(cov + cov.T) / 2.0)
 
     def beside(self, other: Prior) -> Prior:
-        """What is known of these parameters and of others."""
+        """The joint prior of these parameters and of independent others."""
         k, own = len(self.keys), len(self.keys) + len(other.keys)
         covariance = np.zeros((own, own))
         covariance[:k, :k], covariance[k:, k:] = self.covariance, other.covariance

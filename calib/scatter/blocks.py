@@ -106,7 +106,7 @@ class Half:
 
 @dataclass(frozen=True, eq=False)
 class Levers:
-    """What each variance does to the rows of a block.
+    """Columns of a block whose outer products are the derivatives by each variance.
 
     half : Half; owner : ndarray of int, shape (q + c,), whose each lever is
     each : ndarray, shape (B, A, d, q), ``L H_a`` of what is new at each approach, after what the

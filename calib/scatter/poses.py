@@ -1,18 +1,7 @@
-"""Whole poses that err together: their levers and variances, and what makes their rows independent.
-
-The whitened rows of one configuration have the covariance
-
-    V = s^2 I + H C H^T + blockdiag(H_a U H_a^T)
-
-with the levers H of its readings, H_a those of one approach. Its inverse Cholesky factor turns the
-rows into innovations: each row less what the rows before it tell of it, in the same approach and then
-in the same configuration (:mod:`calib.scatter.innovations`). Poses that do not count have rows of
-zeros and stay so.
-"""
+"""How whole poses err together: levers of each reading, and variances of joints and tip."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,13 +9,12 @@ import numpy as np
 
 from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import cross, rotate
-from calib.arrays import Array, IntArray, Mask, by_size, stacked
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
 from calib.model import Model
 from calib.poses import Poses
 from calib.poses.moves import visits
-from calib.scatter.innovations import Innovations, innovations
-from calib.solver import inverse_factor
+from calib.scatter.mixing import Level, Mixing
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,65 +55,6 @@ def lever_of(joints: int) -> IntArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
-    """What the readings of a group share, approaches or configurations.
-
-    group : ndarray of int, shape (m,); K : ndarray, shape (..., m, R, k), levers of one unit each
-    innovations : Innovations, of rows that the levels before have made independent
-    """
-
-    group: IntArray
-    K: Array
-    innovations: Innovations
-
-
-@dataclass(frozen=True, eq=False)
-class Mixing:
-    """What makes whole poses independent.
-
-    levels : tuple of Level, approaches first, of rows in the instrument's actual standard deviations
-    scale : float, actual over stated standard deviation of the instrument
-    """
-
-    levels: tuple[Level, ...]
-    scale: float
-
-    def __call__(self, rows: Array) -> Array:
-        """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
-        rows = rows / self.scale
-        for level in self.levels:
-            rows = level.innovations(rows)
-        return rows
-
-    def back(self, gains: Array) -> Array:
-        """Gains on whitened rows, from those on the independent rows made of them, (..., m, R, p)."""
-        for level in reversed(self.levels):
-            gains = level.innovations.back(gains)
-        return gains / self.scale
-
-    def covariance(self, gains: Array) -> Array:
-        """Covariance (p, p) of what follows whitened rows by ``gains`` (m, R, p)."""
-        parts = [stacked(gains)]
-        for level in self.levels:
-            each = _t(level.K) @ gains
-            parts += [stacked(each[index].sum(axis=1)) for index in by_size(level.group)]
-        return self.scale**2 * np.asarray(sum(flat.T @ flat for flat in parts))
-
-    def taken(self) -> Iterator[tuple[IntArray, Array]]:
-        """What is shared in the inverse covariance, ``(I - sum over groups of G G^T) / scale^2``.
-
-        Yields groups (B, r) and their G (B, r, R, k), of levers without leading axes.
-        """
-        for i, level in enumerate(self.levels):
-            before = Mixing(self.levels[:i], 1.0)
-            W = before.back(before(level.K))
-            for index in by_size(level.group):
-                own = W[index]
-                M = np.eye(own.shape[-1]) + (_t(level.K[index]) @ own).sum(axis=1)
-                yield index, own @ _t(inverse_factor(M))[:, None]
-
-
-@dataclass(frozen=True, eq=False)
 class Scatter:
     """How m poses err as a whole.
 
@@ -155,7 +84,7 @@ class Scatter:
         return lever_of(self.joints)
 
     def at(self, variances: Variances) -> Scatter:
-        """The same poses at other variances."""
+        """The scatter of the same poses under other variances."""
         return replace(self, variances=variances)
 
     def take(self, index: Any) -> Scatter:
@@ -196,7 +125,7 @@ class Scatter:
         return float(np.sqrt(v.scale**2 + squares[counted].mean()))
 
     def mixing(self, weighted: Array) -> Mixing:
-        """What makes whitened rows independent.
+        """The decorrelation of whitened rows.
 
         weighted : ndarray, shape (..., m, R, n + 6), the levers, whitened as the rows are
         """
@@ -206,7 +135,7 @@ class Scatter:
             size = np.sqrt(own[self.kinds])
             if (moves := size > 0.0).any():
                 K = weighted[..., moves] * size[moves]
-                level = Level(group, K / v.scale, innovations(mixing(K), group))
+                level = Level.of(group, K / v.scale, mixing(K))
                 mixing = Mixing((*mixing.levels, level), v.scale)
         return mixing
 
@@ -255,7 +184,3 @@ def _tip_levers(axes: list[tuple[bool, Array, Array]], o_tip: Array) -> Array:
         J[:, 3:, k] = 0.0 if slides else axis
     J[:, :, n:] = np.eye(6)
     return J
-
-
-def _t(a: Array) -> Array:
-    return np.swapaxes(a, -1, -2)

@@ -42,7 +42,7 @@ _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 
 @dataclass(frozen=True, eq=False)
 class Turned:
-    """A linear problem whose rows are sorted by what scatters.
+    """A mixed linear model, its rows turned so that few carry the random effects.
 
     blocks : tuple of Block
     outside : ndarray, shape (.., f), triangle of the rows that carry the instrument's noise alone

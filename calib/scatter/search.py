@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from calib.cell import Repeatability
 from calib.scatter.poses import Scatter, Variances
 from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
 
+if TYPE_CHECKING:
+    from calib.linear import LinearProblem
+
 _PAYS = 6.0  # fall of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
 _TRIED = 2  # of the most, or the least, promising
 _SURELY = 10.0  # times its price: a variance that is worth so much by a quadratic model stays
@@ -21,7 +25,7 @@ _FEWEST = 10  # rows that see the instrument alone, from which on it can be told
 
 @dataclass(frozen=True, eq=False)
 class VarianceEstimate:
-    """What scatters beyond the instrument as stated.
+    """Variance components of instrument, approaches and configurations.
 
     variances : Variances
     free : ndarray of int, which of the problem's variances were estimated; theta : their values, all of
@@ -57,23 +61,18 @@ class VarianceEstimate:
 
 
 def problem_of(
-    scatter: Scatter,
-    weighted: Array,
-    r: Array,
-    J: Array,
-    held: Array | None = None,
-    known: Repeatability | None = None,
+    scatter: Scatter, levers: Array, linear: LinearProblem, known: Repeatability | None = None
 ) -> tuple[Turned, Array, IntArray]:
     """The linear problem of readings, variances known beforehand (v,), and those that may vary.
 
-    weighted : ndarray, shape (m, R, n + 6), levers, whitened
-    r, J : ndarray, shape (m, R) and (m, R, k), whitened residuals and derivatives
-    held : ndarray, shape (h, k + 1), rows of unit variance, residual last
+    levers : ndarray, shape (m, R, n + 6), whitened as the rows of the problem are
     known : the arm's repeatability where the cell says it; None to be estimated
     """
-    F = np.concatenate([J, r[..., None]], axis=-1)
-    held = np.zeros((0, F.shape[-1])) if held is None else held
-    problem = turned(scatter, weighted, F, held, J.shape[-1], known is not None)
+    F = np.concatenate([linear.J @ linear.span, linear.r[..., None]], axis=-1)
+    held = np.zeros((0, F.shape[-1]))
+    if len(linear.off):
+        held = np.column_stack([linear.held @ linear.span, linear.off])
+    problem = turned(scatter, levers, F, held, F.shape[-1] - 1, known is not None)
     start = np.zeros(len(problem.units))
     start[0] = 1.0
     free = np.arange(len(start))
@@ -86,10 +85,8 @@ def problem_of(
 
 def levels_of(
     scatter: Scatter,
-    weighted: Array,
-    r: Array,
-    J: Array,
-    held: Array | None = None,
+    levers: Array,
+    linear: LinearProblem,
     known: Repeatability | None = None,
     before: VarianceEstimate | None = None,
 ) -> VarianceEstimate:
@@ -99,7 +96,7 @@ def levels_of(
     Variances enter where they pay, and leave where they no longer do; the first to enter pays for the
     choice among all as well.
     """
-    problem, start, may = problem_of(scatter, weighted, r, J, held, known)
+    problem, start, may = problem_of(scatter, levers, linear, known)
     return searched(problem, start, may, scatter, before)
 
 
@@ -240,7 +237,7 @@ _FAINT = 0.05  # of the instrument's noise: what scatters by less adds nothing
 
 @dataclass(frozen=True, eq=False)
 class Unnoticed:
-    """What the arm scatters by on average over what is likely.
+    """Scatter of the arm averaged over its likelihood, where none was significant.
 
     variances : Variances; freedom : float, degrees of freedom of what the arm adds, one at least
     """

@@ -67,7 +67,7 @@ class UncertaintySource:
 
     @property
     def errors_placed(self) -> Array:
-        """The same with the base placed anew."""
+        """Standard uncertainty at each target with the base placed anew, shape (m,), m."""
         return np.asarray(np.linalg.norm(self.placed, axis=(-1, -2)))
 
     @property
@@ -78,7 +78,7 @@ class UncertaintySource:
 
 @dataclass(frozen=True, eq=False)
 class CombinedUncertainty:
-    """What sources together leave at m targets.
+    """Combined and expanded uncertainty of several sources at m targets.
 
     errors, expanded : ndarray, shape (m,), m, RMS length of the error, and the length within which 95 %
         of errors stay
@@ -111,7 +111,7 @@ class Budget:
 
     @cached_property
     def expected(self) -> CombinedUncertainty:
-        """What the parameters alone leave."""
+        """Uncertainty at the targets from the parameters alone."""
         return combined(self.calibration, self.weights)
 
     def rms(self, lengths: Array) -> float:
@@ -119,7 +119,7 @@ class Budget:
         return float(np.sqrt(self.weights @ lengths**2 / self.weights.sum()))
 
     def worst(self, lengths: Array) -> float:
-        """The largest that counts."""
+        """The largest of lengths (m,) among targets that have a weight."""
         return float(lengths[self.weights > 0.0].max())
 
 
@@ -156,7 +156,7 @@ def budget_of(
 
 
 def combined(parts: Sequence[UncertaintySource], weights: Array) -> CombinedUncertainty:
-    """What parts leave together at each target."""
+    """Combine sources into the uncertainty at each target."""
     bases: dict[str, list[UncertaintySource]] = {}
     for k, part in enumerate(parts):
         bases.setdefault(part.basis or str(k), []).append(part)

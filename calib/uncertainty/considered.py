@@ -24,7 +24,7 @@ _STEP = 1e-3  # rad, of gravity; its derivative is central
 
 @dataclass(frozen=True, eq=False)
 class Considered:
-    """One common error and what it did to the values.
+    """A systematic error common to all readings, and the response of the estimate to it.
 
     instrument : str, whose it is
     response : ndarray, shape (p, b), SI: of the values to one standard uncertainty of each component

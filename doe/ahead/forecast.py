@@ -15,7 +15,7 @@ from calib.model import Model
 from calib.model.covariance import covariance, identifiable, ignorance, task_error
 from calib.poses import Measurements
 from calib.scatter import Variances
-from calib.scatter.poses import Mixing
+from calib.scatter.mixing import Mixing
 from calib.uncertainty.expanded import freedom
 from doe.ahead.lacking import Lacking
 from doe.criteria import Criterion, Question

@@ -143,7 +143,9 @@ def next_poses(
         return nothing
     found = rivalries(diagnosis)
     if suspicious(diagnosis):  # what is there was taken for scatter, which would hide it
-        diagnosis = replace(diagnosis, after=replace(diagnosis.after, levels=None, mixing=None))
+        alone = replace(diagnosis.after.observation, scatter=None)
+        after = replace(diagnosis.after, levels=None, observation=alone)
+        diagnosis = replace(diagnosis, after=after)
     rivals = [c.effect for rivalry in found for c in rivalry.members]
     situation = situation_after(cell, diagnosis, rivals)
     data = data_rows(situation, diagnosis)

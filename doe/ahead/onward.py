@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from calib.cell import Cell
-from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis, diagnose
 from calib.errors import CalibError
 from calib.poses import Measurements, Poses
 from calib.result import Result

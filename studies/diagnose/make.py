@@ -14,9 +14,8 @@ from calib.compensation.estimate import estimate_of
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.causes import Cause
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.gap import Gap
+from calib.diagnosis.gap import Gap, side_of
 from calib.diagnosis.imitated import Imitated
-from calib.diagnosis.sides import side_of
 from calib.diagnosis.spectra import Spectrum, spectra
 from calib.effects import Effect
 from calib.errors import CalibError

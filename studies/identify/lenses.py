@@ -55,7 +55,7 @@ class UnfitLensEntry(Entry):
 
 def unfit_entries(found: Identification) -> Iterator[UnfitLensEntry]:
     """All of them, the worst first."""
-    from calib.identification.unfit_lens import unfit_lenses
+    from calib.identification.lenses import unfit_lenses
 
     for own in sorted(unfit_lenses(found), key=lambda own: -own.left_px):
         yield UnfitLensEntry(

@@ -32,7 +32,7 @@ from defusedxml import ElementTree
 import calib
 from calib.arrays import Array
 from calib.cell.views import NUMBERS, looking
-from calib.identification.unfit_lens import unfit_lenses
+from calib.identification.lenses import unfit_lenses
 from doe.constraints import scene_of, visible
 from studies.research.bench import Output, Row, bench, data_folder, each, several, table
 

@@ -29,8 +29,7 @@ import doe
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.diagnosis import Diagnosis
+from calib.diagnosis.diagnose import Diagnosis, diagnose
 from calib.effects.protocol import Effect
 from calib.model import Model
 from calib.model.build import build, context_of, place_effect

@@ -11,9 +11,9 @@ import pytest
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.equivalence import _members
 from calib.diagnosis.screen import Score
-from calib.diagnosis.searched import replicate_factor
 from calib.diagnosis.stepwise import _leader
 from calib.effects.protocol import Effect
+from calib.identification.noise_level import replicate_factor
 from tests.calib.diagnosis.test_diagnose import measured
 
 

@@ -59,9 +59,7 @@ def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
     linear = stage.about(stage.fit([]), [c.effect for c in suspects])
     offered = [c for c in suspects if c.key in ("backlash:A3", "backlash:A4", "backlash:A5")]
     fit = linear.fit([offered[0].effect])
-    rows = [
-        linear.observation(fit.model, fit.weight).rows(linear.model.of(c.effect)) for c in offered
-    ]
+    rows = [fit.observation.rows(linear.model.of(c.effect)) for c in offered]
     choices = [
         Choice(c.key, X, np.full(X.shape[-1], 1e3)) for c, X in zip(offered, rows, strict=True)
     ]

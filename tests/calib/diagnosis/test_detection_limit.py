@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 import calib
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
-from calib.diagnosis.detection_limit import Hidden
+from calib.diagnosis.detection_limit import DetectionLimit
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 
 SETTING = Setting("6R", scatter=0.0, approaches=1, poses=30, markers=2)
@@ -26,7 +26,7 @@ def day_of(folder: Path, scale: float, joint: int) -> tuple[calib.Cell, Day]:
     return calib.load_cell(folder / "cell.toml"), day
 
 
-def of(found: Diagnosis, kind: str, where: str) -> Hidden:
+def of(found: Diagnosis, kind: str, where: str) -> DetectionLimit:
     (own,) = (h for h in found.hidden if (h.effect, h.where) == (kind, where))
     return own
 

@@ -11,7 +11,7 @@ import pytest
 import calib
 from calib import Diagnosis
 from calib.diagnosis.candidates import EXCLUDED
-from calib.diagnosis.equivalence import classes, twins
+from calib.diagnosis.equivalence import classes, imitations
 from tests.calib.diagnosis.days import Day, heavier_load, measured_day
 from tests.calib.diagnosis.test_diagnose import DRIFT, diagnosed
 
@@ -37,7 +37,7 @@ def test_exact_twins_are_listed_at_any_size_and_nothing_else_is_one() -> None:
         found = diagnosed("base_drift:base", tuple(size * v for v in DRIFT), 8)
         assert sorted(members(found)[0]) == ["base_drift:base", "tracker_drift:instrument"]
         (entry,) = found.outcome.entries
-        others = twins(found.outcome, entry)
+        others = imitations(found.outcome, entry)
         pair = {"base_drift:base", "tracker_drift:instrument"}
         assert {t.candidate.key for t in others if t.exact} | {entry.candidate.key} == pair
         assert others[0].exact
@@ -47,7 +47,7 @@ def test_what_imitates_nothing_is_far(found_lost_motion: Diagnosis) -> None:
     found = found_lost_motion
     assert members(found) == [["backlash:elbow", "friction_windup:elbow"]]  # one cause, two names
     (entry,) = found.outcome.entries
-    assert min(t.left for t in twins(found.outcome, entry)) > 100.0
+    assert min(t.left for t in imitations(found.outcome, entry)) > 100.0
     named, _ = classes(found.stage, found.outcome)
     assert np.isclose(sum(share for _, share in named[0].members), 1.0)
 

@@ -12,10 +12,10 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.diagnosis.candidates import candidates
+from calib.diagnosis.lineup import lineup
 from calib.diagnosis.screen import Field, Score, field, score
 from calib.diagnosis.stepwise import ALPHA
-from calib.diagnosis.subsets import instead_of
-from calib.diagnosis.view import lineup
+from calib.diagnosis.subsets import names_for_curve
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from tests.helpers import all_seen, cell_of, light_chain, stage_of
@@ -50,7 +50,7 @@ def asked(error: Array, v: Array, seed: int) -> tuple[int, ...]:
     beside = field(N, np.column_stack(columns), error + rng.normal(size=len(v)))
     spread = np.exp(-np.abs(np.subtract.outer(np.arange(KNOTS), np.arange(KNOTS))) / (KNOTS / 2))
     assert pays(score(beside, own[0], spread))
-    return instead_of(beside, own[0], spread, own[1:], pays)
+    return names_for_curve(beside, own[0], spread, own[1:], pays)
 
 
 def variable(seed: int) -> Array:
@@ -144,7 +144,9 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     first = max(curves, key=lambda c: score(beside, where[c.key], c.spread).gain)
     assert first.spread is not None
     named = [c for c in suspects if c.named]
-    found = instead_of(beside, where[first.key], first.spread, [where[c.key] for c in named], pays)
+    found = names_for_curve(
+        beside, where[first.key], first.spread, [where[c.key] for c in named], pays
+    )
     return first.key, sorted(named[i].key for i in found)
 
 

@@ -11,10 +11,9 @@ import calib
 from calib import Cell, Measurements
 from calib.identification.outliers import (
     _alone,
+    extrapolation_factor,
     fit_statistics,
-    lack_alone,
     pose_statistics,
-    prediction_statistics,
 )
 from calib.model.build import build
 from calib.noise import Noise
@@ -80,7 +79,7 @@ def lack(data: Measurements, seed: int) -> np.ndarray[tuple[int], np.dtype[np.fl
     r = rng.normal(size=(m, 9))
     known = np.zeros(0), np.zeros((0, 3))
     statistics = np.where(data.poses.q[:, 0] == data.poses.q[ALONE, 0], 10.0, 1.0)
-    return lack_alone(data.poses, r, J, kept, np.eye(3), known, statistics)
+    return extrapolation_factor(data.poses, r, J, kept, np.eye(3), known, statistics)
 
 
 def test_only_what_stands_alone_is_forgiven_and_noise_alone_little() -> None:
@@ -100,7 +99,9 @@ def test_weights_of_none_and_of_one() -> None:
     r, J = rng.normal(size=(12, 6)), rng.normal(size=(12, 6, 4))
     cov = np.linalg.inv(np.einsum("mri,mrj->ij", J, J))
     none, half, one = (fit_statistics(r, J, np.full(12, w), cov)[0] for w in (0.0, 0.7, 1.0))
-    np.testing.assert_array_equal(none, prediction_statistics(r, J, cov)[0])
+    predicted = np.eye(6) + J @ cov @ np.swapaxes(J, -1, -2)
+    squares = (r * np.linalg.solve(predicted, r[..., None])[..., 0]).sum(axis=-1)
+    np.testing.assert_allclose(none, squares / 6.0)
     every = np.ones(12, dtype=bool)
     held = np.zeros((0, 4))
     np.testing.assert_allclose(one, pose_statistics(r, J, every, np.eye(4), held)[0])

@@ -104,7 +104,12 @@ def test_the_shared_catalogue_is_covered() -> None:
     # tests/calib/diagnosis/test_instruments.py and tests/properties/test_instruments.py
     elsewhere |= {"focal_scale", "focal_drift", "focal_expansion", "board_scale", "socket_seat"}
     elsewhere |= {"instrument_drift", "wire_scale", "focal", "principal_point", "distortion"}
-    elsewhere |= {"board_bend", "moved", "link_scale", "time_offset"}  # .. effects/test_time_offset.py
+    elsewhere |= {
+        "board_bend",
+        "moved",
+        "link_scale",
+        "time_offset",
+    }  # .. effects/test_time_offset.py
     assert {effect.partition(":")[0] for effect in FOUND} | elsewhere == set(EFFECTS)
 
 

@@ -12,7 +12,7 @@ from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
-from calib.identification.scan import beside, scores, times
+from calib.identification.scan import carried, scores, times
 from calib.model.build import context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
@@ -33,18 +33,18 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     if scatters:
         n = cell.robot.dof
         known = Variances(1.2, np.full(n + 2, 1e-10), np.full(n + 2, 4e-10))
-        levers = stage.observation(fit.model, fit.weight).rows(stage.scatter.levers)
-        fit = replace(fit, mixing=stage.scatter.at(known).mixing(levers))
+        scattered = replace(fit.observation, scatter=stage.scatter.at(known))
+        fit = replace(fit, observation=scattered)
     effect = place_effect(*name.split(":"), context_of(cell, stage.data.poses))
     assert isinstance(effect, Tuned)
     whole, values = fit.model.extended(fit.values, [effect.carrier])
     _, J = whole.jacobian(values, stage.data.poses)
     b = len(effect.carrier.parameters)
-    carrier = stage.observation(fit.model, fit.weight).rows(J[..., -b:])
+    carrier = fit.observation.rows(J[..., -b:])
     tunings = effect.grid(stage.data.poses)[::7]
     functions = effect.functions(stage.data.poses, tunings)
     limits = np.array([p.limit for p in effect.amplitudes])
-    falls, _ = scores(beside(fit.linear).carried(carrier), functions, limits)
+    falls, _ = scores(carried(fit.linear.complement, carrier), functions, limits)
     r, J = fit.linear.independent
     for fall, own in zip(falls, functions, strict=True):
         rows = times(carrier, own)

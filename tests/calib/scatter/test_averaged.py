@@ -9,7 +9,14 @@ from calib.arm.repeatability import Usual
 from calib.arrays import Array
 from calib.scatter import Scatter, Unnoticed, unnoticed
 from calib.scatter.search import problem_of
-from tests.calib.scatter.test_scatter import SIGMA, drawn, scattering, spread_over, visits_of
+from tests.calib.scatter.test_scatter import (
+    SIGMA,
+    drawn,
+    linear_of,
+    scattering,
+    spread_over,
+    visits_of,
+)
 
 AT_TIP = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
 PLACES = 15
@@ -20,7 +27,7 @@ def averaged(approaches: int, size: float, usual: Usual = USUAL, seed: int = 1) 
     """Of a day whose tip scatters by so much, m."""
     scatter, weighted, day = scattering(visits_of(PLACES, approaches, 1))
     r = drawn(day, 1.0, size**2 * AT_TIP, np.zeros(5), seed).reshape(weighted.shape[:2])
-    problem, *_ = problem_of(scatter, weighted, r, weighted[..., :3])
+    problem, *_ = problem_of(scatter, weighted, linear_of(r, weighted[..., :3]))
     return unnoticed(scatter, problem, usual, 1.0)
 
 

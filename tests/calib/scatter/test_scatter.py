@@ -12,6 +12,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.instruments import TRACKER
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
@@ -100,6 +101,11 @@ def test_a_maximum_is_one() -> None:
     assert (found.gradient[~inside] >= -0.5).all()
 
 
+def linear_of(r: Array, X: Array) -> LinearProblem:
+    """Rows (m, R) of columns (m, R, k), nothing known beside them."""
+    return LinearProblem(r, X, np.eye(X.shape[-1]))
+
+
 def drawn(day: Day, scale: float, approach: Array, place: Array, seed: int) -> Array:
     """Rows of one day."""
     V = day.covariance(scale, spread_over(approach, 3), spread_over(place, 3))
@@ -132,7 +138,7 @@ def test_each_level_is_told_from_the_others(
     for seed in range(10):
         y = drawn(day, scale, approach**2 * at_tip, place**2 * at_tip, seed)
         r = y.reshape(weighted.shape[:2])
-        found = levels_of(scatter, weighted, r, weighted[..., :3])
+        found = levels_of(scatter, weighted, linear_of(r, weighted[..., :3]))
         v = found.variances
         level = "instrument"
         if v.configuration.any():
@@ -152,7 +158,9 @@ def test_a_known_arm_is_not_estimated() -> None:
     at_tip = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     y = drawn(day, 1.0, (3e-5) ** 2 * at_tip, np.zeros(5), 1)
     r = y.reshape(weighted.shape[:2])
-    found = levels_of(scatter, weighted, r, weighted[..., :3], known=Repeatability(3e-5, 0.0))
+    found = levels_of(
+        scatter, weighted, linear_of(r, weighted[..., :3]), known=Repeatability(3e-5, 0.0)
+    )
     assert scatter.of_tip(found.variances.approach).translation == pytest.approx(3e-5)
     assert not len(found.free)
 
@@ -160,10 +168,10 @@ def test_a_known_arm_is_not_estimated() -> None:
 def test_one_marker_read_once_tells_nothing_apart() -> None:
     scatter, weighted, _ = scattering(visits_of(30, 1, 1), markers=1)
     r = np.random.default_rng(0).normal(size=weighted.shape[:2])
-    assert not levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen
+    assert not levels_of(scatter, weighted, linear_of(r, weighted[..., :2])).instrument_seen
     scatter, weighted, _ = scattering(visits_of(30, 1, 2), markers=1)
     r = np.random.default_rng(0).normal(size=weighted.shape[:2])
-    assert levels_of(scatter, weighted, r, weighted[..., :2]).instrument_seen
+    assert levels_of(scatter, weighted, linear_of(r, weighted[..., :2])).instrument_seen
 
 
 def test_a_column_twice_leaves_a_likelihood() -> None:

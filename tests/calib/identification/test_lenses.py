@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import calib
-from calib.identification.unfit_lens import unfit_lenses
+from calib.identification.lenses import unfit_lenses
 from studies.identify.lenses import unfit_entries
 from studies.research.bench import data_folder
 from studies.research.benchmarks.lenses import written

@@ -1,4 +1,10 @@
-"""The columns of all candidates beside a fit, and with members of the fit taken out again."""
+"""The columns of all candidates beside a fit, and with members of the fit taken out again.
+
+A cause with a tuning is tried at every tuning of a grid and in every form (one harmonic or two); the
+best one takes part in the contest and pays for the choice among all
+(:meth:`calib.diagnosis.screen.Score.counted`). A full scan leaves a short list of tunings, among which
+later rounds choose.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +19,104 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
 from calib.diagnosis.screen import VISIBLE, Field, field
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.tunings import TuningGrid, tuning_grids
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
-from calib.identification.scan import beside as beside_scan
-from calib.identification.scan import times
+from calib.identification.scan import Carried, carried, scores, times
 from calib.linear import unit
+from calib.poses import Poses
 
+_LISTED = 6  # best tunings of each form that later rounds choose among
+_CHUNK = 400  # tunings at a time: memory
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
+
+
+@dataclass(frozen=True, eq=False)
+class TunedForm:
+    """One form of an effect, such as one harmonic or two, at some tunings.
+
+    tunings : ndarray, shape (C,), SI; functions : ndarray, shape (C, m, f)
+    """
+
+    effect: Tuned
+    tunings: Array
+    functions: Array
+
+    @cached_property
+    def limits(self) -> Array:
+        """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
+        return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.effect.amplitudes])
+
+    def only(self, chosen: IntArray) -> TunedForm:
+        """The form at a part of its tunings."""
+        return TunedForm(self.effect, self.tunings[chosen], self.functions[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class TuningGrid:
+    """The tuning grid of a cause at one place, in every form of the cause.
+
+    candidate : Candidate, of any tuning; poses : Poses
+    forms : tuple of TunedForm, those that are looked at: the first at all tunings, or as listed
+    """
+
+    candidate: Candidate
+    poses: Poses
+    forms: tuple[TunedForm, ...]
+
+    def scanned(self, carried: Carried) -> TuningGrid:
+        """The same with a short list of tunings; of richer forms, those and their halves."""
+        first = self.forms[0]
+        short = first.only(_peaks(_falls(first, carried))[:_LISTED])
+        richer = short.effect.richer(short.tunings)
+        if richer is None:
+            return replace(self, forms=(short,))
+        effect, tunings = richer
+        more = TunedForm(effect, tunings, effect.functions(self.poses, tunings))
+        return replace(self, forms=(short, more))
+
+    def best(self, carried: Carried, rows: int) -> tuple[Candidate, Array]:
+        """The best of all forms and tunings that are looked at, and its functions (m, f).
+
+        rows : int, that count: a direction more must pay for itself
+        """
+        worth, found = -np.inf, self.forms[0].only(np.array([0]))
+        for form in self.forms:
+            falls = _falls(form, carried)
+            first = int(np.argmax(falls))
+            gain = float(falls[first]) - len(form.limits) * float(np.log(max(rows, 1)))
+            if gain > worth:
+                worth, found = gain, form.only(np.array([first]))
+        effect = found.effect.tuned(float(found.tunings[0]))
+        return replace(self.candidate, effect=effect), found.functions[0]
+
+
+def tuning_grids(suspects: Sequence[Candidate], poses: Poses) -> tuple[TuningGrid, ...]:
+    """The tuning grids of those suspects that have a tuning and that these poses can speak of."""
+    found = []
+    for suspect in suspects:
+        effect = suspect.effect
+        if not isinstance(effect, Tuned) or not len(grid := effect.grid(poses)):
+            continue
+        form = TunedForm(effect, grid, effect.functions(poses, grid))
+        # Beside the grid, the richer forms at what is listed of it.
+        tried = len(grid) + (2 * _LISTED if effect.richer(grid) is not None else 0)
+        found.append(TuningGrid(replace(suspect, tried=tried), poses, (form,)))
+    return tuple(found)
+
+
+def _falls(form: TunedForm, carried: Carried) -> Array:
+    parts = [
+        scores(carried, form.functions[i : i + _CHUNK], form.limits)[0]
+        for i in range(0, len(form.tunings), _CHUNK)
+    ]
+    return np.concatenate(parts)
+
+
+def _peaks(falls: Array) -> IntArray:
+    """Positions of the local maxima, the highest first."""
+    padded = np.pad(falls, 1, constant_values=-np.inf)
+    peaks = np.flatnonzero((falls >= padded[:-2]) & (falls >= padded[2:]))
+    return np.asarray(peaks[np.argsort(-falls[peaks], kind="stable")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,26 +152,26 @@ class Lineup:
 
         active : what is in; fresh : whether all tunings are tried, or those of the last short list
         """
-        rows = stage.observation(fit.model, fit.weight).rows(self.J)
+        rows = fit.observation.rows(self.J)
         where = {c.key: self.where[c.key] for c in self.fixed}
         view = FitView(fit, rows, where, self.fixed)
         if not self.grids:
             return view, self
-        around, listed, tuned = beside_scan(fit.linear), [], []
+        listed, tuned = [], []
         for grid in self.grids:
             carrier = rows[..., self.where[grid.candidate.key]]
-            carried = around.carried(carrier)
-            own = grid.scanned(carried) if fresh else grid
+            scan = carried(fit.linear.complement, carrier)
+            own = grid.scanned(scan) if fresh else grid
             listed.append(own)
             there = [c for c in active if c.is_like(grid.candidate)]
             tuned += [(c, _rows(c, carrier, stage)) for c in there]
-            best, functions = own.best(carried, view.counted)
+            best, functions = own.best(scan, fit.rows)
             best = replace(best, line=1 + max((c.line for c in there), default=0))
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
                 tuned.append((best, times(carrier, functions)))
-            echoes = _echoes(grid.candidate, active)
-            tuned += [(c, _rows(c, carrier, stage)) for c in echoes]
+            others = _at_tunings_of(grid.candidate, active)
+            tuned += [(c, _rows(c, carrier, stage)) for c in others]
         ends = rows.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
         for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
             where[c.key] = np.arange(a, b)
@@ -89,8 +185,8 @@ class Lineup:
         if grid is None:
             return
         carrier = view.rows[..., self.where[grid.candidate.key]]
-        carried = beside_scan(view.fit.without([member.effect]).linear).carried(carrier)
-        for form in grid.scanned(carried).forms:
+        scan = carried(view.fit.without([member.effect]).linear.complement, carrier)
+        for form in grid.scanned(scan).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits
 
@@ -110,13 +206,8 @@ class FitView:
     suspects: tuple[Candidate, ...]
 
     @cached_property
-    def counted(self) -> int:
-        """Rows that count."""
-        return int(np.count_nonzero(np.abs(self.fit.J).sum(axis=-1)))
-
-    @cached_property
     def columns(self) -> Array:
-        """The same of independent rows, shape (N, K)."""
+        """Columns of all candidates in independent rows, shape (N, K)."""
         return self.fit.linear.columns(self.rows)
 
     @cached_property
@@ -126,13 +217,8 @@ class FitView:
         return field(J, self.columns, r, self.fit.linear.basis)
 
     @cached_property
-    def _shown(self) -> Array:
-        """Every parameter, determined or not, along the basis, of length one, (k, p)."""
-        return unit(self.fit.linear.along[0])
-
-    @cached_property
     def by_instrument(self) -> FitView:
-        """The same as if nothing but the instrument erred."""
+        """The view of a fit whose readings err by the instrument alone."""
         return replace(self, fit=self.fit.by_instrument(self.fit.r, self.fit.J))
 
     def without(self, *members: Candidate) -> Field:
@@ -145,7 +231,9 @@ class FitView:
         fit, whole = self.fit, self.beside
         own = np.concatenate([fit.positions(member.effect) for member in members])
         U = fit.linear.freed(own)
-        U = _unseen(U, np.delete(U.T @ self._shown, own, axis=1))
+        shown = np.delete(U.T @ unit(fit.linear.along[0]), own, axis=1)
+        squares, V = np.linalg.eigh(shown @ shown.T)
+        U = U @ V[:, squares <= VISIBLE**2]
         # The residual as it would be without the effect, to first order.
         parameters, r = fit.linear.along
         r = r + parameters[:, own] @ fit.moving[own]
@@ -178,28 +266,17 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGr
     return Lineup(fixed, tuple(tuned.values()), J, where)
 
 
-def _echoes(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
-    """A cause at the tunings of its kind elsewhere: what it would be in their place."""
-    for c in active:
-        if isinstance(c.effect, Timed) and not c.is_like(candidate) and _as_timed(candidate, c):
-            yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
+def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
+    """A cause at the tunings of others that follow the clock alike: what it would be in their place.
 
-
-def _as_timed(candidate: Candidate, other: Candidate) -> bool:
-    """Whether both follow the clock by one function: a camera that moved does as a step of the base."""
-    mine, theirs = candidate.effect, other.effect
-    if not (isinstance(mine, Timed) and isinstance(theirs, Timed)):
-        return False
-    return type(mine).functions is type(theirs).functions
-
-
-def _unseen(free: Array, shown: Array) -> Array:
-    """Of directions (k, c) those that what is visible of other parameters leaves free.
-
-    shown : ndarray, shape (c, p), of length one, in these directions
+    A camera that moved follows it as a step of the base does.
     """
-    squares, V = np.linalg.eigh(shown @ shown.T)
-    return np.asarray(free @ V[:, squares <= VISIBLE**2])
+    mine = candidate.effect
+    for c in active:
+        if not (isinstance(mine, Timed) and isinstance(c.effect, Timed)) or c.is_like(candidate):
+            continue
+        if type(mine).functions is type(c.effect).functions:
+            yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:

@@ -1,0 +1,150 @@
+"""Decorrelation of whole poses that err together: rows of readings made independent.
+
+The whitened rows of one configuration have the covariance
+
+    V = s^2 I + H C H^T + blockdiag(H_a U H_a^T)
+
+with the levers H of its readings, H_a those of one approach. Its inverse Cholesky factor turns the
+rows into innovations: each row less what the rows before it tell of it, in the same approach and then
+in the same configuration. Poses that do not count have rows of zeros and stay so.
+
+Rows y of a group with covariance ``I + K K^T`` err by ``K c`` beside their own noise, c of unit
+variance. What the readings before tell of c has the mean ``M^-1 t`` and the covariance ``M^-1``, with
+
+    M = I + sum K_i^T K_i,    t = sum K_i^T y_i    (i before j)
+
+(Kalman, J. Basic Eng. 82(1), 1960), and reading j leaves the innovation ``T_j (y_j - K_j M^-1 t)`` with
+T_j the inverse Cholesky factor of ``I + K_j M^-1 K_j^T``. All together are the inverse Cholesky factor
+of the whole group, at a cost that grows as the readings do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, by_size, stacked
+from calib.solver import inverse_factor
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingBlock:
+    """B groups with r readings.
+
+    index : ndarray of int, shape (B, r), the readings
+    K, told : ndarray, shape (..., B, r, R, k), levers, and how c as told by the readings before enters
+    T : ndarray, shape (..., B, r, R, R), inverse factors of what each reading leaves
+    """
+
+    index: IntArray
+    K: Array
+    told: Array
+    T: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What the readings of a group share, approaches or configurations: its inverse Cholesky factor.
+
+    group : ndarray of int, shape (m,); K : ndarray, shape (..., m, R, k), levers of one unit each
+    blocks : tuple of ReadingBlock, of rows that the levels before have made independent
+    """
+
+    group: IntArray
+    K: Array
+    blocks: tuple[ReadingBlock, ...]
+
+    @classmethod
+    def of(cls, group: IntArray, K: Array, own: Array) -> Level:
+        """Of levers K, and the same in rows that the levels before have made independent."""
+        blocks = tuple(_block(index, own[..., index, :, :]) for index in by_size(group))
+        return cls(group, K, blocks)
+
+    def __call__(self, rows: Array) -> Array:
+        """Independent rows of unit variance, both (..., m, R, p)."""
+        out = np.empty(rows.shape)
+        for block in self.blocks:
+            own = rows[..., block.index, :, :]
+            if block.index.shape[1] > 1:
+                own = own - block.told @ _before(_t(block.K) @ own)
+            out[..., block.index, :, :] = block.T @ own
+        return out
+
+    def back(self, gains: Array) -> Array:
+        """Gains on the rows, from those on the independent ones, both (..., m, R, p)."""
+        out = np.empty(gains.shape)
+        for block in self.blocks:
+            own = _t(block.T) @ gains[..., block.index, :, :]
+            if block.index.shape[1] > 1:
+                after = _t(block.told) @ own
+                own = own - block.K @ _before(after[..., ::-1, :, :])[..., ::-1, :, :]
+            out[..., block.index, :, :] = own
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Mixing:
+    """Decorrelation of the rows of poses that err as a whole.
+
+    levels : tuple of Level, approaches first, of rows in the instrument's actual standard deviations
+    scale : float, actual over stated standard deviation of the instrument
+    """
+
+    levels: tuple[Level, ...]
+    scale: float
+
+    def __call__(self, rows: Array) -> Array:
+        """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
+        rows = rows / self.scale
+        for level in self.levels:
+            rows = level(rows)
+        return rows
+
+    def back(self, gains: Array) -> Array:
+        """Gains on whitened rows, from those on the independent rows made of them, (..., m, R, p)."""
+        for level in reversed(self.levels):
+            gains = level.back(gains)
+        return gains / self.scale
+
+    def covariance(self, gains: Array) -> Array:
+        """Covariance (p, p) of what follows whitened rows by ``gains`` (m, R, p)."""
+        parts = [stacked(gains)]
+        for level in self.levels:
+            each = _t(level.K) @ gains
+            parts += [stacked(each[index].sum(axis=1)) for index in by_size(level.group)]
+        return self.scale**2 * np.asarray(sum(flat.T @ flat for flat in parts))
+
+    def taken(self) -> Iterator[tuple[IntArray, Array]]:
+        """What is shared in the inverse covariance, ``(I - sum over groups of G G^T) / scale^2``.
+
+        Yields groups (B, r) and their G (B, r, R, k), of levers without leading axes.
+        """
+        for i, level in enumerate(self.levels):
+            before = Mixing(self.levels[:i], 1.0)
+            W = before.back(before(level.K))
+            for index in by_size(level.group):
+                own = W[index]
+                M = np.eye(own.shape[-1]) + (_t(level.K[index]) @ own).sum(axis=1)
+                yield index, own @ _t(inverse_factor(M))[:, None]
+
+
+def _block(index: IntArray, K: Array) -> ReadingBlock:
+    R, k = K.shape[-2:]
+    told = K
+    if index.shape[1] > 1:
+        M = np.eye(k) + _before(_t(K) @ K)
+        told = _t(np.asarray(np.linalg.solve(M, _t(K))))
+    return ReadingBlock(index, K, told, inverse_factor(np.eye(R) + told @ _t(K)))
+
+
+def _before(each: Array) -> Array:
+    """Sums over the readings before, of (..., r, k, p)."""
+    out = np.zeros(each.shape)
+    np.cumsum(each[..., :-1, :, :], axis=-3, out=out[..., 1:, :, :])
+    return out
+
+
+def _t(a: Array) -> Array:
+    return np.swapaxes(a, -1, -2)

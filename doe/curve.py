@@ -23,8 +23,8 @@ def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[CurveS
     steps = []
     for smaller in _sizes(problem):
         try:
-            quiet = replace(effort, progress=lambda _: None)
-            chosen = choose(smaller, pool, quiet, Clock(), thorough=False)
+            quiet = replace(effort, progress=lambda _: None, clock=Clock())
+            chosen = choose(smaller, pool, quiet, thorough=False)
         except CannotIdentify:
             continue
         judged = assess(smaller, pool.q[chosen.plan])

@@ -132,7 +132,7 @@ class Design(Result):
 
     problem : Problem
     poses : Poses, in the order of measuring, second visits and repeats of the reference included
-    level : ndarray, shape (N,), rad or m, NaN without levels; levels : AngleLevels, settled, or None
+    levels : AngleLevels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
     rivals : dict, name -> Rival
@@ -145,7 +145,6 @@ class Design(Result):
 
     problem: Problem
     poses: Poses
-    level: Array
     levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
@@ -173,6 +172,12 @@ class Design(Result):
         ]
 
     @property
+    def level(self) -> Array:
+        """Level at which each pose stands, rad or m, NaN without levels, shape (N,)."""
+        q, levels = self.poses.q, self.levels
+        return np.full(len(q), np.nan) if levels is None else q[:, levels.joint]
+
+    @property
     def criterion(self) -> str:
         """Name of the criterion."""
         return self.problem.criterion.name
@@ -197,8 +202,3 @@ def named(q: Array, letter: str = "p") -> Poses:
     """Poses p01, p02 .. at joint values (N, dof), or by another letter."""
     width = max(2, len(str(len(q))))
     return poses_at(q, names=[f"{letter}{i + 1:0{width}d}" for i in range(len(q))])
-
-
-def level_values(levels: AngleLevels | None, q: Array) -> Array:
-    """Level at which each pose stands, rad or m, NaN without levels."""
-    return np.full(len(q), np.nan) if levels is None else q[:, levels.joint]

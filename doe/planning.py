@@ -21,7 +21,7 @@ from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
-from doe.plan import Candidates, Certificate, Design, Rival, level_values, named
+from doe.plan import Candidates, Certificate, Design, Rival, named
 from doe.problem import Problem, problem_of
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.request import (
@@ -135,7 +135,7 @@ def design(
         found = _with_usual_reapproaches(cell, request, source, effort, against or {})
         if found is not None:
             return found
-    return _designed(cell, request, source, effort, against or {}, Clock())
+    return _designed(cell, request, source, effort, against or {})
 
 
 def _with_usual_reapproaches(
@@ -150,9 +150,9 @@ def _with_usual_reapproaches(
     if not again:
         return None
     fewer = replace(request, poses=request.poses - again)
-    unasked = replace(effort, reapproaches=again, asked=False)
+    unasked = replace(effort, reapproaches=again, asked=False, clock=Clock())
     try:
-        return _designed(cell, fewer, source, unasked, against, Clock())
+        return _designed(cell, fewer, source, unasked, against)
     except CannotIdentify:
         return None
 
@@ -207,24 +207,21 @@ def _designed(
     source: int | Poses | None,
     effort: Effort,
     against: Mapping[str, Poses],
-    clock: Clock,
 ) -> Design:
     follows = _follows_levels(cell, request)
     problem = problem_of(_with_even_knots(cell, request) if follows else cell, request, effort.seed)
     effort.progress(f"{len(problem.model.parameters)} parameters, {request.poses} poses")
     pool = _pool(problem, source, effort.seed)
-    clock.lap("pool")
+    effort.clock.lap("pool")
     effort.progress(f"{len(pool)} of {pool.drawn} candidates are feasible")
     check_count(problem, pool)
-    chosen = choose(problem, pool, effort, clock)
+    chosen = choose(problem, pool, effort)
     levels = request.levels
     if levels is not None and not levels.chosen:
         settled = levels.only(np.unique(pool.q[chosen.plan, levels.joint]))
         if follows:
             effort.progress("levels chosen; the model's angles follow them")
-            there = _designed(
-                cell, replace(request, levels=settled), source, effort, against, clock
-            )
+            there = _designed(cell, replace(request, levels=settled), source, effort, against)
             note = (
                 f"levels chosen among {len(levels.values)}, at least "
                 f"{chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even "
@@ -232,14 +229,13 @@ def _designed(
             )
             return replace(there, notes=(note, *there.notes))
         levels = settled
-    final, found, certificate = finish(problem, pool, chosen, effort, clock)
+    final, found, certificate = finish(problem, pool, chosen, effort)
     landscape, live = landscape_of(problem, final, found)
     poses, reference, again, certificate = _visited(problem, final, found, certificate, effort)
     q = poses.q
     result = Design(
         problem=problem,
         poses=poses,
-        level=level_values(levels, q),
         levels=levels,
         assessment=assess(problem, q),
         certificate=certificate,
@@ -247,11 +243,11 @@ def _designed(
         landscape=landscape,
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
-        seconds=clock.laps,
+        seconds=effort.clock.laps,
         reference=reference,
         reapproaches=again,
     )
-    clock.lap("judgement")
+    effort.clock.lap("judgement")
     return replace(result, notes=notes_of(result))
 
 

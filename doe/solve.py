@@ -38,32 +38,6 @@ _NARROWEST = 6e-4
 _TRIED = 300  # candidates of the largest scores, to be visited in place of a pose twice
 
 
-@dataclass(frozen=True)
-class Effort:
-    """What is done beside the search.
-
-    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
-    robust : prefer the plan that is best after the loss of any one pose
-    prove : go on with branch and bound for minutes
-    curve : also the best plans of other numbers of poses
-    reference_every : poses between two readings of a reference pose, 0 for none
-    reapproaches : poses that are visited again, 0 for none
-    seed : int; progress : called with a line for each step
-    asked : whether second visits were asked for, else they are a default
-    """
-
-    refine: bool = True
-    fresh: int = 0
-    robust: bool = False
-    prove: bool = False
-    curve: bool = False
-    reference_every: int = 0
-    reapproaches: int = 0
-    seed: int = 0
-    progress: Callable[[str], None] = lambda _: None
-    asked: bool = True
-
-
 @dataclass
 class Clock:
     """Seconds by part."""
@@ -78,18 +52,44 @@ class Clock:
         self.last = now
 
 
-def choose(
-    problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
-) -> WholePlan:
+@dataclass(frozen=True)
+class Effort:
+    """What is done beside the search.
+
+    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
+    robust : prefer the plan that is best after the loss of any one pose
+    prove : go on with branch and bound for minutes
+    curve : also the best plans of other numbers of poses
+    reference_every : poses between two readings of a reference pose, 0 for none
+    reapproaches : poses that are visited again, 0 for none
+    seed : int; progress : called with a line for each step
+    asked : whether second visits were asked for, else they are a default
+    clock : Clock, of all that is done
+    """
+
+    refine: bool = True
+    fresh: int = 0
+    robust: bool = False
+    prove: bool = False
+    curve: bool = False
+    reference_every: int = 0
+    reapproaches: int = 0
+    seed: int = 0
+    progress: Callable[[str], None] = lambda _: None
+    asked: bool = True
+    clock: Clock = field(default_factory=Clock)
+
+
+def choose(problem: Problem, pool: Pool, effort: Effort, *, thorough: bool = True) -> WholePlan:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     blocks, rules = problem.posed(pool)
     relaxed = relax(problem.criterion, blocks, rules)
-    clock.lap("relaxation")
+    effort.clock.lap("relaxation")
     effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
     found = best_plan(
         problem.criterion, blocks, rules, relaxed, seed=effort.seed, thorough=thorough
     )
-    clock.lap("exchange")
+    effort.clock.lap("exchange")
     if problem.criterion.whole:
         _check_determined(problem, blocks.total(found.plan))
     chosen = _reported(problem, blocks, rules, found)
@@ -145,7 +145,7 @@ def _check_determined(problem: Problem, M: Array) -> None:
 
 
 def finish(
-    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort, clock: Clock
+    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort
 ) -> tuple[Pool, WholePlan, Certificate]:
     """Harden, polish, prove: the plan before it is put into the order of a day, and what is proved.
 
@@ -157,20 +157,20 @@ def finish(
         plan = robust_exchange(criterion, blocks, rules, chosen.plan)
         value = float(criterion.plain.value(blocks.total(plan)))
         chosen = replace(chosen, plan=plan, value=value)
-        clock.lap("robust exchange")
+        effort.clock.lap("robust exchange")
     elif effort.refine:
         pool, chosen = _polished(problem, pool, chosen, effort)
-        clock.lap("polish")
+        effort.clock.lap("polish")
     blocks, rules = problem.posed(pool)
     proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once.
     if provable(criterion, rules) and not (effort.robust or effort.reapproaches):
         proof = _proved(problem, pool, chosen, effort)
-        clock.lap("branch and bound")
+        effort.clock.lap("branch and bound")
     fresh = np.nan
     if effort.fresh:
         fresh = fresh_bound(problem, chosen.relaxed.G, effort)
-        clock.lap("fresh candidates")
+        effort.clock.lap("fresh candidates")
     if not rules.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
     certificate = Certificate(

@@ -210,7 +210,7 @@ def enough(
         pool = pool.where(likely_read(cell.robot, pool.q, data.poses, missed))
         if not len(pool):
             raise CalibError(refusal(missed))
-    blocks = Blocks(pool.packed / arm.scale**2, whole.root.T @ whole.root, regressor.rank)
+    blocks = Blocks(pool.packed / arm.scale**2, whole.root.T @ whole.root)
     chosen = _together(forecast.criterion, blocks, fresh, ahead, seed)
     beyond, index = _fresh(pool.q, blocks, forecast, at, whole, result, fresh, chosen)
     return replace(result, fresh=beyond, fresh_q=pool.q[index])
@@ -260,7 +260,7 @@ def _best_order(
     own = [stacked(rows[number == k]) for k in range(len(poses))]
     known = stacked(rows[so_far])
     packed = pack(np.stack([rows.T @ rows for rows in own]))
-    blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
+    blocks = Blocks(packed, known.T @ known + held.T @ held)
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)

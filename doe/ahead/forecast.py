@@ -18,7 +18,7 @@ from calib.scatter import Variances
 from calib.scatter.poses import Mixing
 from calib.uncertainty.expanded import freedom
 from doe.ahead.lacking import Lacking
-from doe.criteria import Criterion, Question
+from doe.criteria import Criterion
 from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
@@ -139,9 +139,7 @@ class Forecast:
     @property
     def criterion(self) -> Criterion:
         """The expected error at the targets, for information in plausible sizes."""
-        p = self.rows.shape[-1]
-        none, T = np.zeros((0, p, p)), np.diag(self.model.sizes)
-        return Task.of(Question(self.model, T, None, None, lambda: self.rows, self.weights, none))
+        return Task.at_targets(self.rows, self.weights)
 
     def steps(
         self,
@@ -263,7 +261,7 @@ def open_beside(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
     largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
     least = max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed))
-    return Blocks(blocks.packed, blocks.fixed + least, blocks.rank)
+    return Blocks(blocks.packed, blocks.fixed + least)
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:

@@ -39,10 +39,6 @@ class Trace(Criterion):
         W = solved(M, self.F)
         return np.asarray(W @ W.T / np.vdot(self.F, W) ** 2)
 
-    def leaning(self, cov: Array) -> Array:
-        W = cov @ self.F
-        return np.asarray(W @ W.T)
-
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp
 
@@ -109,7 +105,15 @@ class Task(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
+        return cls.at_targets(question.targets(), question.target_weights)
+
+    @classmethod
+    def at_targets(cls, rows: Array, weights: Array) -> Self:
+        """The criterion for rows (K, r, p), m per y, of K targets, and their weights (K,).
+
+        Raises CalibError where the rows are nothing.
+        """
+        rows = rows * np.sqrt(weights)[:, None, None]
         if not rows.any():
             raise CalibError(
                 "nothing in the model moves the targets, so that every plan is as good there; add "

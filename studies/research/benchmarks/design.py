@@ -113,8 +113,7 @@ def timed(work: Callable[[], T], enough: float = ENOUGH) -> tuple[T, float]:
 
 def blocks_of(matrices: Array) -> Blocks:
     """Blocks of given information matrices, (n, p, p)."""
-    rank = int(np.linalg.matrix_rank(matrices[:50], tol=1e-8).max())
-    return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]), rank)
+    return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]))
 
 
 def any_of(count: int, poses: int, repeats: bool = False) -> Allowed:

@@ -14,6 +14,7 @@ from calib.errors import CalibError, EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses, poses_at
@@ -177,7 +178,7 @@ def enough(
     except (TooFewPoses, EffectCannotAct) as error:
         found, why = None, str(error)
     arm, at, day = _linearised(cell, data, whole_day(cell, data, plan, done.left), found)
-    model, sizes = at.model, at.model.sizes
+    model = at.model
     lacking = lacking_of(cell, model, at.values, arm, found)
     forecast = Forecast.at(at, lacking, found)
     kept = np.ones(len(day), dtype=bool)
@@ -188,12 +189,11 @@ def enough(
     pull = 1.0 if found is None else found.pull
     if found is not None and not at.arm.any:
         pull /= found.noise.divisor
-    held = model.beside(at.values)[1] * sizes
+    rows = rows.beside(model.beside(at.values)[1] * model.sizes, pull)
     so_far = np.arange(len(day)) < len(data)
-    now = rows.equations(so_far, held, pull)
-    order = _best_order(forecast.criterion, rows.rows.by_reading, so_far, plan, done.left, held)
-    further = ((name, count, rows.equations(upto, held, pull)) for name, count, upto in order)
-    steps = tuple(forecast.steps(now, len(data), further))
+    order = _best_order(forecast.criterion, rows.rows, so_far, plan, done.left)
+    further = ((name, count, rows.equations(upto)) for name, count, upto in order)
+    steps = tuple(forecast.steps(rows.equations(so_far), len(data), further))
     footprint = model.footprint(at.values, data)
     sigma = believed_sigma(day, at.weights(day), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
@@ -201,7 +201,7 @@ def enough(
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    whole = rows.equations(None, held, pull)
+    whole = rows.equations()
     regressor = Regressor.nominal(cell, model, at.values)
     pool = pool_of(
         regressor, constraints_of(cell), None, drawn(cell, _CANDIDATES, None, seed), _CANDIDATES
@@ -246,20 +246,21 @@ def _linearised(
 
 
 def _best_order(
-    criterion: Criterion, rows: Array, so_far: Mask, plan: Poses, left: IntArray, held: Array
+    criterion: Criterion, rows: LinearProblem, so_far: Mask, plan: Poses, left: IntArray
 ) -> Iterator[tuple[str, int, Mask]]:
     """The poses of which readings are still to come: name, how many, and all that is read by then.
 
-    rows : ndarray, shape (m, R, p), independent ones of the whole day
+    rows : LinearProblem, of the whole day
     """
     if not len(left):
         return
     poses, of = np.unique(left % len(plan), return_inverse=True)
     number = np.full(len(so_far), -1)
     number[~so_far] = of
-    own = [stacked(rows[number == k]) for k in range(len(poses))]
-    known = stacked(rows[so_far])
-    packed = pack(np.stack([rows.T @ rows for rows in own]))
+    each, held = rows.by_reading, rows.held
+    own = [stacked(each[number == k]) for k in range(len(poses))]
+    known = stacked(each[so_far])
+    packed = pack(np.stack([one.T @ one for one in own]))
     blocks = Blocks(packed, known.T @ known + held.T @ held)
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):

@@ -15,7 +15,6 @@ from calib.model import Model
 from calib.model.covariance import covariance, identifiable, ignorance, task_error
 from calib.poses import Measurements
 from calib.scatter import Variances
-from calib.scatter.poses import Mixing
 from calib.uncertainty.expanded import freedom
 from doe.ahead.lacking import Lacking
 from doe.criteria import Criterion
@@ -212,43 +211,39 @@ class Readings:
     """Readings to first order, per plausible size of the parameters.
 
     rows, common : LinearProblem, the latter how the same readings follow errors common to all
-    weighing : how the estimate weighs whole poses: as the cell says that the arm scatters
     """
 
     rows: LinearProblem
     common: LinearProblem
-    weighing: Mixing | None
 
     @classmethod
     def at(cls, at: Linearisation, data: Measurements, kept: Mask | None = None) -> Readings:
         """Of a data set, of which some readings count, shape (m,)."""
         rows = at.of(data, kept)
-        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
         arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+        # The estimate weighs whole poses as the cell says that the arm scatters.
         weighing = replace(at, arm=arm).of(data, kept).mixing if arm.any else None
-        return cls(rows, moved_rows(at, data, at.weights(data, kept), rows), weighing)
+        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
+        common = moved_rows(at, data, at.weights(data, kept), rows)
+        return cls(replace(rows, weighing=weighing, held=np.zeros((0, len(at.values)))), common)
 
-    def equations(
-        self, chosen: Mask | None = None, held: Array | None = None, pull: float = 1.0
-    ) -> NormalEquations:
-        """What they tell together, all or some of them, (m,), beside rows ``held`` (k, p).
+    def beside(self, held: Array, pull: float) -> Readings:
+        """The same where rows ``held`` (k, p) are known, which weigh ``pull`` times more."""
+        return replace(self, rows=replace(self.rows, off=np.zeros(len(held)), held=held, pull=pull))
 
-        pull : by how much more the estimate weighs the rows beside them
-        """
+    def equations(self, chosen: Mask | None = None) -> NormalEquations:
+        """What they tell together, all or some of them, (m,), and what is known beside them."""
         own = self.rows.J if chosen is None else self.rows.J * chosen[:, None, None]
-        counted = own
-        if self.weighing is not None:
-            counted = self.weighing(own)
-            own = self.weighing.back(counted)
+        counted, pull = own, self.rows.pull
+        if self.rows.weighing is not None:
+            counted = self.rows.weighing(own)
+            own = self.rows.weighing.back(counted)
+        held = pull * self.rows.held
+        core = None
+        if self.rows.mixing is not None:  # the error of what is held weighs more as well
+            core = self.rows.mixing.covariance(own) + pull**2 * held.T @ held
         crossed = np.einsum("mrp,mrb->pb", own, self.common.J)
-        core = None if self.rows.mixing is None else self.rows.mixing.covariance(own)
-        if held is None:
-            return NormalEquations(root(stacked(counted)), core, crossed)
-        held = pull * held  # and so is the error of these rows, of which core is made
-        both = root(np.concatenate([stacked(counted), held]))
-        return NormalEquations(
-            both, None if core is None else core + pull**2 * held.T @ held, crossed
-        )
+        return NormalEquations(root(np.concatenate([stacked(counted), held])), core, crossed)
 
 
 def root(rows: Array) -> Array:

@@ -337,7 +337,6 @@ def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int
     some: IntArray = others[np.argsort(-scores[others])[:_TRIED]]
     if len(some) < count:
         return np.nan
-    anywhere = Allowed(np.zeros(len(some), dtype=int), np.zeros(1), np.array([count]), 1)
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
-    more = some[greedy(problem.criterion, beside, anywhere)]
+    more = some[greedy(problem.criterion, beside, Allowed.any_of(len(some), count))]
     return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms

@@ -21,6 +21,7 @@ from calib.poses import Measurements, Poses, poses_at
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from doe.ahead.error_floor import ErrorFloor, error_floor
 from doe.ahead.forecast import (
     Forecast,
     ForecastStep,
@@ -29,9 +30,8 @@ from doe.ahead.forecast import (
     best_next,
     open_beside,
 )
-from doe.ahead.lacking import Lacking, lacking_of
+from doe.ahead.remaining import Match, match, whole_day
 from doe.ahead.situation import likely_read, refusal
-from doe.ahead.to_come import Match, match, whole_day
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion
 from doe.curve import stops_paying
@@ -57,7 +57,7 @@ class Enough(Result):
     match : Match, which readings of the plan are done
     steps : tuple of ForecastStep, the first one now, then the poses still to come in the best order
     goal : float, m, or None
-    lacking : Lacking, what no reading of these poses lowers
+    lacking : ErrorFloor, what no reading of these poses lowers
     fresh : tuple of ForecastStep, poses beyond the plan until the goal is reached; empty where not
         asked
     fresh_q : ndarray, shape (n, dof), rad or m, their joint values
@@ -71,7 +71,7 @@ class Enough(Result):
     match: Match
     steps: tuple[ForecastStep, ...]
     goal: float | None
-    lacking: Lacking
+    lacking: ErrorFloor
     fresh: tuple[ForecastStep, ...]
     fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -179,7 +179,7 @@ def enough(
         found, why = None, str(error)
     arm, at, day = _linearised(cell, data, whole_day(cell, data, plan, done.left), found)
     model = at.model
-    lacking = lacking_of(cell, model, at.values, arm, found)
+    lacking = error_floor(cell, model, at.values, arm, found)
     forecast = Forecast.at(at, lacking, found)
     kept = np.ones(len(day), dtype=bool)
     if found is not None:
@@ -274,7 +274,7 @@ def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed
     if count < 2 or not fresh:
         return np.zeros(0, dtype=int)
     beside = open_beside(blocks)
-    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
+    rules = Allowed.any_of(len(blocks), count)
     relaxed = relax(criterion, beside, rules)
     plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
     return plan[best_next(criterion, blocks.take(plan), count)]

@@ -18,7 +18,7 @@ from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.equivalence import SAME
 from doe.ahead.likeness import Likeness, directions, likeness, margins
-from doe.ahead.situation import Offer
+from doe.ahead.situation import CandidateRows
 
 FREE = 10.0
 """Plausible sizes to which what is modelled is known beforehand."""
@@ -142,7 +142,7 @@ class RivalEvidence:
         each = zip(self.pairs, self.keys, strict=True)
         return replace(self, pairs=tuple(pair for pair, key in each if key not in told))
 
-    def within_reach(self, offer: Offer, start: Array, count: int) -> RivalEvidence:
+    def within_reach(self, offer: CandidateRows, start: Array, count: int) -> RivalEvidence:
         """The same with the pairs that some choice of candidates might tell apart.
 
         A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.

@@ -16,7 +16,7 @@ from calib.model.covariance import covariance, identifiable, ignorance, task_err
 from calib.poses import Measurements
 from calib.scatter import Variances
 from calib.uncertainty.expanded import freedom
-from doe.ahead.lacking import Lacking
+from doe.ahead.error_floor import ErrorFloor
 from doe.criteria import Criterion
 from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
@@ -100,7 +100,7 @@ class Forecast:
 
     rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
     weights : ndarray, shape (targets,), summing to one
-    lacking : Lacking, the error there that no reading lowers
+    lacking : ErrorFloor, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
     predicted : ndarray, shape (targets, r, b), m, how predictions follow errors common to all readings
     """
@@ -108,12 +108,12 @@ class Forecast:
     model: Model
     rows: Array
     weights: Array
-    lacking: Lacking
+    lacking: ErrorFloor
     dof: float
     predicted: Array
 
     @classmethod
-    def at(cls, at: Linearisation, lacking: Lacking, found: Identification | None) -> Forecast:
+    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Forecast:
         """At the targets of a cell; found : of the data so far, None where there is none.
 
         What is taken for noise is known by as many degrees of freedom as the identification says.
@@ -255,8 +255,7 @@ def root(rows: Array) -> Array:
 def open_beside(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
     largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
-    least = max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed))
-    return Blocks(blocks.packed, blocks.fixed + least)
+    return blocks.beside(max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed)))
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
@@ -264,5 +263,4 @@ def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
 
     What is open is closed first.
     """
-    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
-    return greedy(criterion, open_beside(blocks), rules)
+    return greedy(criterion, open_beside(blocks), Allowed.any_of(len(blocks), count))

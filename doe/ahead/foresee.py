@@ -34,7 +34,7 @@ from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import Likeness, likeness, plausible
-from doe.ahead.to_come import readings_of
+from doe.ahead.remaining import readings_of
 from doe.problem.linearisation import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike

@@ -27,7 +27,7 @@ from doe.ahead.rivals import (
     suspicious,
 )
 from doe.ahead.search import search_of
-from doe.ahead.situation import Situation, likely_read, offer_of, refusal
+from doe.ahead.situation import Situation, candidate_rows, likely_read, refusal
 from doe.plan import named
 from doe.visiting import visiting_order
 
@@ -155,7 +155,7 @@ def next_poses(
     q = q[likely_read(cell.robot, q, diagnosis.data.poses, missed)]
     if not len(q):
         raise CalibError(refusal(missed))
-    offer = offer_of(situation, q, count)
+    offer = candidate_rows(situation, q, count)
     start = situation.conditions.last
     shown = [form for form in unseen if form.hopeful(offer, start)]
     search = search_of(doubts, offer, start, count, shown)
@@ -244,7 +244,7 @@ def _remedies(
         allowed = changed.allowed(q)
         if not len(allowed):
             continue
-        offer = offer_of(changed, allowed, count)
+        offer = candidate_rows(changed, allowed, count)
         for doubt in open_:
             evidence = evidence_of(changed, data, doubt.members, doubt.pairs)
             search = search_of([evidence], offer, changed.conditions.last, count)

@@ -26,7 +26,7 @@ from calib.diagnosis.stage import positions
 from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
-from doe.ahead.situation import Offer, Situation
+from doe.ahead.situation import CandidateRows, Situation
 from doe.problem.linearisation import counted, target_rows, unknown_markers
 
 _WAVES = 4  # of each angle
@@ -72,7 +72,7 @@ class CauseForm:
             found += chance * wave_power(S[..., at, at], lengths[at], chance * self.alpha)
         return np.asarray(found / self.chances.sum())
 
-    def hopeful(self, offer: Offer, start: Array) -> bool:
+    def hopeful(self, offer: CandidateRows, start: Array) -> bool:
         """Whether all candidates together would show it."""
         blocks = self.blocks(offer.rows(slice(None), start), offer.q)
         return bool(self.power(self.data.added(blocks).S) >= TESTED)
@@ -101,7 +101,7 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Caus
     moving = diagnosis.after.values[own]
 
     def beside(rows: Array, at: Array) -> Array:
-        run = np.concatenate([waves(model.robot, at, q, k) for k in joints], axis=1)
+        run = np.concatenate([waves(model.robot, at, q, int(k)) for k in joints], axis=1)
         moved = rows[..., own] @ moving
         # What only rivals have is none of this question.
         return np.concatenate([rows[..., :p], moved[..., None] * run[:, None, :]], axis=-1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from doe.ahead.evidence import ReducedEquations, RivalEvidence
-from doe.ahead.situation import Offer
+from doe.ahead.situation import CandidateRows
 
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6
@@ -47,7 +47,7 @@ class Search:
     """
 
     objectives: tuple[Objective, ...]
-    offer: Offer
+    offer: CandidateRows
     start: Array
     weigh: Callable[[Sequence[Array]], Array] = worst
 
@@ -123,7 +123,7 @@ class Search:
 
 def search_of(
     rivals: Sequence[RivalEvidence],
-    offer: Offer,
+    offer: CandidateRows,
     start: Array,
     count: int,
     others: Sequence[Objective] = (),

@@ -18,7 +18,7 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.function import InformationFunction
 
-_JUDGED = 60  # candidates in place of a pose that are judged exactly
+_JUDGED = 24  # candidates in place of a pose that are judged exactly
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _MOST = 0.9  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -133,8 +133,8 @@ def _move_level(
             if new == old or len(members) < count[0]:
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
-            inside = Allowed(np.zeros(len(promising), dtype=int), np.zeros(1), count, 1)
-            added = greedy(criterion, Blocks(blocks.packed[promising], blocks.total(rest)), inside)
+            part = Blocks(blocks.packed[promising], blocks.total(rest))
+            added = greedy(criterion, part, Allowed.any_of(len(promising), int(count[0])))
             moved = np.concatenate([rest, promising[added]])
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
                 return moved

@@ -108,8 +108,7 @@ class Problem:
         """Which sets of candidates make a plan, for candidates at these levels."""
         levels = self.request.levels
         if levels is None:
-            counts = np.array([self.request.poses])
-            return Allowed(level, np.zeros(1), counts, 1, repeats=self.request.repeats)
+            return Allowed.any_of(len(level), self.request.poses, self.request.repeats)
         counts = np.full(len(levels.values), levels.per_level)
         return Allowed(
             level, levels.values, counts, levels.used, levels.separation, self.request.repeats

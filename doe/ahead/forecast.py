@@ -22,14 +22,8 @@ from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.linearisation import (
-    Linearisation,
-    counted,
-    moved_rows,
-    target_rows,
-    target_shifts,
-    unknown_markers,
-)
+from doe.problem.linearisation import Linearisation, moved_rows
+from doe.problem.target_errors import TargetErrors
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
@@ -98,19 +92,15 @@ class ForecastStep:
 class Forecast:
     """Where accuracy is wanted.
 
-    rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
-    weights : ndarray, shape (targets,), summing to one
+    targets : TargetErrors, per plausible size
     lacking : ErrorFloor, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
-    predicted : ndarray, shape (targets, r, b), m, how predictions follow errors common to all readings
     """
 
     model: Model
-    rows: Array
-    weights: Array
+    targets: TargetErrors
     lacking: ErrorFloor
     dof: float
-    predicted: Array
 
     @classmethod
     def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Forecast:
@@ -119,26 +109,18 @@ class Forecast:
         What is taken for noise is known by as many degrees of freedom as the identification says.
         Where poses err as a whole they count, not points: which variances they show is chosen as well.
         """
-        model, (targets, weights) = at.model, targets_of(at.cell)
-        counts = counted(model, unknown_markers(model))
-        dof = np.inf
+        model, dof = at.model, np.inf
         if found is not None:
             told = found.levels is not None and not len(found.levels.free)
             as_a_whole = bool(lacking.rms) and not told
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
-        return cls(
-            model,
-            target_rows(counts, at.values, targets) * model.sizes,
-            weights / weights.sum(),
-            lacking,
-            dof,
-            target_shifts(model, counts, at.values, targets),
-        )
+        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
+        return cls(model, targets, lacking, dof)
 
     @property
     def criterion(self) -> Criterion:
         """The expected error at the targets, for information in plausible sizes."""
-        return Task.at_targets(self.rows, self.weights)
+        return Task.at_targets(self.targets.rows, self.targets.weights)
 
     def steps(
         self,
@@ -158,27 +140,28 @@ class Forecast:
             yield self._step(name, readings, told)
 
     def _step(self, pose: str, readings: int, told: NormalEquations) -> ForecastStep:
-        p = self.rows.shape[-1]
+        rows, weights = self.targets.rows, self.targets.weights
+        p = rows.shape[-1]
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(told.root, np.ones(p), ids)
         known = np.zeros(p, dtype=bool)
         known[choice.kept] = True
         span = np.eye(p)[:, choice.kept]
         cov = told.covariance(span) + ignorance(told.root, span, np.ones(p), ~known)
-        squared = ((self.rows @ cov) * self.rows).sum(axis=(1, 2))
+        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
         own = np.sqrt(np.maximum(squared, 0.0))
-        parameters = task_error(own, self.weights)[0]
+        parameters = task_error(own, weights)[0]
         response = told.response(span)
-        missed = self.rows @ response - self.predicted
+        missed = self.targets.missed(response)
         common = np.sqrt((missed**2).sum(axis=(1, 2)))
         beside = np.hypot(common, self.lacking.at_targets)
-        rms, worst = task_error(np.hypot(own, beside), self.weights)
+        rms, worst = task_error(np.hypot(own, beside), weights)
         variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
         doubted = np.hypot(rms, self.lacking.hidden)
         most = float(doubted) * self._margin(cov, missed, rms)
-        by_common = task_error(common, self.weights)[0]
+        by_common = task_error(common, weights)[0]
         return ForecastStep(pose, readings, rms, worst, most, parameters, std, lost, by_common)
 
     def _margin(self, cov: Array, missed: Array, rms: float) -> float:
@@ -191,8 +174,8 @@ class Forecast:
         """
         from scipy.special import fdtri
 
-        share = np.sqrt(self.weights)[:, None, None]
-        half, shared = (self.rows * share).reshape(-1, len(cov)), missed * share
+        share = np.sqrt(self.targets.weights)[:, None, None]
+        half, shared = (self.targets.rows * share).reshape(-1, len(cov)), missed * share
         shared = shared.reshape(len(half), missed.shape[-1])
         # The same sums of squares in p + b rows: of values and common errors side by side.
         both = np.concatenate([half, shared], axis=1)

@@ -27,7 +27,7 @@ from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
 from doe.ahead.situation import CandidateRows, Situation
-from doe.problem.linearisation import counted, target_rows, unknown_markers
+from doe.problem.target_errors import TargetErrors
 
 _WAVES = 4  # of each angle
 _SURELY = 1e-12  # least probability, and greatest
@@ -152,9 +152,8 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     model = diagnosis.stage.model
     p, values = len(model.parameters), diagnosis.after.values[: len(model.parameters)]
     targets, weights = targets_of(situation.cell)
-    counts = counted(model, unknown_markers(model))
-    aims = target_rows(counts, values, targets) * model.sizes
-    aims = (aims * np.sqrt(weights / weights.sum())[:, None, None]).reshape(-1, p)
+    at = TargetErrors.of(model, values, targets, weights).per(model.sizes)
+    aims = (at.rows * np.sqrt(at.weights)[:, None, None]).reshape(-1, p)
     held = model.beside(values)[1] * model.sizes
     known = np.concatenate([rows[:, :p] * model.sizes, held, np.eye(p) / FREE])
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))

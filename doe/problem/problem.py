@@ -19,14 +19,7 @@ from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.problem.linearisation import (
-    Regressor,
-    counted,
-    nominal,
-    target_rows,
-    target_shifts,
-    unknown_markers,
-)
+from doe.problem.linearisation import Regressor, nominal
 from doe.problem.pool import PROBE, Pool, check_identifiable, drawn, is_silent, probe_of, rounded
 from doe.problem.request import (
     CannotIdentify,
@@ -37,6 +30,7 @@ from doe.problem.request import (
     subset_of,
     with_rivals,
 )
+from doe.problem.target_errors import TargetErrors
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -52,7 +46,7 @@ class Problem:
     regressor : Regressor, in coordinates in which the mean information of a probe is the identity
     constraints : tuple of Constraint
     criterion : Criterion
-    targets, target_weights : Poses and ndarray, shape (K,), summing to one
+    targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
     """
 
     cell: Cell
@@ -61,7 +55,7 @@ class Problem:
     constraints: tuple[Constraint, ...]
     criterion: Criterion
     targets: Poses
-    target_weights: Array
+    at_targets: TargetErrors
 
     @property
     def model(self) -> Model:
@@ -93,7 +87,7 @@ class Problem:
         """The same of what is measured in any case, shape (p, b)."""
         fixed = self.request.fixed
         q = np.zeros((0, self.cell.robot.dof)) if fixed is None else fixed.q
-        none = np.zeros((len(self.regressor.T), self.common_at_targets.shape[-1]))
+        none = np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
         return self.crossed(q).sum(axis=0) if len(q) else none
 
     def blocks(self, pool: Pool) -> Blocks:
@@ -113,28 +107,6 @@ class Problem:
         return Allowed(
             level, levels.values, counts, levels.used, levels.separation, self.request.repeats
         )
-
-    @cached_property
-    def target_rows(self) -> Array:
-        """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
-        at = self.regressor
-        return target_rows(counted(at.model, self.at_markers), at.values, self.targets) @ at.T
-
-    @cached_property
-    def common_at_targets(self) -> Array:
-        """How predictions at the targets follow errors common to all readings, (K, r, b), m."""
-        counts = counted(self.model, self.at_markers)
-        return target_shifts(self.model, counts, self.regressor.values, self.targets)
-
-    @property
-    def at_markers(self) -> bool:
-        """Whether the error at the targets counts at the markers."""
-        return counts_at_markers(self.model, self.request)
-
-
-def counts_at_markers(model: Model, request: Request) -> bool:
-    """As requested, else whether the markers are unknowns."""
-    return unknown_markers(model) if request.at_markers is None else request.at_markers
 
 
 def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
@@ -166,20 +138,20 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     except CalibError as error:
         where = cell.targets_source or cell.path
         raise InputError(where, "", str(error)) from None
-    weights = weights / weights.sum()
-    counts = counted(model, counts_at_markers(model, request))
+    at = TargetErrors.of(model, regressor.values, targets, weights, request.at_markers)
+    at = at.per(regressor.T)
     question = Question(
         model,
         regressor.T,
         subset_of(model, request),
         direction_of(model, request),
-        lambda: target_rows(counts, regressor.values, targets) @ regressor.T,
-        weights,
+        lambda: at.rows,
+        at.weights,
         regressor.information(probe[:_REGION], seen[:_REGION]),
         None if request.rivals is None else rival_rows(model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    return Problem(cell, request, regressor, constraints, criterion, targets, weights)
+    return Problem(cell, request, regressor, constraints, criterion, targets, at)
 
 
 def _angles(cell: Cell, request: Request, seed: int) -> Poses:

@@ -90,7 +90,7 @@ class ForecastStep:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Where accuracy is wanted.
+    """Predicts how accurate the estimate is at the cell's targets after further poses.
 
     targets : TargetErrors, per plausible size
     lacking : ErrorFloor, the error there that no reading lowers

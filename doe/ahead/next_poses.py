@@ -16,7 +16,7 @@ from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.likeness import SURE
-from doe.ahead.objectives import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
+from doe.ahead.objectives import CauseForm, CompoundCriterion, accuracy_of, forms_of, with_accuracy
 from doe.ahead.remedies import changes, easiest
 from doe.ahead.rivals import (
     data_rows,
@@ -172,7 +172,7 @@ def next_poses(
     predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in judged]
     splits = tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen)))
     shares = None
-    if search is not None and isinstance(search.weigh, Shares):
+    if search is not None and isinstance(search.weigh, CompoundCriterion):
         first, second = search.weigh.of(search.values(plan))
         shares = float(first), float(second)
     return NextPoses(

@@ -35,7 +35,7 @@ _SURELY = 1e-12  # least probability, and greatest
 
 @dataclass(frozen=True, eq=False)
 class CauseForm:
-    """A cause that stands alone; its value is how surely another form would be seen.
+    """The power of poses to show that a cause has another form than its name's.
 
     beside : callable, rows (m, r, p) at configurations (m, dof) -> those of the fitted, and what the
         cause does times each wave over the angles of the joints
@@ -163,10 +163,11 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
 
 
 @dataclass(frozen=True, eq=False)
-class Shares:
-    """What is reached of what poses for one alone would reach: of the causes, and of the accuracy.
+class CompoundCriterion:
+    """A compound criterion: the mean efficiency for telling causes apart, and for accuracy.
 
-    The accuracy is the last objective. now, best : values of the two, with the data and at best
+    Each is the share of what poses for it alone would reach. The accuracy is the last objective.
+    now, best : values of the two, with the data and at best
     """
 
     now: tuple[float, float]
@@ -192,4 +193,4 @@ def with_accuracy(search: Search, accuracy: Accuracy, count: int) -> Search:
     alone = replace(search, objectives=(accuracy,), weigh=lambda values: values[-1][..., 0])
     both = replace(search, objectives=(*search.objectives, accuracy))
     ends = search.value(search.best_plan(count)), alone.value(alone.best_plan(count))
-    return replace(both, weigh=Shares((search.value(()), alone.value(())), ends))
+    return replace(both, weigh=CompoundCriterion((search.value(()), alone.value(())), ends))

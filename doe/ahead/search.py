@@ -40,7 +40,7 @@ def worst(values: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What is asked for, and the candidates.
+    """Chooses candidate poses for one or several objectives, greedily and then by exchange.
 
     start : ndarray, shape (dof,), where the arm stands
     weigh : what is made as large as can be, from the values of every objective

@@ -240,7 +240,7 @@ def pool_of(
 
 
 def probe_of(
-    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request, seed: int
+    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request
 ) -> tuple[Array, Mask]:
     """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
 
@@ -250,7 +250,7 @@ def probe_of(
     count = 1 if levels is None else len(levels.values)
     found: list[Pool] = []
     per_level = np.zeros(count, dtype=int)
-    for q in drawn(regressor.cell, _LONGEST, levels, seed + 1):
+    for q in drawn(regressor.cell, _LONGEST, levels, request.seed + 1):
         found.append(judge(regressor, constraints, levels, q))
         per_level += np.bincount(found[-1].level, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL

@@ -109,7 +109,7 @@ class Problem:
         )
 
 
-def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
+def problem_of(cell: Cell, request: Request) -> Problem:
     """Set up the model, its coordinates and the criterion.
 
     Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
@@ -119,10 +119,10 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
-    angles = readings(cell, _angles(cell, request, seed))
+    angles = readings(cell, _angles(cell, request))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
-    probe, seen = probe_of(regressor, constraints, request, seed)
+    probe, seen = probe_of(regressor, constraints, request)
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
@@ -154,9 +154,9 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     return Problem(cell, request, regressor, constraints, criterion, targets, at)
 
 
-def _angles(cell: Cell, request: Request, seed: int) -> Poses:
+def _angles(cell: Cell, request: Request) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
-    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, seed + 1)))
+    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, request.seed + 1)))
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]

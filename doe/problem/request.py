@@ -36,6 +36,14 @@ class Request:
     repeats : bool
     at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
         at the tip's origin
+    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
+    robust : prefer the plan that is best after the loss of any one pose
+    prove : go on with branch and bound for minutes
+    curve : also the best plans of other numbers of poses
+    reference_every : poses between two readings of a reference pose, 0 for none
+    reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
+        they are a default
+    seed : int
     """
 
     poses: int
@@ -46,6 +54,15 @@ class Request:
     fixed: Poses | None = None
     repeats: bool = False
     at_markers: bool | None = None
+    refine: bool = True
+    fresh: int = 0
+    robust: bool = False
+    prove: bool = False
+    curve: bool = False
+    reference_every: int = 0
+    reapproaches: int = 0
+    asked: bool = True
+    seed: int = 0
 
 
 def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:

@@ -109,7 +109,7 @@ def _common(problem: Problem, M: Array, crossed: Array) -> Array:
 
     crossed : ndarray, shape (p, b), of all readings
     """
-    missed = problem.at_targets.missed(np.linalg.solve(M, crossed))
+    missed = problem.at_targets.missed(np.asarray(np.linalg.solve(M, crossed), dtype=float))
     return np.asarray((missed**2).sum(axis=(1, 2)))
 
 

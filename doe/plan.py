@@ -41,11 +41,11 @@ class Certificate:
     pool_value : float, criterion of the plan of candidates alone, before its angles were polished and
         without second visits
     pool_bound : float, bound for it
-    optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
+    proved_optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
     nodes : int, that branch and bound looked at, none where too many candidates survive
     rounds : int, column generation
-    agreement : float, median over the starts of the search of what they ended at, over the best plan
-        of candidates: near one, what is missing to the bound is likely the bound's slack
+    agreement_of_starts : float, median over the starts of the search of what they ended at, over the
+        best plan of candidates: near one, what is missing to the bound is likely the bound's slack
     left : float, criterion after the loss of the pose that the plan can least spare
     """
 
@@ -55,10 +55,10 @@ class Certificate:
     fresh: float
     pool_value: float
     pool_bound: float
-    optimal: bool
+    proved_optimal: bool
     nodes: int
     rounds: int
-    agreement: float
+    agreement_of_starts: float
     left: float
 
     @property
@@ -76,7 +76,7 @@ class Certificate:
         return min(1.0, self.left / (share * self.bound)) if poses > 1 else 0.0
 
     @property
-    def solver_share(self) -> float:
+    def solver_gap(self) -> float:
         """Part of the missing efficiency that the relaxation's own gap accounts for."""
         return max(0.0, self.bound / self.weighted - 1.0)
 

@@ -266,7 +266,7 @@ def _visited(
             problem, pool, found, certificate, poses.q[-len(again.again) :]
         )
         instead = new_poses_instead(problem, pool, found.plan, len(again.again))
-        again = replace(again, instead=instead, asked=request.asked)
+        again = replace(again, task_rms_instead=instead, asked=request.asked)
     if request.reference_every:
         busy = () if again is None else again.poses + again.again
         poses, reference = with_reference(problem, poses, request.reference_every, busy)

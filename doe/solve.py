@@ -153,10 +153,10 @@ def finish(
         fresh=fresh,
         pool_value=before.value,
         pool_bound=before.relaxed.bound,
-        optimal=proof.nodes > 0 and proof.optimal,
+        proved_optimal=proof.nodes > 0 and proof.optimal,
         nodes=proof.nodes,
         rounds=before.relaxed.rounds,
-        agreement=before.agreement,
+        agreement_of_starts=before.agreement,
         left=smallest_left(criterion.plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
     return pool, replace(chosen, plan=proof.plan, value=proof.value), certificate

@@ -217,9 +217,11 @@ def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
     assert without.reapproaches is None
     assert len(np.unique(without.poses.configuration)) == 20
     assert not any("second" in note for note in without.notes)
-    assert usual.reapproaches.instead == pytest.approx(without.assessment.task_rms, rel=0.03)
+    assert usual.reapproaches.task_rms_instead == pytest.approx(
+        without.assessment.task_rms, rel=0.03
+    )
     (cost,) = [note for note in usual.notes if "--reapproach 0" in note]
-    assert f"{usual.reapproaches.instead * 1e3:.3g} mm" in cost
+    assert f"{usual.reapproaches.task_rms_instead * 1e3:.3g} mm" in cost
     assert f"{usual.assessment.task_rms * 1e3:.3g} mm" in cost
 
 

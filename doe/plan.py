@@ -11,7 +11,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.problem import Problem
-from doe.problem.request import AngleLevels
+from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
 
 

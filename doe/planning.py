@@ -23,14 +23,12 @@ from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, named
 from doe.problem import Problem, problem_of
+from doe.problem.levels import at_level, levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.request import (
     CannotIdentify,
     Request,
-    at_level,
-    levels_of,
     no_candidate,
-    parse_levels,
 )
 from doe.solve import (
     Progress,

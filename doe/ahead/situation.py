@@ -14,9 +14,9 @@ from calib.cell.views import NUMBERS
 from calib.poses import Measurements, Poses
 from doe.ahead.conditions import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
+from doe.problem.levels import AngleLevels, levels_of
 from doe.problem.linearisation import Linearisation
 from doe.problem.pool import in_turn_brought, rounded
-from doe.problem.request import AngleLevels, levels_of
 
 _DRAWN = 8192
 _CHUNK = 512

@@ -20,8 +20,9 @@ from calib.model.covariance import identifiable
 from calib.poses import poses_at
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.blocks import pack, packed_size
+from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
-from doe.problem.request import AngleLevels, CannotIdentify, Request, at_level, no_candidate
+from doe.problem.request import CannotIdentify, Request, no_candidate
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""

@@ -25,7 +25,8 @@ from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.plan import named
-from doe.problem.request import Request, levels_of
+from doe.problem.levels import levels_of
+from doe.problem.request import Request
 from doe.visiting import reapproaches_of, usual_reapproaches, with_reapproaches
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text

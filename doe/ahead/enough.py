@@ -210,7 +210,7 @@ def enough(
         pool = pool.where(likely_read(cell.robot, pool.q, data.poses, missed))
         if not len(pool):
             raise CalibError(refusal(missed))
-    blocks = Blocks(pool.packed / arm.scale**2, whole.root.T @ whole.root)
+    blocks = Blocks(pool.packed / arm.scale**2, whole.root.T @ whole.root, regressor.rank)
     chosen = _together(forecast.criterion, blocks, fresh, ahead, seed)
     beyond, index = _fresh(pool.q, blocks, forecast, at, whole, result, fresh, chosen)
     return replace(result, fresh=beyond, fresh_q=pool.q[index])
@@ -261,7 +261,7 @@ def _best_order(
     own = [stacked(each[number == k]) for k in range(len(poses))]
     known = stacked(each[so_far])
     packed = pack(np.stack([one.T @ one for one in own]))
-    blocks = Blocks(packed, known.T @ known + held.T @ held)
+    blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
         done = done | (number == k)

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.errors import CalibError
 from doe.criteria.protocol import Conic, Criterion, Question, solved
-from doe.optimal.blocks import pack
+from doe.optimal.blocks import growth, pack
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,9 @@ class Determinant(Criterion):
 
     def gradient(self, M: Array) -> Array:
         return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
+
+    def brought(self, cov: Array, into: Array) -> Array:
+        return growth(cov, into)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

@@ -10,6 +10,8 @@ import numpy as np
 from calib.arrays import Array
 from doe.criteria.protocol import Conic, Criterion, Question, solved
 
+_SMOOTHED = 4.0  # exponent with which the other eigenvalues have a say in the ranking
+
 
 @dataclass(frozen=True, eq=False)
 class SmallestEigenvalue(Criterion):
@@ -40,6 +42,12 @@ class SmallestEigenvalue(Criterion):
         _, vectors = np.linalg.eigh(self.V @ W)
         z = W @ vectors[:, -1:]
         return np.asarray(self.value(M) ** 2 * z @ z.T)
+
+    def leaning(self, cov: Array) -> Array:
+        W = cov @ self.V.T
+        values, vectors = np.linalg.eigh(self.V @ W)
+        z = W @ (vectors * np.maximum(values / values[-1], 0.0) ** _SMOOTHED)
+        return np.asarray(z @ z.T)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp

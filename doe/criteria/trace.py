@@ -39,6 +39,10 @@ class Trace(Criterion):
         W = solved(M, self.F)
         return np.asarray(W @ W.T / np.vdot(self.F, W) ** 2)
 
+    def leaning(self, cov: Array) -> Array:
+        W = cov @ self.F
+        return np.asarray(W @ W.T)
+
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp
 

@@ -14,6 +14,8 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 
+_ROUNDING = 1e-14
+
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
@@ -22,10 +24,12 @@ class Blocks:
     packed : ndarray, shape (n, p (p + 1) / 2), in the coordinates of the criteria
     fixed : ndarray, shape (p, p), of poses that are part of every plan; a trace of the identity keeps
         it positive definite
+    rank : int, largest rank of a candidate's matrix, at most the rows of its readings
     """
 
     packed: Array
     fixed: Array
+    rank: int
 
     def __len__(self) -> int:
         return len(self.packed)
@@ -44,17 +48,45 @@ class Blocks:
         """Mean information of a candidate, shape (p, p)."""
         return unpack(self.packed.mean(axis=0))
 
+    @cached_property
+    def rows(self) -> Array:
+        """Rows J of every candidate with ``J^T J`` its matrix, shape (n, r, p), r at most the rank.
+
+        Cholesky factors, the largest of what is left first; entries are unpacked as they are needed.
+        """
+        p, n = len(self.fixed), np.arange(len(self))
+        where = unpack(np.arange(1.0, self.packed.shape[1] + 1.0) * pack(np.ones((p, p))))
+        entry = where.round().astype(int) - 1
+        scale = np.where(np.eye(p, dtype=bool), 1.0, np.sqrt(0.5))
+        left = self.packed[:, np.diag(entry)].copy()
+        enough = 1e-14 * left.max(axis=1)
+        found = np.zeros((self.rank, len(self), p))
+        for k in range(self.rank):
+            pivot = left.argmax(axis=1)
+            height = left[n, pivot]
+            if (height <= enough).all():
+                return np.ascontiguousarray(found[:k].swapaxes(0, 1))
+            row = self.packed[n[:, None], entry[pivot]] * scale[pivot]
+            row -= np.einsum("ln,lnp->np", found[:k, n, pivot], found[:k])
+            row[height <= enough] = 0.0
+            found[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
+            left = np.maximum(left - found[k] ** 2, 0.0)
+        return np.ascontiguousarray(found.swapaxes(0, 1))
+
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""
         return np.asarray(self.packed @ pack(G))
 
     def beside(self, more: Array) -> Blocks:
         """The same candidates where more is known in any case, ndarray of shape (p, p)."""
-        return replace(self, fixed=self.fixed + more)
+        found = replace(self, fixed=self.fixed + more)
+        # Those of the candidates do not depend on what is known in any case.
+        found.__dict__["rows"] = self.rows
+        return found
 
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""
-        return Blocks(self.packed[index], self.fixed)
+        return Blocks(self.packed[index], self.fixed, self.rank)
 
 
 @lru_cache(maxsize=32)
@@ -81,3 +113,53 @@ def unpack(packed: Array) -> Array:
     M = np.empty((*packed.shape[:-1], p, p))
     M[..., rows, columns] = M[..., columns, rows] = packed / scale
     return M
+
+
+def lessened(cov: Array, out: Array, share: float) -> Array:
+    """Covariance with a share of what a pose tells taken away.
+
+    All of it may well leave the information singular.
+
+    cov : ndarray, shape (p, p); out : ndarray, shape (r, p), the pose's rows; share : float, < 1
+    """
+    U = out @ cov
+    S = np.eye(len(out)) / share - U @ out.T
+    return np.asarray(cov + U.T @ np.linalg.solve(S, U))
+
+
+def fall(cov: Array, G: Array, into: Array) -> Array:
+    """By how much poses lower a trace of the covariance, ``tr((I + A C A')^-1 A G A')``, shape (n,).
+
+    cov : ndarray, shape (p, p), C without it; G : ndarray, shape (p, p), ``C W C`` for the trace of
+    ``W C``; into : ndarray, shape (n, r, p), rows A of each
+    """
+    return _trace(np.eye(into.shape[1])[..., None] + _turned(cov, into), _turned(G, into))
+
+
+def growth(cov: Array, into: Array) -> Array:
+    """By how much poses raise the log-determinant of the information, shape (n,).
+
+    cov : ndarray, shape (p, p), without it; into : ndarray, shape (n, r, p), rows of each
+    """
+    S = np.eye(into.shape[1])[..., None] + _turned(cov, into)
+    return np.asarray(np.linalg.slogdet(np.moveaxis(S, 2, 0))[1])
+
+
+def _turned(G: Array, into: Array) -> Array:
+    """``A G A'`` of each pose, shape (r, r, n)."""
+    n, r, p = into.shape
+    own = (into.reshape(n * r, p) @ G).reshape(into.shape) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(np.moveaxis(own, 0, 2))
+
+
+def _trace(S: Array, N: Array) -> Array:
+    """``tr(S^-1 N)`` of many small symmetric matrices (r, r, n), unknowns put out in turn."""
+    total = np.zeros(S.shape[2])
+    for least in np.maximum(_ROUNDING * np.abs(np.einsum("rrn->rn", S)), 1.0):
+        pivot = np.maximum(np.abs(S[0, 0]), least)  # no less but for rounding
+        total += N[0, 0] / pivot
+        out = S[1:, 0] / pivot
+        half = N[1:, 0] - 0.5 * N[0, 0] * out
+        N = N[1:, 1:] - out[:, None] * half - half[:, None] * out
+        S = S[1:, 1:] - out[:, None] * S[0, 1:]
+    return total

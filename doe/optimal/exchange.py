@@ -1,8 +1,8 @@
 """Whole plans improved by exchanging one pose for a better candidate.
 
 The criterion is concave, so a supergradient at the plan bounds every exchange from above by one dot
-product. What could pay is ranked by the gradient where most of the pose is gone, and the best of it is
-judged exactly.
+product. What could pay is ranked by what it brings to the other poses, exactly for D and for the
+criteria that are a trace, and the best of it is judged exactly.
 
 A robust plan is best after the loss of whichever one pose it can least spare. The criterion after the
 worst loss, ``min_i Phi(M - M_i)``, is no function of M, but concavity bounds it: the smallest is at
@@ -11,16 +11,18 @@ most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.blocks import Blocks, lessened
 from doe.optimal.function import InformationFunction
 
 _JUDGED = 24  # candidates in place of a pose that are judged exactly
 _PROMISING = 200  # candidates of a level that is tried in place of another
-_MOST = 0.9  # of a pose is taken away: the rest alone may be singular
+_NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
 _TRIED = 60  # candidates in place of a pose, for the plan that is best after a loss
 _HARDER = 1e-6  # relative gain after the worst loss below which an exchange is rounding
@@ -52,33 +54,48 @@ def _singles(
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
     M = blocks.total(plan)
     value, idle, slot = float(criterion.value(M)), 0, 0
-    G = criterion.gradient(M)
-    scores = blocks.scores(G)
+    G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
     while idle < len(plan):
-        own = blocks.matrices(plan[slot : slot + 1])[0]
-        here = allowed.members[allowed.group[plan[slot]]]
-        # No exchange is better than the gradient says.
-        free = scores[here] + float((G * (M - own)).sum()) > value * (1.0 + _WORTH)
-        if not allowed.repeats:
-            free &= ~np.isin(here, plan)
-        likely = _likely(criterion, blocks, here[free], M - _MOST * own)
-        reached = criterion.value(M - own + blocks.matrices(likely))
+        base = M - blocks.matrices(plan[slot : slot + 1])[0]
+        likely = _likely(criterion, blocks, allowed, plan, slot, base, G, cov, value)
+        reached = criterion.value(base + blocks.matrices(likely))
         idle += 1
         if len(likely) and reached.max() > value * (1.0 + _WORTH):
             plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
             M = blocks.total(plan)
-            G = criterion.gradient(M)
-            scores = blocks.scores(G)
+            G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
         slot = (slot + 1) % len(plan)
     return plan, value
 
 
-def _likely(criterion: InformationFunction, blocks: Blocks, some: IntArray, M: Array) -> IntArray:
-    """Of some candidates those that are worth an exact judgement: by the gradient at M (p, p)."""
-    if len(some) <= _JUDGED:
-        return some
-    scores = blocks.take(some).scores(criterion.gradient(M))
-    return some[np.argpartition(-scores, _JUDGED)[:_JUDGED]]
+def _likely(
+    criterion: InformationFunction,
+    blocks: Blocks,
+    allowed: Allowed,
+    plan: IntArray,
+    slot: int,
+    base: Array,
+    G: Array,
+    cov: Array,
+    value: float,
+) -> IntArray:
+    """Candidates in place of one pose that are worth an exact judgement.
+
+    base : ndarray, shape (p, p), information without the pose
+    G, cov : ndarray, shape (p, p), gradient and covariance with it
+    """
+    here = allowed.members[allowed.group[plan[slot]]]
+    at_most = blocks.scores(G)[here] + float((G * base).sum())
+    free = at_most > value * (1.0 + _WORTH)
+    if not allowed.repeats:
+        free &= ~np.isin(here, plan)
+    live: IntArray = here[free]
+    if len(live) <= _JUDGED:
+        return live
+    rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
+    brought = criterion.brought(rest, blocks.rows[live])
+    best: IntArray = live[np.argpartition(-brought, _JUDGED)[:_JUDGED]]
+    return best
 
 
 def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> IntArray:
@@ -133,7 +150,7 @@ def _move_level(
             if new == old or len(members) < count[0]:
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
-            part = Blocks(blocks.packed[promising], blocks.total(rest))
+            part = replace(blocks.take(promising), fixed=blocks.total(rest))
             added = greedy(criterion, part, Allowed.any_of(len(promising), int(count[0])))
             moved = np.concatenate([rest, promising[added]])
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):

@@ -16,7 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from calib.arrays import Array
+from doe.optimal.blocks import fall
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,22 @@ class InformationFunction(ABC):
 
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
+
+    def leaning(self, cov: Array) -> Array:
+        """What ranks candidates beside a plan of covariance (p, p): the gradient, or smoother.
+
+        In any scale, shape (p, p).
+        """
+        return self.gradient(np.asarray(np.linalg.inv(cov)))
+
+    def brought(self, cov: Array, into: Array) -> Array:
+        """What ranks candidates beside a plan that lacks a pose, however much they tell: shape (n,).
+
+        By what they lower of a trace of the covariance, exact where the criterion is one.
+
+        cov : ndarray, shape (p, p), without them; into : ndarray, shape (n, r, p), rows of each
+        """
+        return fall(cov, self.leaning(cov), into)
 
     @abstractmethod
     def conic(self, M: Any, at: Array) -> Conic:

@@ -162,6 +162,13 @@ class Regressor(Linearisation):
         """What is known beside all readings as independent rows, (k, p): lengths, lenses, the type."""
         return self.model.beside(self.values)[1] @ self.T
 
+    @property
+    def rank(self) -> int:
+        """Rows that one configuration brings, or the number of parameters if that is less."""
+        readings_each = 1 if self.loaded_only or self.cell.load is None else 2
+        numbers = int(self.model.readout.channels.rows.sum())
+        return int(min(numbers * readings_each, self.T.shape[1]))
+
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
 

@@ -92,7 +92,7 @@ class Problem:
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
-        return Blocks(pool.packed, self.fixed)
+        return Blocks(pool.packed, self.fixed, self.regressor.rank)
 
     def posed(self, pool: Pool) -> tuple[Blocks, Allowed]:
         """Information of a pool, and which sets of its candidates make a plan."""

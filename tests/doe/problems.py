@@ -22,7 +22,7 @@ RIDGE = 1e-10
 def random_blocks(rng: np.random.Generator, n: int, p: int, rows: int = 3) -> Blocks:
     """Information of n candidates of several rows each, the mean about the identity."""
     J = rng.normal(size=(n, rows, p)) * rng.uniform(0.3, 1.5, (n, 1, 1)) / np.sqrt(rows)
-    return Blocks(pack(np.swapaxes(J, -1, -2) @ J), RIDGE * np.eye(p))
+    return Blocks(pack(np.swapaxes(J, -1, -2) @ J), RIDGE * np.eye(p), min(rows, p))
 
 
 def grouped(

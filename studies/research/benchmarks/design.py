@@ -114,7 +114,8 @@ def timed(work: Callable[[], T], enough: float = ENOUGH) -> tuple[T, float]:
 
 def blocks_of(matrices: Array) -> Blocks:
     """Blocks of given information matrices, (n, p, p)."""
-    return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]))
+    rank = int(np.linalg.matrix_rank(matrices[:50], tol=1e-8).max())
+    return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]), rank)
 
 
 def any_of(count: int, poses: int, repeats: bool = False) -> Allowed:

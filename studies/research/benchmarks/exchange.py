@@ -213,7 +213,9 @@ def one(index: int, seed: int, starts: int) -> Row:
     """Both ways on one problem."""
     drawn = draw(index, seed)
     criterion, (n, rank, p) = drawn.form, drawn.rows.shape
-    blocks = Blocks(pack(np.swapaxes(drawn.rows, 1, 2) @ drawn.rows), RIDGE * np.eye(p))
+    blocks = Blocks(
+        pack(np.swapaxes(drawn.rows, 1, 2) @ drawn.rows), RIDGE * np.eye(p), min(rank, p)
+    )
     rules = any_of(n, drawn.poses)
     relaxed, relax_s = _timed(lambda: relax(criterion, blocks, rules))
     found, search_s = _timed(lambda: best_plan(criterion, blocks, rules, relaxed, seed=seed))

@@ -35,16 +35,10 @@ def criterion_of(rng: np.random.Generator, name: str, blocks: Blocks) -> Criteri
     if name == "task, one target":
         return Task.of_rows(rng.normal(size=(min(2, p), p)))
     if name == "task, itself a target":
-        return Task.of_rows(rows_of(blocks, int(rng.integers(len(blocks)))))
+        return Task.of_rows(blocks.rows[int(rng.integers(len(blocks)))])
     if name == "task":
         return Task.of_rows(rng.normal(size=(8, p)))
     return criteria(rng, p)[name] if p > 2 or name != "rivals" else criteria(rng, p)["E"]
-
-
-def rows_of(blocks: Blocks, candidate: int) -> Array:
-    """Rows (p, p) with ``J^T J`` the information of a candidate."""
-    values, vectors = np.linalg.eigh(blocks.matrices(np.array([candidate]))[0])
-    return np.asarray((vectors * np.sqrt(np.where(values > 1e-12, values, 0.0))).T)
 
 
 def broken(name: str, seed: int) -> Array:
@@ -77,8 +71,10 @@ def test_a_bound_of_the_criterion_with_its_share_is_none_of_the_plain_one() -> N
     """One target that is a candidate: measuring it again and again is best, and says nothing else."""
     rng = np.random.default_rng(5)
     drawn = random_blocks(rng, 10, 4, 2)
-    blocks = Blocks(drawn.packed * np.where(np.arange(10) == 3, 100.0, 1.0)[:, None], drawn.fixed)
-    criterion = Task.of_rows(rows_of(blocks, 3))
+    blocks = Blocks(
+        drawn.packed * np.where(np.arange(10) == 3, 100.0, 1.0)[:, None], drawn.fixed, 2
+    )
+    criterion = Task.of_rows(blocks.rows[3])
     allowed = grouped(10, 1, 3, repeats=True)
     relaxed = relax(criterion, blocks, allowed)
     optimum, plan = best_by_exhaustion(criterion.plain, blocks, allowed)

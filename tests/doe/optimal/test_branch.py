@@ -50,7 +50,7 @@ def test_neighbours_cost_little(name: str) -> None:
     rng = np.random.default_rng(3)
     J = rng.normal(size=(20, 1, 3, 4)) * (1.0 + 0.01 * rng.normal(size=(1, 40, 1, 4)))
     J = J.reshape(-1, 3, 4)
-    blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), 1e-9 * np.eye(4))
+    blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), 1e-9 * np.eye(4), 3)
     allowed = Allowed(np.zeros(len(J), dtype=int), np.zeros(1), np.array([5]), 1)
     criterion = criteria(rng, 4)[name]
     relaxed = relax(criterion, blocks, allowed)

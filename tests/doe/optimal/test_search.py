@@ -1,14 +1,29 @@
-"""Exchanges and whole searches against every candidate in every place, and every plan."""
+"""What ranks candidates of few poses, and the plans that are found, against ways that share nothing."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from doe.optimal.blocks import fall, growth, lessened
 from doe.optimal.exchange import exchange
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
+
+
+def test_updates_of_a_covariance_are_those_of_whole_inverses() -> None:
+    rng = np.random.default_rng(0)
+    plan, into = rng.normal(size=(3, 4, 5)), rng.normal(size=(6, 4, 5))
+    M, out = np.einsum("nrp,nrq->pq", plan, plan), plan[0]
+    C, W = np.linalg.inv(M), np.diag(rng.uniform(0.5, 2.0, 5))
+    further = np.swapaxes(into, 1, 2) @ into
+    without = lessened(C, out, 0.9)
+    np.testing.assert_allclose(without, np.linalg.inv(M - 0.9 * out.T @ out))
+    lowered = np.trace(W @ (C - np.linalg.inv(M + further)), axis1=1, axis2=2)
+    np.testing.assert_allclose(fall(C, C @ W @ C, into), lowered)
+    raised = np.linalg.slogdet(M + further)[1] - np.linalg.slogdet(M)[1]
+    np.testing.assert_allclose(growth(C, into), raised)
 
 
 @pytest.mark.parametrize("name", ["D", "A", "task", "E"])

@@ -26,6 +26,7 @@ from doe.problem import Problem, problem_of
 from doe.problem.levels import at_level, levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.request import (
+    CANDIDATES,
     CannotIdentify,
     Request,
     no_candidate,
@@ -51,8 +52,6 @@ from doe.visiting import (
 )
 
 _MOST_POSES = 10_000
-CANDIDATES = 20_000
-"""Candidates that are drawn unless the user says otherwise."""
 
 
 @one_blas_thread
@@ -107,7 +106,7 @@ def design(
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
     asked = parse_levels(cell, levels) if isinstance(levels, str) else levels
-    source = _plan(cell, candidates) if not isinstance(candidates, int) else candidates
+    source = load_plan(cell, candidates) if isinstance(candidates, str | Path) else candidates
     if isinstance(source, int) and source < 1:
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
     again = reapproaches_of(cell, reapproach)
@@ -121,6 +120,7 @@ def design(
         fixed=_plan(cell, extend),
         repeats=cell.design.repeats if repeats is None else repeats,
         at_markers=at_markers,
+        candidates=source,
         refine=isinstance(source, int) if refine is None else refine,
         fresh=source if fresh and isinstance(source, int) else 0,
         robust=robust,
@@ -134,16 +134,15 @@ def design(
         _check_provable(request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
     if again is None and not (prove or request.reference_every or all_chosen):
-        found = _with_usual_reapproaches(cell, request, source, against or {}, progress)
+        found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
-    return _designed(cell, request, source, against or {}, Progress(progress))
+    return _designed(cell, request, against or {}, Progress(progress))
 
 
 def _with_usual_reapproaches(
     cell: Cell,
     request: Request,
-    source: int | Poses | None,
     against: Mapping[str, Poses],
     tell: Callable[[str], None],
 ) -> Design | None:
@@ -153,7 +152,7 @@ def _with_usual_reapproaches(
         return None
     fewer = replace(request, poses=request.poses - again, reapproaches=again, asked=False)
     try:
-        return _designed(cell, fewer, source, against, Progress(tell))
+        return _designed(cell, fewer, against, Progress(tell))
     except CannotIdentify:
         return None
 
@@ -205,14 +204,13 @@ def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
 def _designed(
     cell: Cell,
     request: Request,
-    source: int | Poses | None,
     against: Mapping[str, Poses],
     progress: Progress,
 ) -> Design:
     follows = _follows_levels(cell, request)
     problem = problem_of(_with_even_knots(cell, request) if follows else cell, request)
     progress.tell(f"{len(problem.model.parameters)} parameters, {request.poses} poses")
-    pool = _pool(problem, source)
+    pool = _pool(problem)
     progress.lap("pool")
     progress.tell(f"{len(pool)} of {pool.drawn} candidates are feasible")
     check_count(problem, pool)
@@ -222,7 +220,7 @@ def _designed(
         settled = levels.only(np.unique(pool.q[chosen.plan, levels.joint]))
         if follows:
             progress.tell("levels chosen; the model's angles follow them")
-            there = _designed(cell, replace(request, levels=settled), source, against, progress)
+            there = _designed(cell, replace(request, levels=settled), against, progress)
             note = (
                 f"levels chosen among {len(levels.values)}, at least "
                 f"{chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even "
@@ -291,14 +289,13 @@ def _with_even_knots(cell: Cell, request: Request) -> Cell:
     return replace(cell, knots={**cell.knots, **knots})
 
 
-def _pool(problem: Problem, source: int | Poses | None) -> Pool:
+def _pool(problem: Problem) -> Pool:
     """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
-    levels = problem.request.levels
+    levels, source = problem.request.levels, problem.request.candidates
     if isinstance(source, Poses):
         chunks, count = chunked(source.q), len(source)
     else:
-        count = source or CANDIDATES
-        chunks = drawn(problem.cell, count, levels, problem.request.seed)
+        count, chunks = source, drawn(problem.cell, source, levels, problem.request.seed)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
     if problem.request.fixed is not None and not problem.request.repeats:
         pool = pool.without(problem.request.fixed.q)

@@ -15,6 +15,8 @@ from calib.model.build import parse_effect
 from calib.poses import Poses
 from doe.problem.levels import AngleLevels
 
+CANDIDATES = 20_000
+"""Candidates that are drawn unless the user says otherwise."""
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 
 
@@ -31,6 +33,7 @@ class Request:
     repeats : bool
     at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
         at the tip's origin
+    candidates : int, how many are drawn, or Poses, a table of them
     refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
     robust : prefer the plan that is best after the loss of any one pose
     prove : go on with branch and bound for minutes
@@ -49,6 +52,7 @@ class Request:
     fixed: Poses | None = None
     repeats: bool = False
     at_markers: bool | None = None
+    candidates: int | Poses = CANDIDATES
     refine: bool = True
     fresh: int = 0
     robust: bool = False

@@ -62,7 +62,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
     by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
-    criterion = problem.criterion
+    criterion, weights = problem.criterion, problem.at_targets.weights
     return Assessment(
         value=criterion.shown(float(criterion.plain.value(M))),
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
@@ -70,7 +70,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
         at_targets=np.sqrt(squared),
         task_rms=_task(problem, M, crossed),
-        task_worst=float(np.sqrt(squared[problem.target_weights > 0.0].max())),
+        task_worst=float(np.sqrt(squared[weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
         without_pose=np.array(
             [
@@ -81,7 +81,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
         without_marker=_without_markers(problem, q, seen, common),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
-        common=float(np.sqrt(problem.target_weights @ common)),
+        common=float(np.sqrt(weights @ common)),
     )
 
 
@@ -95,7 +95,7 @@ def open_parameters(problem: Problem, M: Array) -> Mask:
 
 def _squared_errors(problem: Problem, M: Array) -> Array:
     """Expected squared error at each target, shape (K,), m^2; inf where an open direction shows."""
-    rows = problem.target_rows
+    rows = problem.at_targets.rows
     values, vectors = np.linalg.eigh(M)
     along = rows @ vectors
     squared = (along**2 / np.maximum(values, 0.1 * RIDGE)).sum(axis=(1, 2))
@@ -109,10 +109,7 @@ def _common(problem: Problem, M: Array, crossed: Array) -> Array:
 
     crossed : ndarray, shape (p, b), of all readings
     """
-    if not crossed.shape[1]:
-        return np.zeros(len(problem.target_weights))
-    response = np.asarray(np.linalg.solve(M, crossed))
-    missed = problem.target_rows @ response - problem.common_at_targets
+    missed = problem.at_targets.missed(np.asarray(np.linalg.solve(M, crossed), dtype=float))
     return np.asarray((missed**2).sum(axis=(1, 2)))
 
 
@@ -122,7 +119,7 @@ def _task(problem: Problem, M: Array, crossed: Array) -> float:
     if not np.isfinite(squared).all():
         return np.inf
     squared = squared + _common(problem, M, crossed)
-    return float(np.sqrt(squared @ problem.target_weights))
+    return float(np.sqrt(squared @ problem.at_targets.weights))
 
 
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
@@ -160,8 +157,8 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
         own = np.zeros(len(T), dtype=bool)
         for effect, part in zip(model.effects, model.slices, strict=True):
             own[part] = isinstance(effect, Tool) and effect.marker == lost
-        rows = problem.target_rows
-        if problem.at_markers:
+        rows = problem.at_targets.rows
+        if rows.shape[1] > 3:  # they count at the markers, of which there are several
             # The mean over the markers that are left.
             rows = rows.reshape(len(rows), -1, 3, rows.shape[-1])[:, kept]
             rows = rows.reshape(len(rows), -1, rows.shape[-1])
@@ -173,5 +170,5 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
         rows = (rows @ back)[..., ~own]
         solved = np.linalg.solve(sized, np.swapaxes(rows, -1, -2))
         squared = np.einsum("krp,kpr->k", rows, solved) + common
-        found[name] = float(np.sqrt(problem.target_weights @ squared))
+        found[name] = float(np.sqrt(problem.at_targets.weights @ squared))
     return found

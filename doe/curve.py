@@ -12,19 +12,18 @@ from doe.plan import CurveStep, Design
 from doe.problem import Problem
 from doe.problem.pool import Pool
 from doe.problem.request import CannotIdentify
-from doe.solve import Clock, Effort, choose
+from doe.solve import Progress, choose
 
 _STEPS = 8
 _PAYS = 0.05  # squared error times poses, above its least, that is still as good
 
 
-def accuracy_curve(problem: Problem, pool: Pool, effort: Effort) -> tuple[CurveStep, ...]:
+def accuracy_curve(problem: Problem, pool: Pool) -> tuple[CurveStep, ...]:
     """Plans of the same candidates with fewer and with more poses, up to twice as many."""
     steps = []
     for smaller in _sizes(problem):
         try:
-            quiet = replace(effort, progress=lambda _: None)
-            chosen = choose(smaller, pool, quiet, Clock(), thorough=False)
+            chosen = choose(smaller, pool, Progress(), thorough=False)
         except CannotIdentify:
             continue
         judged = assess(smaller, pool.q[chosen.plan])

@@ -166,8 +166,8 @@ def _reapproaches(design: Design) -> Iterator[str]:
         f"repeatability to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
         f"{'' if design.problem.cell.scatters else unsure}"
     )
-    if np.isfinite(found.instead):
-        now, instead = design.assessment.task_rms * 1e3, found.instead * 1e3
+    if np.isfinite(found.task_rms_instead):
+        now, instead = design.assessment.task_rms * 1e3, found.task_rms_instead * 1e3
         yield (
             f"{count} new poses in their place would lower the expected error from {now:.3g} mm to "
             f"{instead:.3g} mm{'' if found.asked else ' (--reapproach 0)'}"

@@ -11,7 +11,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.problem import Problem
-from doe.problem.request import AngleLevels
+from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
 
 
@@ -41,11 +41,11 @@ class Certificate:
     pool_value : float, criterion of the plan of candidates alone, before its angles were polished and
         without second visits
     pool_bound : float, bound for it
-    optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
+    proved_optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
     nodes : int, that branch and bound looked at, none where too many candidates survive
     rounds : int, column generation
-    agreement : float, median over the starts of the search of what they ended at, over the best plan
-        of candidates: near one, what is missing to the bound is likely the bound's slack
+    agreement_of_starts : float, median over the starts of the search of what they ended at, over the
+        best plan of candidates: near one, what is missing to the bound is likely the bound's slack
     left : float, criterion after the loss of the pose that the plan can least spare
     """
 
@@ -55,10 +55,10 @@ class Certificate:
     fresh: float
     pool_value: float
     pool_bound: float
-    optimal: bool
+    proved_optimal: bool
     nodes: int
     rounds: int
-    agreement: float
+    agreement_of_starts: float
     left: float
 
     @property
@@ -76,7 +76,7 @@ class Certificate:
         return min(1.0, self.left / (share * self.bound)) if poses > 1 else 0.0
 
     @property
-    def solver_share(self) -> float:
+    def solver_gap(self) -> float:
         """Part of the missing efficiency that the relaxation's own gap accounts for."""
         return max(0.0, self.bound / self.weighted - 1.0)
 
@@ -132,7 +132,7 @@ class Design(Result):
 
     problem : Problem
     poses : Poses, in the order of measuring, second visits and repeats of the reference included
-    level : ndarray, shape (N,), rad or m, NaN without levels; levels : AngleLevels, settled, or None
+    levels : AngleLevels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     landscape : Landscape
     rivals : dict, name -> Rival
@@ -145,7 +145,6 @@ class Design(Result):
 
     problem: Problem
     poses: Poses
-    level: Array
     levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
@@ -173,6 +172,12 @@ class Design(Result):
         ]
 
     @property
+    def level(self) -> Array:
+        """Level at which each pose stands, rad or m, NaN without levels, shape (N,)."""
+        q, levels = self.poses.q, self.levels
+        return np.full(len(q), np.nan) if levels is None else q[:, levels.joint]
+
+    @property
     def criterion(self) -> str:
         """Name of the criterion."""
         return self.problem.criterion.name
@@ -197,8 +202,3 @@ def named(q: Array, letter: str = "p") -> Poses:
     """Poses p01, p02 .. at joint values (N, dof), or by another letter."""
     width = max(2, len(str(len(q))))
     return poses_at(q, names=[f"{letter}{i + 1:0{width}d}" for i in range(len(q))])
-
-
-def level_values(levels: AngleLevels | None, q: Array) -> Array:
-    """Level at which each pose stands, rad or m, NaN without levels."""
-    return np.full(len(q), np.nan) if levels is None else q[:, levels.joint]

@@ -21,20 +21,18 @@ from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
-from doe.plan import Candidates, Certificate, Design, Rival, level_values, named
+from doe.plan import Candidates, Certificate, Design, Rival, named
 from doe.problem import Problem, problem_of
+from doe.problem.levels import at_level, levels_of, parse_levels
 from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.request import (
+    CANDIDATES,
     CannotIdentify,
     Request,
-    at_level,
-    levels_of,
     no_candidate,
-    parse_levels,
 )
 from doe.solve import (
-    Clock,
-    Effort,
+    Progress,
     check_count,
     choose,
     finish,
@@ -54,8 +52,6 @@ from doe.visiting import (
 )
 
 _MOST_POSES = 10_000
-CANDIDATES = 20_000
-"""Candidates that are drawn unless the user says otherwise."""
 
 
 @one_blas_thread
@@ -110,6 +106,10 @@ def design(
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
     asked = parse_levels(cell, levels) if isinstance(levels, str) else levels
+    source = load_plan(cell, candidates) if isinstance(candidates, str | Path) else candidates
+    if isinstance(source, int) and source < 1:
+        raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
+    again = reapproaches_of(cell, reapproach)
     chosen_levels = levels_of(cell, asked, poses)
     request = Request(
         poses=_count(cell, poses, None if chosen_levels is None else chosen_levels.poses),
@@ -120,39 +120,39 @@ def design(
         fixed=_plan(cell, extend),
         repeats=cell.design.repeats if repeats is None else repeats,
         at_markers=at_markers,
+        candidates=source,
+        refine=isinstance(source, int) if refine is None else refine,
+        fresh=source if fresh and isinstance(source, int) else 0,
+        robust=robust,
+        prove=prove,
+        curve=curve,
+        reference_every=spacing(cell, reference_every),
+        reapproaches=again or 0,
+        seed=seed,
     )
-    source = _plan(cell, candidates) if not isinstance(candidates, int) else candidates
-    if isinstance(source, int) and source < 1:
-        raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
-    renewed = source if fresh and isinstance(source, int) else 0
-    polished = isinstance(source, int) if refine is None else refine
-    every, again = spacing(cell, reference_every), reapproaches_of(cell, reapproach)
     if prove:
-        _check_provable(request, robust, again)
-    effort = Effort(polished, renewed, robust, prove, curve, every, again or 0, seed, progress)
+        _check_provable(request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
-    if again is None and not (prove or every or all_chosen):
-        found = _with_usual_reapproaches(cell, request, source, effort, against or {})
+    if again is None and not (prove or request.reference_every or all_chosen):
+        found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
-    return _designed(cell, request, source, effort, against or {}, Clock())
+    return _designed(cell, request, against or {}, Progress(progress))
 
 
 def _with_usual_reapproaches(
     cell: Cell,
     request: Request,
-    source: int | Poses | None,
-    effort: Effort,
     against: Mapping[str, Poses],
+    tell: Callable[[str], None],
 ) -> Design | None:
     """The plan with second visits among its poses; None where it cannot spare them."""
     again = usual_reapproaches(cell, request)
     if not again:
         return None
-    fewer = replace(request, poses=request.poses - again)
-    unasked = replace(effort, reapproaches=again, asked=False)
+    fewer = replace(request, poses=request.poses - again, reapproaches=again, asked=False)
     try:
-        return _designed(cell, fewer, source, unasked, against, Clock())
+        return _designed(cell, fewer, against, Progress(tell))
     except CannotIdentify:
         return None
 
@@ -183,15 +183,15 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
     return name
 
 
-def _check_provable(request: Request, robust: bool, again: int | None) -> None:
+def _check_provable(request: Request) -> None:
     """Refuse a proof where there is none."""
-    if again:
+    if request.reapproaches:
         raise CalibError("branch and bound knows no second visits; leave out one of both")
     kinds = catalogue()
     if not kinds[request.criterion].smooth:
         smooth = ", ".join(sorted(name for name, kind in kinds.items() if kind.smooth))
         raise CalibError(f"branch and bound is for criteria {smooth}, not {request.criterion}")
-    if robust:
+    if request.robust:
         raise CalibError("branch and bound knows no robust plans; leave out one of both")
     if request.levels is not None and not request.levels.chosen:
         raise CalibError("branch and bound chooses no levels; give them, as in A2=-140,-57,-10x3")
@@ -204,27 +204,23 @@ def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
 def _designed(
     cell: Cell,
     request: Request,
-    source: int | Poses | None,
-    effort: Effort,
     against: Mapping[str, Poses],
-    clock: Clock,
+    progress: Progress,
 ) -> Design:
     follows = _follows_levels(cell, request)
-    problem = problem_of(_with_even_knots(cell, request) if follows else cell, request, effort.seed)
-    effort.progress(f"{len(problem.model.parameters)} parameters, {request.poses} poses")
-    pool = _pool(problem, source, effort.seed)
-    clock.lap("pool")
-    effort.progress(f"{len(pool)} of {pool.drawn} candidates are feasible")
+    problem = problem_of(_with_even_knots(cell, request) if follows else cell, request)
+    progress.tell(f"{len(problem.model.parameters)} parameters, {request.poses} poses")
+    pool = _pool(problem)
+    progress.lap("pool")
+    progress.tell(f"{len(pool)} of {pool.drawn} candidates are feasible")
     check_count(problem, pool)
-    chosen = choose(problem, pool, effort, clock)
+    chosen = choose(problem, pool, progress)
     levels = request.levels
     if levels is not None and not levels.chosen:
         settled = levels.only(np.unique(pool.q[chosen.plan, levels.joint]))
         if follows:
-            effort.progress("levels chosen; the model's angles follow them")
-            there = _designed(
-                cell, replace(request, levels=settled), source, effort, against, clock
-            )
+            progress.tell("levels chosen; the model's angles follow them")
+            there = _designed(cell, replace(request, levels=settled), against, progress)
             note = (
                 f"levels chosen among {len(levels.values)}, at least "
                 f"{chosen.value / chosen.relaxed.bound:.3f} of the best choice for a model with even "
@@ -232,45 +228,44 @@ def _designed(
             )
             return replace(there, notes=(note, *there.notes))
         levels = settled
-    final, found, certificate = finish(problem, pool, chosen, effort, clock)
+    final, found, certificate = finish(problem, pool, chosen, progress)
     landscape, live = landscape_of(problem, final, found)
-    poses, reference, again, certificate = _visited(problem, final, found, certificate, effort)
+    poses, reference, again, certificate = _visited(problem, final, found, certificate)
     q = poses.q
     result = Design(
         problem=problem,
         poses=poses,
-        level=level_values(levels, q),
         levels=levels,
         assessment=assess(problem, q),
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
         landscape=landscape,
         rivals=_judged(problem, against, certificate.bound),
-        curve=accuracy_curve(problem, pool, effort) if effort.curve else (),
-        seconds=clock.laps,
+        curve=accuracy_curve(problem, pool) if request.curve else (),
+        seconds=progress.laps,
         reference=reference,
         reapproaches=again,
     )
-    clock.lap("judgement")
+    progress.lap("judgement")
     return replace(result, notes=notes_of(result))
 
 
 def _visited(
-    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate, effort: Effort
+    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
-    q = pool.q[found.plan]
+    request, q = problem.request, pool.q[found.plan]
     poses, reference, again = named(q[visiting_order(q)]), None, None
-    if effort.reapproaches:
-        poses, again = with_reapproaches(problem, poses, effort.reapproaches)
+    if request.reapproaches:
+        poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(
             problem, pool, found, certificate, poses.q[-len(again.again) :]
         )
         instead = new_poses_instead(problem, pool, found.plan, len(again.again))
-        again = replace(again, instead=instead, asked=effort.asked)
-    if effort.reference_every:
+        again = replace(again, task_rms_instead=instead, asked=request.asked)
+    if request.reference_every:
         busy = () if again is None else again.poses + again.again
-        poses, reference = with_reference(problem, poses, effort.reference_every, busy)
+        poses, reference = with_reference(problem, poses, request.reference_every, busy)
     return poses, reference, again, certificate
 
 
@@ -294,14 +289,13 @@ def _with_even_knots(cell: Cell, request: Request) -> Cell:
     return replace(cell, knots={**cell.knots, **knots})
 
 
-def _pool(problem: Problem, source: int | Poses | None, seed: int) -> Pool:
+def _pool(problem: Problem) -> Pool:
     """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
-    levels = problem.request.levels
+    levels, source = problem.request.levels, problem.request.candidates
     if isinstance(source, Poses):
         chunks, count = chunked(source.q), len(source)
     else:
-        count = source or CANDIDATES
-        chunks = drawn(problem.cell, count, levels, seed)
+        count, chunks = source, drawn(problem.cell, source, levels, problem.request.seed)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
     if problem.request.fixed is not None and not problem.request.repeats:
         pool = pool.without(problem.request.fixed.q)

@@ -38,36 +38,11 @@ _NARROWEST = 6e-4
 _TRIED = 300  # candidates of the largest scores, to be visited in place of a pose twice
 
 
-@dataclass(frozen=True)
-class Effort:
-    """What is done beside the search.
-
-    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
-    robust : prefer the plan that is best after the loss of any one pose
-    prove : go on with branch and bound for minutes
-    curve : also the best plans of other numbers of poses
-    reference_every : poses between two readings of a reference pose, 0 for none
-    reapproaches : poses that are visited again, 0 for none
-    seed : int; progress : called with a line for each step
-    asked : whether second visits were asked for, else they are a default
-    """
-
-    refine: bool = True
-    fresh: int = 0
-    robust: bool = False
-    prove: bool = False
-    curve: bool = False
-    reference_every: int = 0
-    reapproaches: int = 0
-    seed: int = 0
-    progress: Callable[[str], None] = lambda _: None
-    asked: bool = True
-
-
 @dataclass
-class Clock:
-    """Seconds by part."""
+class Progress:
+    """What is told on the way, a line for each step, and the seconds that each part took."""
 
+    tell: Callable[[str], None] = lambda _: None
     laps: dict[str, float] = field(default_factory=dict)
     last: float = field(default_factory=time.perf_counter)
 
@@ -78,22 +53,20 @@ class Clock:
         self.last = now
 
 
-def choose(
-    problem: Problem, pool: Pool, effort: Effort, clock: Clock, *, thorough: bool = True
-) -> WholePlan:
+def choose(problem: Problem, pool: Pool, progress: Progress, *, thorough: bool = True) -> WholePlan:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     blocks, rules = problem.posed(pool)
     relaxed = relax(problem.criterion, blocks, rules)
-    clock.lap("relaxation")
-    effort.progress(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
+    progress.lap("relaxation")
+    progress.tell(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
     found = best_plan(
-        problem.criterion, blocks, rules, relaxed, seed=effort.seed, thorough=thorough
+        problem.criterion, blocks, rules, relaxed, seed=problem.request.seed, thorough=thorough
     )
-    clock.lap("exchange")
+    progress.lap("exchange")
     if problem.criterion.whole:
         _check_determined(problem, blocks.total(found.plan))
     chosen = _reported(problem, blocks, rules, found)
-    effort.progress(
+    progress.tell(
         f"whole plan found, at least {chosen.value / chosen.relaxed.bound:.4f} of the best"
     )
     return chosen
@@ -145,32 +118,32 @@ def _check_determined(problem: Problem, M: Array) -> None:
 
 
 def finish(
-    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort, clock: Clock
+    problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress
 ) -> tuple[Pool, WholePlan, Certificate]:
     """Harden, polish, prove: the plan before it is put into the order of a day, and what is proved.
 
     Returns the candidates as well, the plan's own poses among them.
     """
-    criterion, before = problem.criterion, chosen
-    if effort.robust:
+    criterion, request, before = problem.criterion, problem.request, chosen
+    if request.robust:
         blocks, rules = problem.posed(pool)
         plan = robust_exchange(criterion, blocks, rules, chosen.plan)
         value = float(criterion.plain.value(blocks.total(plan)))
         chosen = replace(chosen, plan=plan, value=value)
-        clock.lap("robust exchange")
-    elif effort.refine:
-        pool, chosen = _polished(problem, pool, chosen, effort)
-        clock.lap("polish")
+        progress.lap("robust exchange")
+    elif request.refine:
+        pool, chosen = _polished(problem, pool, chosen)
+        progress.lap("polish")
     blocks, rules = problem.posed(pool)
     proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once.
-    if provable(criterion, rules) and not (effort.robust or effort.reapproaches):
-        proof = _proved(problem, pool, chosen, effort)
-        clock.lap("branch and bound")
+    if provable(criterion, rules) and not (request.robust or request.reapproaches):
+        proof = _proved(problem, pool, chosen, progress)
+        progress.lap("branch and bound")
     fresh = np.nan
-    if effort.fresh:
-        fresh = fresh_bound(problem, chosen.relaxed.G, effort)
-        clock.lap("fresh candidates")
+    if request.fresh:
+        fresh = fresh_bound(problem, chosen.relaxed.G)
+        progress.lap("fresh candidates")
     if not rules.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
     certificate = Certificate(
@@ -180,10 +153,10 @@ def finish(
         fresh=fresh,
         pool_value=before.value,
         pool_bound=before.relaxed.bound,
-        optimal=proof.nodes > 0 and proof.optimal,
+        proved_optimal=proof.nodes > 0 and proof.optimal,
         nodes=proof.nodes,
         rounds=before.relaxed.rounds,
-        agreement=before.agreement,
+        agreement_of_starts=before.agreement,
         left=smallest_left(criterion.plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
     return pool, replace(chosen, plan=proof.plan, value=proof.value), certificate
@@ -199,12 +172,10 @@ def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landsc
     return view, len(survivors(found.relaxed.G, blocks, rules, found.value))
 
 
-def _polished(
-    problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort
-) -> tuple[Pool, WholePlan]:
+def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
     """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
     blocks = problem.blocks(pool)
-    q = polish(problem, pool.q[chosen.plan], blocks.total(chosen.plan), seed=effort.seed)
+    q = polish(problem, pool.q[chosen.plan], blocks.total(chosen.plan), seed=problem.request.seed)
     plan = np.arange(len(pool), len(pool) + len(q))
     pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
     blocks, rules = problem.posed(pool)
@@ -213,14 +184,15 @@ def _polished(
     return pool, _reported(problem, blocks, rules, replace(chosen, plan=plan, relaxed=relaxed))
 
 
-def _proved(problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort) -> Proof:
+def _proved(problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress) -> Proof:
     """Bound of branch and bound, with its plan where that is better for what the search goes by too."""
     criterion, (blocks, rules) = problem.criterion, problem.posed(pool)
+    patient = problem.request.prove
 
     def told(proof: Proof, every: int = 1) -> None:
         if proof.nodes % every == 0:
             share = proof.value / proof.bound
-            effort.progress(f"branch and bound: {share:.4f} after {proof.nodes} nodes")
+            progress.tell(f"branch and bound: {share:.4f} after {proof.nodes} nodes")
 
     found = prove(
         criterion.plain,
@@ -228,8 +200,8 @@ def _proved(problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort) -> 
         rules,
         chosen.plan,
         chosen.relaxed.G,
-        most_work=_LONG_WORK if effort.prove else SHORT_WORK,
-        told=partial(told, every=_NODES_TOLD) if effort.prove else lambda _: None,
+        most_work=_LONG_WORK if patient else SHORT_WORK,
+        told=partial(told, every=_NODES_TOLD) if patient else lambda _: None,
     )
     before, after = criterion.value(
         np.array([blocks.total(plan) for plan in (chosen.plan, found.plan)])
@@ -240,20 +212,20 @@ def _proved(problem: Problem, pool: Pool, chosen: WholePlan, effort: Effort) -> 
     return found
 
 
-def fresh_bound(problem: Problem, G: Array, effort: Effort) -> float:
+def fresh_bound(problem: Problem, G: Array) -> float:
     """No plan of as many other candidates is better: what the pool's coarseness hides."""
-    levels = problem.request.levels
+    request, levels = problem.request, problem.request.levels
 
     def scored(q: Array) -> tuple[Array, IntArray]:
         part = judge(problem.regressor, problem.constraints, levels, q)
         return part.packed @ pack(G), part.level
 
     with ThreadPoolExecutor(2) as executor:
-        chunks = drawn(problem.cell, effort.fresh, levels, effort.seed + 2)
+        chunks = drawn(problem.cell, request.fresh, levels, request.seed + 2)
         parts = list(executor.map(scored, chunks))
     scores, level = (np.concatenate(column) for column in zip(*parts, strict=True))
     rules, own = problem.rules(level), float((G * problem.fixed).sum())
-    again = scores[rules.again(scores, effort.reapproaches)].sum()
+    again = scores[rules.again(scores, request.reapproaches)].sum()
     return own + rules.best(scores)[0] + float(again)
 
 
@@ -337,7 +309,6 @@ def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int
     some: IntArray = others[np.argsort(-scores[others])[:_TRIED]]
     if len(some) < count:
         return np.nan
-    anywhere = Allowed(np.zeros(len(some), dtype=int), np.zeros(1), np.array([count]), 1)
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
-    more = some[greedy(problem.criterion, beside, anywhere)]
+    more = some[greedy(problem.criterion, beside, Allowed.any_of(len(some), count))]
     return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms

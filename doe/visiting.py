@@ -41,7 +41,7 @@ class Reapproaches:
     dof : float, coordinates that tell of the repeatability, each for as much as the instrument lets it
     translation, rotation : float, relative standard deviations with which each is known beside the
         other, NaN where the markers do not tell them apart, or one is none
-    instead : float, m, task RMS with as many new poses in their place, NaN where there are none
+    task_rms_instead : float, m, with as many new poses in their place, NaN where there are none
     asked : bool, else they are among the poses that were asked for
     """
 
@@ -50,7 +50,7 @@ class Reapproaches:
     dof: float
     translation: float
     rotation: float
-    instead: float = np.nan
+    task_rms_instead: float = np.nan
     asked: bool = True
 
     @property

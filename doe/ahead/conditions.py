@@ -18,7 +18,7 @@ _MOST_LOADS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Hung:
+class TipLoad:
     """What pulls on the tip at a reading.
 
     force : ndarray, shape (3,), N, base axes, at ``lever`` (3,), m, tip axes
@@ -42,7 +42,7 @@ class Hung:
         pull = float(np.linalg.norm(gravity)) or 9.80665
         return self.mass + float(np.linalg.norm(self.force)) / pull
 
-    def scaled(self, factor: float) -> Hung:
+    def scaled(self, factor: float) -> TipLoad:
         """A load of the same kind, heavier or lighter."""
         return replace(
             self,
@@ -51,7 +51,7 @@ class Hung:
             mass=self.mass * factor,
         )
 
-    def shifted(self, by: Array) -> Hung:
+    def shifted(self, by: Array) -> TipLoad:
         """The same load at another point of the tip; by, shape (3,), m."""
         return replace(self, lever=self.lever + by, com=self.com + by)
 
@@ -60,7 +60,7 @@ class Hung:
 class Conditions:
     """Conditions of further readings.
 
-    loads : tuple of Hung, under each of which every configuration is read
+    loads : tuple of TipLoad, under each of which every configuration is read
     sides : tuple of float, +1 or -1, from which every joint comes, each a reading of its own; empty
         where the approach follows from the order of the poses
     time, pace : float, s, of the last reading and from one to the next; None where time is not known
@@ -71,7 +71,7 @@ class Conditions:
         None where nothing is known of the moves
     """
 
-    loads: tuple[Hung, ...]
+    loads: tuple[TipLoad, ...]
     sides: tuple[float, ...]
     time: float | None
     pace: float
@@ -137,7 +137,7 @@ class Conditions:
         )
 
 
-def _wrench(R: Array, load: Hung) -> Array:
+def _wrench(R: Array, load: TipLoad) -> Array:
     """Force and moment about the tip's origin in base axes, shape (m, 6)."""
     moment = cross(rotate(R, load.lever), load.force) + load.moment
     return np.column_stack([np.broadcast_to(load.force, moment.shape), moment])
@@ -165,7 +165,7 @@ def conditions_of(robot: Robot, poses: Poses) -> Conditions:
     )
 
 
-def loads_of_data(robot: Robot, poses: Poses) -> tuple[Hung, ...]:
+def loads_of_data(robot: Robot, poses: Poses) -> tuple[TipLoad, ...]:
     """The distinct loads under which the data were read, the free state first.
 
     Where they differ from reading to reading, as those of a force sensor do, their mean stands for
@@ -180,7 +180,7 @@ def loads_of_data(robot: Robot, poses: Poses) -> tuple[Hung, ...]:
     return tuple(sorted(found, key=lambda load: not load.free))
 
 
-def _load(robot: Robot, poses: Poses) -> Hung:
+def _load(robot: Robot, poses: Poses) -> TipLoad:
     """Force, and where it acts: the point of the tip that explains the moments best."""
     force, moment = poses.wrench[:, :3], poses.wrench[:, 3:]
     R = forward(robot, poses.q).R[:, -1]
@@ -191,4 +191,4 @@ def _load(robot: Robot, poses: Poses) -> Hung:
     mass = float(poses.load_mass.mean())
     scale = float(np.abs(moment).max(initial=0.0))
     rest = np.where(np.abs(rest) > 1e-3 * scale, rest, 0.0)
-    return Hung(mean, lever, rest, mass, poses.load_com if mass else np.zeros(3))
+    return TipLoad(mean, lever, rest, mass, poses.load_com if mass else np.zeros(3))

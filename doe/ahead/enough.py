@@ -14,12 +14,14 @@ from calib.errors import CalibError, EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses, poses_at
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from doe.ahead.error_floor import ErrorFloor, error_floor
 from doe.ahead.forecast import (
     Forecast,
     ForecastStep,
@@ -28,9 +30,8 @@ from doe.ahead.forecast import (
     best_next,
     open_beside,
 )
-from doe.ahead.lacking import Lacking, lacking_of
+from doe.ahead.remaining import Match, match, whole_day
 from doe.ahead.situation import likely_read, refusal
-from doe.ahead.to_come import Match, match, whole_day
 from doe.constraints import constraints_of, scene_of, visible
 from doe.criteria import Criterion
 from doe.curve import stops_paying
@@ -56,7 +57,7 @@ class Enough(Result):
     match : Match, which readings of the plan are done
     steps : tuple of ForecastStep, the first one now, then the poses still to come in the best order
     goal : float, m, or None
-    lacking : Lacking, what no reading of these poses lowers
+    lacking : ErrorFloor, what no reading of these poses lowers
     fresh : tuple of ForecastStep, poses beyond the plan until the goal is reached; empty where not
         asked
     fresh_q : ndarray, shape (n, dof), rad or m, their joint values
@@ -70,7 +71,7 @@ class Enough(Result):
     match: Match
     steps: tuple[ForecastStep, ...]
     goal: float | None
-    lacking: Lacking
+    lacking: ErrorFloor
     fresh: tuple[ForecastStep, ...]
     fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -177,8 +178,8 @@ def enough(
     except (TooFewPoses, EffectCannotAct) as error:
         found, why = None, str(error)
     arm, at, day = _linearised(cell, data, whole_day(cell, data, plan, done.left), found)
-    model, sizes = at.model, at.model.sizes
-    lacking = lacking_of(cell, model, at.values, arm, found)
+    model = at.model
+    lacking = error_floor(cell, model, at.values, arm, found)
     forecast = Forecast.at(at, lacking, found)
     kept = np.ones(len(day), dtype=bool)
     if found is not None:
@@ -188,12 +189,11 @@ def enough(
     pull = 1.0 if found is None else found.pull
     if found is not None and not at.arm.any:
         pull /= found.noise.divisor
-    held = model.beside(at.values)[1] * sizes
+    rows = rows.beside(model.beside(at.values)[1] * model.sizes, pull)
     so_far = np.arange(len(day)) < len(data)
-    now = rows.equations(so_far, held, pull)
-    order = _best_order(forecast.criterion, rows.rows.by_reading, so_far, plan, done.left, held)
-    further = ((name, count, rows.equations(upto, held, pull)) for name, count, upto in order)
-    steps = tuple(forecast.steps(now, len(data), further))
+    order = _best_order(forecast.criterion, rows.rows, so_far, plan, done.left)
+    further = ((name, count, rows.equations(upto)) for name, count, upto in order)
+    steps = tuple(forecast.steps(rows.equations(so_far), len(data), further))
     footprint = model.footprint(at.values, data)
     sigma = believed_sigma(day, at.weights(day), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
@@ -201,7 +201,7 @@ def enough(
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    whole = rows.equations(None, held, pull)
+    whole = rows.equations()
     regressor = Regressor.nominal(cell, model, at.values)
     pool = pool_of(
         regressor, constraints_of(cell), None, drawn(cell, _CANDIDATES, None, seed), _CANDIDATES
@@ -246,20 +246,21 @@ def _linearised(
 
 
 def _best_order(
-    criterion: Criterion, rows: Array, so_far: Mask, plan: Poses, left: IntArray, held: Array
+    criterion: Criterion, rows: LinearProblem, so_far: Mask, plan: Poses, left: IntArray
 ) -> Iterator[tuple[str, int, Mask]]:
     """The poses of which readings are still to come: name, how many, and all that is read by then.
 
-    rows : ndarray, shape (m, R, p), independent ones of the whole day
+    rows : LinearProblem, of the whole day
     """
     if not len(left):
         return
     poses, of = np.unique(left % len(plan), return_inverse=True)
     number = np.full(len(so_far), -1)
     number[~so_far] = of
-    own = [stacked(rows[number == k]) for k in range(len(poses))]
-    known = stacked(rows[so_far])
-    packed = pack(np.stack([rows.T @ rows for rows in own]))
+    each, held = rows.by_reading, rows.held
+    own = [stacked(each[number == k]) for k in range(len(poses))]
+    known = stacked(each[so_far])
+    packed = pack(np.stack([one.T @ one for one in own]))
     blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
     done = so_far.copy()
     for k in best_next(criterion, blocks, len(own)):
@@ -273,7 +274,7 @@ def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed
     if count < 2 or not fresh:
         return np.zeros(0, dtype=int)
     beside = open_beside(blocks)
-    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
+    rules = Allowed.any_of(len(blocks), count)
     relaxed = relax(criterion, beside, rules)
     plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
     return plan[best_next(criterion, blocks.take(plan), count)]

@@ -9,16 +9,20 @@ from which follows how alike they are (:mod:`doe.ahead.likeness`).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.equivalence import SAME
 from doe.ahead.likeness import Likeness, directions, likeness, margins
+from doe.ahead.situation import CandidateRows
 
 FREE = 10.0
 """Plausible sizes to which what is modelled is known beforehand."""
+_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,9 @@ class RivalEvidence:
     data : ReducedEquations, after the data
     columns : tuple of ndarray of int, of each rival among the K
     b : tuple of ndarray, shape (k,), values of each rival in its place, in plausible sizes
-    pairs : tuple of (int, int)
+    pairs : tuple of (int, int), rivals that are compared
+    members : tuple of Candidate, the rivals
+    planned : int, rows of the data and of the poses to be chosen, None where none are
     """
 
     Z: Array
@@ -85,6 +91,8 @@ class RivalEvidence:
     columns: tuple[IntArray, ...]
     b: tuple[Array, ...]
     pairs: tuple[tuple[int, int], ...]
+    members: tuple[Candidate, ...] = ()
+    planned: int | None = None
 
     @classmethod
     def of(
@@ -124,11 +132,36 @@ class RivalEvidence:
         b = tuple(U @ (U.T @ score[at]) for U, at in zip(seen, columns, strict=True))
         return cls(Z, data, columns, b, tuple(pairs))
 
-    def blocks(self, rows: Array) -> Array:
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """Of the pairs, ``effect:where`` of both."""
+        return [(self.members[i].key, self.members[j].key) for i, j in self.pairs]
+
+    def without(self, told: Collection[tuple[str, str]]) -> RivalEvidence:
+        """The same less some pairs, by their keys."""
+        each = zip(self.pairs, self.keys, strict=True)
+        return replace(self, pairs=tuple(pair for pair, key in each if key not in told))
+
+    def within_reach(self, offer: CandidateRows, start: Array, count: int) -> RivalEvidence:
+        """The same with the pairs that some choice of candidates might tell apart.
+
+        A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.
+
+        start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
+        """
+        blocks = self.blocks(offer.rows(slice(None), start))
+        planned = self.data.rows + count * blocks.shape[1]
+        reach = self.reach(blocks, min(count, len(blocks)), planned)
+        each = zip(self.pairs, reach, strict=True)
+        pairs = tuple(pair for pair, margin in each if margin >= _MARGIN)
+        return replace(self, pairs=pairs, planned=planned)
+
+    def blocks(self, rows: Array, q: Array | None = None) -> Array:
         """Whitened rows (..., r, p) in the coordinates of ``ReducedEquations``, (..., r, n + K).
 
         A pose at which a rival lets the arm stand no more tells nothing.
         """
+        del q
         stands = np.isfinite(rows).all(axis=(-1, -2), keepdims=True)
         return np.asarray(np.where(stands, rows, 0.0) @ self.Z)
 
@@ -145,6 +178,10 @@ class RivalEvidence:
     def separation(self, known: ReducedEquations) -> Array:
         """What is left of each rival beside the other, in noise variances, shape (..., pairs, 2)."""
         return self.of_pairs(self.likeness(known).beside[..., 0])
+
+    def values(self, known: ReducedEquations, S: Array) -> Array:
+        """The margins once the poses are read, by which the truth is to stand alone."""
+        return self.margins(known, S, self.planned, SAME)
 
     def margins(
         self,

@@ -15,22 +15,15 @@ from calib.model import Model
 from calib.model.covariance import covariance, identifiable, ignorance, task_error
 from calib.poses import Measurements
 from calib.scatter import Variances
-from calib.scatter.mixing import Mixing
 from calib.uncertainty.expanded import freedom
-from doe.ahead.lacking import Lacking
-from doe.criteria import Criterion, Question
+from doe.ahead.error_floor import ErrorFloor
+from doe.criteria import Criterion
 from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import greedy
-from doe.problem.linearisation import (
-    Linearisation,
-    counted,
-    moved_rows,
-    target_rows,
-    target_shifts,
-    unknown_markers,
-)
+from doe.problem.linearisation import Linearisation, moved_rows
+from doe.problem.target_errors import TargetErrors
 
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
@@ -97,51 +90,37 @@ class ForecastStep:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Where accuracy is wanted.
+    """Predicts how accurate the estimate is at the cell's targets after further poses.
 
-    rows : ndarray, shape (targets, r, p), m per plausible size, the mean over the markers in them
-    weights : ndarray, shape (targets,), summing to one
-    lacking : Lacking, the error there that no reading lowers
+    targets : TargetErrors, per plausible size
+    lacking : ErrorFloor, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
-    predicted : ndarray, shape (targets, r, b), m, how predictions follow errors common to all readings
     """
 
     model: Model
-    rows: Array
-    weights: Array
-    lacking: Lacking
+    targets: TargetErrors
+    lacking: ErrorFloor
     dof: float
-    predicted: Array
 
     @classmethod
-    def at(cls, at: Linearisation, lacking: Lacking, found: Identification | None) -> Forecast:
+    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Forecast:
         """At the targets of a cell; found : of the data so far, None where there is none.
 
         What is taken for noise is known by as many degrees of freedom as the identification says.
         Where poses err as a whole they count, not points: which variances they show is chosen as well.
         """
-        model, (targets, weights) = at.model, targets_of(at.cell)
-        counts = counted(model, unknown_markers(model))
-        dof = np.inf
+        model, dof = at.model, np.inf
         if found is not None:
             told = found.levels is not None and not len(found.levels.free)
             as_a_whole = bool(lacking.rms) and not told
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
-        return cls(
-            model,
-            target_rows(counts, at.values, targets) * model.sizes,
-            weights / weights.sum(),
-            lacking,
-            dof,
-            target_shifts(model, counts, at.values, targets),
-        )
+        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
+        return cls(model, targets, lacking, dof)
 
     @property
     def criterion(self) -> Criterion:
         """The expected error at the targets, for information in plausible sizes."""
-        p = self.rows.shape[-1]
-        none, T = np.zeros((0, p, p)), np.diag(self.model.sizes)
-        return Task.of(Question(self.model, T, None, None, lambda: self.rows, self.weights, none))
+        return Task.at_targets(self.targets.rows, self.targets.weights)
 
     def steps(
         self,
@@ -161,27 +140,28 @@ class Forecast:
             yield self._step(name, readings, told)
 
     def _step(self, pose: str, readings: int, told: NormalEquations) -> ForecastStep:
-        p = self.rows.shape[-1]
+        rows, weights = self.targets.rows, self.targets.weights
+        p = rows.shape[-1]
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(told.root, np.ones(p), ids)
         known = np.zeros(p, dtype=bool)
         known[choice.kept] = True
         span = np.eye(p)[:, choice.kept]
         cov = told.covariance(span) + ignorance(told.root, span, np.ones(p), ~known)
-        squared = ((self.rows @ cov) * self.rows).sum(axis=(1, 2))
+        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
         own = np.sqrt(np.maximum(squared, 0.0))
-        parameters = task_error(own, self.weights)[0]
+        parameters = task_error(own, weights)[0]
         response = told.response(span)
-        missed = self.rows @ response - self.predicted
+        missed = self.targets.missed(response)
         common = np.sqrt((missed**2).sum(axis=(1, 2)))
         beside = np.hypot(common, self.lacking.at_targets)
-        rms, worst = task_error(np.hypot(own, beside), self.weights)
+        rms, worst = task_error(np.hypot(own, beside), weights)
         variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
         doubted = np.hypot(rms, self.lacking.hidden)
         most = float(doubted) * self._margin(cov, missed, rms)
-        by_common = task_error(common, self.weights)[0]
+        by_common = task_error(common, weights)[0]
         return ForecastStep(pose, readings, rms, worst, most, parameters, std, lost, by_common)
 
     def _margin(self, cov: Array, missed: Array, rms: float) -> float:
@@ -194,8 +174,8 @@ class Forecast:
         """
         from scipy.special import fdtri
 
-        share = np.sqrt(self.weights)[:, None, None]
-        half, shared = (self.rows * share).reshape(-1, len(cov)), missed * share
+        share = np.sqrt(self.targets.weights)[:, None, None]
+        half, shared = (self.targets.rows * share).reshape(-1, len(cov)), missed * share
         shared = shared.reshape(len(half), missed.shape[-1])
         # The same sums of squares in p + b rows: of values and common errors side by side.
         both = np.concatenate([half, shared], axis=1)
@@ -214,43 +194,39 @@ class Readings:
     """Readings to first order, per plausible size of the parameters.
 
     rows, common : LinearProblem, the latter how the same readings follow errors common to all
-    weighing : how the estimate weighs whole poses: as the cell says that the arm scatters
     """
 
     rows: LinearProblem
     common: LinearProblem
-    weighing: Mixing | None
 
     @classmethod
     def at(cls, at: Linearisation, data: Measurements, kept: Mask | None = None) -> Readings:
         """Of a data set, of which some readings count, shape (m,)."""
         rows = at.of(data, kept)
-        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
         arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+        # The estimate weighs whole poses as the cell says that the arm scatters.
         weighing = replace(at, arm=arm).of(data, kept).mixing if arm.any else None
-        return cls(rows, moved_rows(at, data, at.weights(data, kept), rows), weighing)
+        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
+        common = moved_rows(at, data, at.weights(data, kept), rows)
+        return cls(replace(rows, weighing=weighing, held=np.zeros((0, len(at.values)))), common)
 
-    def equations(
-        self, chosen: Mask | None = None, held: Array | None = None, pull: float = 1.0
-    ) -> NormalEquations:
-        """What they tell together, all or some of them, (m,), beside rows ``held`` (k, p).
+    def beside(self, held: Array, pull: float) -> Readings:
+        """The same where rows ``held`` (k, p) are known, which weigh ``pull`` times more."""
+        return replace(self, rows=replace(self.rows, off=np.zeros(len(held)), held=held, pull=pull))
 
-        pull : by how much more the estimate weighs the rows beside them
-        """
+    def equations(self, chosen: Mask | None = None) -> NormalEquations:
+        """What they tell together, all or some of them, (m,), and what is known beside them."""
         own = self.rows.J if chosen is None else self.rows.J * chosen[:, None, None]
-        counted = own
-        if self.weighing is not None:
-            counted = self.weighing(own)
-            own = self.weighing.back(counted)
+        counted, pull = own, self.rows.pull
+        if self.rows.weighing is not None:
+            counted = self.rows.weighing(own)
+            own = self.rows.weighing.back(counted)
+        held = pull * self.rows.held
+        core = None
+        if self.rows.mixing is not None:  # the error of what is held weighs more as well
+            core = self.rows.mixing.covariance(own) + pull**2 * held.T @ held
         crossed = np.einsum("mrp,mrb->pb", own, self.common.J)
-        core = None if self.rows.mixing is None else self.rows.mixing.covariance(own)
-        if held is None:
-            return NormalEquations(root(stacked(counted)), core, crossed)
-        held = pull * held  # and so is the error of these rows, of which core is made
-        both = root(np.concatenate([stacked(counted), held]))
-        return NormalEquations(
-            both, None if core is None else core + pull**2 * held.T @ held, crossed
-        )
+        return NormalEquations(root(np.concatenate([stacked(counted), held])), core, crossed)
 
 
 def root(rows: Array) -> Array:
@@ -262,8 +238,7 @@ def root(rows: Array) -> Array:
 def open_beside(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
     largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
-    least = max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed))
-    return Blocks(blocks.packed, blocks.fixed + least, blocks.rank)
+    return blocks.beside(max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed)))
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
@@ -271,5 +246,4 @@ def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
 
     What is open is closed first.
     """
-    rules = Allowed(np.zeros(len(blocks), dtype=int), np.zeros(1), np.array([count]), 1)
-    return greedy(criterion, open_beside(blocks), rules)
+    return greedy(criterion, open_beside(blocks), Allowed.any_of(len(blocks), count))

@@ -34,7 +34,7 @@ from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.likeness import Likeness, likeness, plausible
-from doe.ahead.to_come import readings_of
+from doe.ahead.remaining import readings_of
 from doe.problem.linearisation import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
@@ -81,21 +81,6 @@ class PowerAnalysis(Result):
         """Causes of just visible size and what they are taken for, the hardest to tell first."""
         found = [(int(i), int(j)) for i, j in np.argwhere(self.times > _AT_ONCE)]
         return sorted(found, key=lambda pair: -self.times[pair])
-
-    @property
-    def order(self) -> list[int]:
-        """Those with look-alikes, each beside the causes that it is taken for."""
-        from scipy.cluster.hierarchy import leaves_list, linkage
-        from scipy.spatial.distance import squareform
-
-        members = np.unique(np.array(self.pairs, dtype=int))
-        if len(members) < 2:
-            return []
-        either = np.maximum(self.times, self.times.T)[np.ix_(members, members)]
-        distance = 1.0 / np.maximum(either, 1.0)
-        np.fill_diagonal(distance, 0.0)
-        tree = linkage(squareform(distance), method="average", optimal_ordering=True)
-        return [int(members[i]) for i in leaves_list(tree)]
 
 
 @one_blas_thread

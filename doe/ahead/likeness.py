@@ -37,7 +37,7 @@ _HALVINGS = 40
 
 @dataclass(frozen=True, eq=False)
 class Likeness:
-    """How far each of E causes is imitated by each other. First axis: the cause that is there.
+    """How far each of E causes is confounded with each other. First axis: the cause that is there.
 
     directions : ndarray of int, shape (..., E), in which each can be seen
     size : ndarray, shape (..., E, D), noncentrality of D signals of each

@@ -14,11 +14,11 @@ from calib.errors import CalibError
 from calib.poses import Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
+from doe.ahead.evidence import RivalEvidence
 from doe.ahead.likeness import SURE
-from doe.ahead.objectives import CauseForm, Shares, accuracy_of, forms_of, with_accuracy
+from doe.ahead.objectives import CauseForm, CompoundCriterion, accuracy_of, forms_of, with_accuracy
 from doe.ahead.remedies import changes, easiest
 from doe.ahead.rivals import (
-    ContestedPlace,
     data_rows,
     doubt_of,
     evidence_of,
@@ -27,7 +27,7 @@ from doe.ahead.rivals import (
     suspicious,
 )
 from doe.ahead.search import search_of
-from doe.ahead.situation import Situation, likely_read, offer_of, refusal
+from doe.ahead.situation import Situation, candidate_rows, likely_read, refusal
 from doe.plan import named
 from doe.visiting import visiting_order
 
@@ -149,7 +149,7 @@ def next_poses(
     rivals = [c.effect for rivalry in found for c in rivalry.members]
     situation = situation_after(cell, diagnosis, rivals)
     data = data_rows(situation, diagnosis)
-    doubts = [d for r in found if (d := doubt_of(situation, data, r)) is not None]
+    doubts = [doubt for r in found if (doubt := doubt_of(situation, data, r)).pairs]
     unseen = tuple(forms_of(diagnosis, data)) if forms else ()
     if not doubts and not unseen:
         return nothing
@@ -157,10 +157,10 @@ def next_poses(
     q = q[likely_read(cell.robot, q, diagnosis.data.poses, missed)]
     if not len(q):
         raise CalibError(refusal(missed))
-    offer = offer_of(situation, q, count)
+    offer = candidate_rows(situation, q, count)
     start = situation.conditions.last
     shown = [form for form in unseen if form.hopeful(offer, start)]
-    search = search_of([doubt.evidence for doubt in doubts], offer, start, count, shown)
+    search = search_of(doubts, offer, start, count, shown)
     if search is not None and accuracy:
         search = with_accuracy(search, accuracy_of(situation, diagnosis, data[1]), count)
     plan = [] if search is None else search.best_plan(count)
@@ -174,7 +174,7 @@ def next_poses(
     predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in judged]
     splits = tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen)))
     shares = None
-    if search is not None and isinstance(search.weigh, Shares):
+    if search is not None and isinstance(search.weigh, CompoundCriterion):
         first, second = search.weigh.of(search.values(plan))
         shares = float(first), float(second)
     return NextPoses(
@@ -198,15 +198,15 @@ def _shown(form: CauseForm, situation: Situation, q: Array) -> PairPrediction:
 
 
 def _judged(
-    doubt: ContestedPlace, situation: Situation, q: Array
+    evidence: RivalEvidence, situation: Situation, q: Array
 ) -> list[tuple[PairPrediction, list[bool]]]:
     """Every pair before and after, and which poses it owes that to; the sequence as it is read."""
-    evidence, data = doubt.evidence, doubt.evidence.data
+    data = evidence.data
     now = evidence.probabilities(data)
     if not len(q):
         return [
             (PairPrediction(k, float(p), float(p)), [])
-            for k, p in zip(doubt.keys, now, strict=True)
+            for k, p in zip(evidence.keys, now, strict=True)
         ]
     blocks = evidence.blocks(situation.in_order(q))
     whole = data.added(blocks)
@@ -223,12 +223,12 @@ def _judged(
             PairPrediction(key, float(now[i]), float(after[i])),
             [bool(helped[i] and row[i].any()) for row in serves],
         )
-        for i, key in enumerate(doubt.keys)
+        for i, key in enumerate(evidence.keys)
     ]
 
 
 def _remedies(
-    doubts: Sequence[ContestedPlace],
+    doubts: Sequence[RivalEvidence],
     told: Collection[tuple[str, str]],
     situation: Situation,
     data: tuple[Array, Array],
@@ -240,15 +240,15 @@ def _remedies(
     told : keys of the pairs that poses do tell apart
     """
     found: dict[tuple[str, str], list[Remedy]] = {}
-    open_ = [own for doubt in doubts if (own := doubt.without(told)).evidence.pairs]
+    open_ = [own for doubt in doubts if (own := doubt.without(told)).pairs]
     for change in changes(situation) if open_ else ():
         changed = change.situation
         allowed = changed.allowed(q)
         if not len(allowed):
             continue
-        offer = offer_of(changed, allowed, count)
+        offer = candidate_rows(changed, allowed, count)
         for doubt in open_:
-            evidence = evidence_of(changed, data, doubt.rivalry, doubt.evidence.pairs)
+            evidence = evidence_of(changed, data, doubt.members, doubt.pairs)
             search = search_of([evidence], offer, changed.conditions.last, count)
             if search is None:
                 continue

@@ -12,13 +12,12 @@ T.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arm.robot import Robot
-from calib.arrays import Array, IntArray
+from calib.arrays import Array
 from calib.cell.targets import targets_of
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.causes import Cause
@@ -27,48 +26,25 @@ from calib.diagnosis.stage import positions
 from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.search import Search, worst
-from doe.ahead.situation import Offer, Situation
-from doe.problem.linearisation import counted, target_rows, unknown_markers
+from doe.ahead.situation import CandidateRows, Situation
+from doe.problem.target_errors import TargetErrors
 
 _WAVES = 4  # of each angle
 _SURELY = 1e-12  # least probability, and greatest
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
-    """How the size of an effect might run with the angles of some joints.
-
-    over : ndarray, shape (m, dof), the data's configurations; joints : ndarray of int, those that move
-    own, moving : ndarray, shape (k,), positions of the effect's parameters and their values, SI
-    fitted : int, parameters that come first: what only rivals have is none of this question
-    """
-
-    robot: Robot
-    over: Array
-    joints: IntArray
-    own: IntArray
-    moving: Array
-    fitted: int
-
-    def beside(self, rows: Array, q: Array) -> Array:
-        """Rows (m, r, p) at configurations (m, dof), and what the effect does times each wave."""
-        run = np.concatenate([waves(self.robot, q, self.over, k) for k in self.joints], axis=1)
-        moved = rows[..., self.own] @ self.moving
-        return np.concatenate(
-            [rows[..., : self.fitted], moved[..., None] * run[:, None, :]], axis=-1
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class CauseForm:
-    """A cause that stands alone; its value is how surely another form would be seen.
+    """The power of poses to show that a cause has another form than its name's.
 
+    beside : callable, rows (m, r, p) at configurations (m, dof) -> those of the fitted, and what the
+        cause does times each wave over the angles of the joints
     evidence : RivalEvidence, of the waves beside all that is modelled
     chances : ndarray, shape (joints,), what each counts; alpha : float, chance of a false doubt
     """
 
     key: str
-    runs: Runs
+    beside: Callable[[Array, Array], Array]
     evidence: RivalEvidence
     chances: Array
     alpha: float
@@ -78,7 +54,7 @@ class CauseForm:
         return self.evidence.data
 
     def blocks(self, rows: Array, q: Array) -> Array:
-        return self.evidence.blocks(self.runs.beside(rows, q))
+        return self.evidence.blocks(self.beside(rows, q))
 
     def values(self, known: ReducedEquations, S: Array) -> Array:
         """In standard deviations like those of rivals: enough of either is enough."""
@@ -96,7 +72,7 @@ class CauseForm:
             found += chance * wave_power(S[..., at, at], lengths[at], chance * self.alpha)
         return np.asarray(found / self.chances.sum())
 
-    def hopeful(self, offer: Offer, start: Array) -> bool:
+    def hopeful(self, offer: CandidateRows, start: Array) -> bool:
         """Whether all candidates together would show it."""
         blocks = self.blocks(offer.rows(slice(None), start), offer.q)
         return bool(self.power(self.data.added(blocks).S) >= TESTED)
@@ -122,8 +98,15 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Caus
         return None
     r, rows = data
     p, K = len(diagnosis.after.values), _WAVES * len(joints)
-    runs = Runs(model.robot, q, joints, own, diagnosis.after.values[own], p)
-    columns = runs.beside(rows.reshape(len(q), -1, rows.shape[1]), q).reshape(len(r), -1)
+    moving = diagnosis.after.values[own]
+
+    def beside(rows: Array, at: Array) -> Array:
+        run = np.concatenate([waves(model.robot, at, q, int(k)) for k in joints], axis=1)
+        moved = rows[..., own] @ moving
+        # What only rivals have is none of this question.
+        return np.concatenate([rows[..., :p], moved[..., None] * run[:, None, :]], axis=-1)
+
+    columns = beside(rows.reshape(len(q), -1, rows.shape[1]), q).reshape(len(r), -1)
     known, by_known = model.beside(diagnosis.after.values)
     columns = np.concatenate([columns, np.pad(by_known, ((0, 0), (0, K)))])
     sizes = np.concatenate([model.sizes, np.ones(K)])
@@ -131,7 +114,7 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Caus
     robot, where = model.robot, cause.named.candidate.where
     chances = np.array([chance_of(robot, robot.joints[k], where) for k in joints])
     alpha = SHAPE_ALPHA / max(1, len(diagnosis.causes))
-    return CauseForm(cause.named.candidate.key, runs, evidence, chances, alpha)
+    return CauseForm(cause.named.candidate.key, beside, evidence, chances, alpha)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +152,8 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     model = diagnosis.stage.model
     p, values = len(model.parameters), diagnosis.after.values[: len(model.parameters)]
     targets, weights = targets_of(situation.cell)
-    counts = counted(model, unknown_markers(model))
-    aims = target_rows(counts, values, targets) * model.sizes
-    aims = (aims * np.sqrt(weights / weights.sum())[:, None, None]).reshape(-1, p)
+    at = TargetErrors.of(model, values, targets, weights).per(model.sizes)
+    aims = (at.rows * np.sqrt(at.weights)[:, None, None]).reshape(-1, p)
     held = model.beside(values)[1] * model.sizes
     known = np.concatenate([rows[:, :p] * model.sizes, held, np.eye(p) / FREE])
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))
@@ -181,10 +163,11 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
 
 
 @dataclass(frozen=True, eq=False)
-class Shares:
-    """What is reached of what poses for one alone would reach: of the causes, and of the accuracy.
+class CompoundCriterion:
+    """A compound criterion: the mean efficiency for telling causes apart, and for accuracy.
 
-    The accuracy is the last objective. now, best : values of the two, with the data and at best
+    Each is the share of what poses for it alone would reach. The accuracy is the last objective.
+    now, best : values of the two, with the data and at best
     """
 
     now: tuple[float, float]
@@ -210,4 +193,4 @@ def with_accuracy(search: Search, accuracy: Accuracy, count: int) -> Search:
     alone = replace(search, objectives=(accuracy,), weigh=lambda values: values[-1][..., 0])
     both = replace(search, objectives=(*search.objectives, accuracy))
     ends = search.value(search.best_plan(count)), alone.value(alone.best_plan(count))
-    return replace(both, weigh=Shares((search.value(()), alone.value(())), ends))
+    return replace(both, weigh=CompoundCriterion((search.value(()), alone.value(())), ends))

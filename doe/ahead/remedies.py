@@ -26,7 +26,7 @@ from calib.effects.readings import ReadingEffect
 from calib.model import Model
 from calib.model.covariance import identifiable
 from calib.threads import one_blas_thread
-from doe.ahead.conditions import Hung
+from doe.ahead.conditions import TipLoad
 from doe.ahead.foresee import PowerAnalysis, told_apart
 from doe.ahead.situation import Situation, situation_of
 
@@ -104,13 +104,13 @@ def _pulled(situation: Situation) -> Change:
     """Forces across gravity, which turns no vertical axis."""
     nothing = np.zeros(3)
     across = np.linalg.svd(situation.model.gravity[None])[2][1:]
-    pulls = (Hung(_PULL * way, nothing, nothing, 0.0, nothing) for way in across)
+    pulls = (TipLoad(_PULL * way, nothing, nothing, 0.0, nothing) for way in across)
     says = f"pull at the tip with {_PULL:.0f} N, level, in two directions across each other"
     loads = (*situation.conditions.loads, *pulls)
     return Change("sideways_pull", says, situation.under(loads=loads))
 
 
-def _light(situation: Situation) -> Hung:
+def _light(situation: Situation) -> TipLoad:
     """A load for an arm that carried none."""
     load = situation.cell.load
     if load is not None:
@@ -118,7 +118,7 @@ def _light(situation: Situation) -> Hung:
     else:
         own = float(situation.model.robot.masses.sum())
         mass, at = (_LIGHT * own if own else _UNKNOWN_ARM), np.zeros(3)
-    return Hung(mass * situation.model.gravity, at, np.zeros(3), 0.0, np.zeros(3))
+    return TipLoad(mass * situation.model.gravity, at, np.zeros(3), 0.0, np.zeros(3))
 
 
 def _station(situation: Situation) -> Change:

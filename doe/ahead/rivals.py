@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,35 +125,15 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     return flat[:, -1], flat[:, :-1]
 
 
-@dataclass(frozen=True, eq=False)
-class ContestedPlace:
-    """Rivals of one place and what the data know of them."""
-
-    rivalry: Rivalry
-    evidence: RivalEvidence
-
-    @property
-    def keys(self) -> list[tuple[str, str]]:
-        """Of the pairs, ``effect:where`` of both."""
-        names = [c.key for c in self.rivalry.members]
-        return [(names[i], names[j]) for i, j in self.evidence.pairs]
-
-    def without(self, told: Collection[tuple[str, str]]) -> ContestedPlace:
-        """The same less some pairs, by their keys."""
-        each = zip(self.evidence.pairs, self.keys, strict=True)
-        pairs = tuple(pair for pair, key in each if key not in told)
-        return replace(self, evidence=replace(self.evidence, pairs=pairs))
-
-
 def evidence_of(
     situation: Situation,
     data: tuple[Array, Array],
-    rivalry: Rivalry,
+    members: Sequence[Candidate],
     pairs: Sequence[tuple[int, int]],
 ) -> RivalEvidence:
     """What the data know of the rivals of one place, in a situation that may have more parameters."""
     model = situation.model
-    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in rivalry.members]
+    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in members]
     # What only a changed situation has is nothing to the data.
     r, rows = data
     rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
@@ -162,18 +142,17 @@ def evidence_of(
     own = np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.
     y = r + rows[:, own] @ situation.values[own]
-    return RivalEvidence.of(rows, y, model.sizes, at, pairs)
+    found = RivalEvidence.of(rows, y, model.sizes, at, pairs)
+    return replace(found, members=tuple(members))
 
 
-def doubt_of(
-    situation: Situation, data: tuple[Array, Array], rivalry: Rivalry
-) -> ContestedPlace | None:
+def doubt_of(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> RivalEvidence:
     """The pairs in doubt; those of a class are by declaration, if either explains anything.
 
     A cause that stands alone is in doubt where another would often be preferred though it is true; that
     a richer rival would not show beside it is what Schwarz's price means.
     """
-    evidence = evidence_of(situation, data, rivalry, rivalry.pairs)
+    evidence = evidence_of(situation, data, rivalry.members, rivalry.pairs)
     signal = evidence.likeness(evidence.data).size[:, 0]
     open_ = evidence.preferences(evidence.data)[:, 0] < SURE
     pairs = tuple(
@@ -181,4 +160,4 @@ def doubt_of(
         for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
         if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
     )
-    return ContestedPlace(rivalry, replace(evidence, pairs=pairs)) if pairs else None
+    return replace(evidence, pairs=pairs)

@@ -8,12 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from calib.arrays import Array, Mask
-from calib.diagnosis.equivalence import SAME
+from calib.arrays import Array
 from doe.ahead.evidence import ReducedEquations, RivalEvidence
-from doe.ahead.situation import Offer
+from doe.ahead.situation import CandidateRows
 
-_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6
 _OTHERS = 1e-3  # weight of the mean beside the worst pair: it decides between equals
@@ -34,45 +32,6 @@ class Objective(Protocol):
         """Of what is known, for Gram matrices S (..., K, K), its own or tried ones, shape (..., k)."""
 
 
-@dataclass(frozen=True, eq=False)
-class RivalMargins:
-    """Rivals of one place; its values are the margins of the pairs that poses can tell apart.
-
-    rows : int, N of the data and of the poses to be chosen
-    hopeful : ndarray of bool, shape (pairs,), pairs that candidates can tell apart
-    lead : float, of -2 log likelihood by which the truth must win to stand alone
-    """
-
-    evidence: RivalEvidence
-    rows: int
-    hopeful: Mask
-    lead: float = SAME
-
-    @property
-    def data(self) -> ReducedEquations:
-        return self.evidence.data
-
-    def blocks(self, rows: Array, q: Array) -> Array:
-        del q
-        return self.evidence.blocks(rows)
-
-    def values(self, known: ReducedEquations, S: Array) -> Array:
-        return self.evidence.margins(known, S, self.rows, self.lead)[..., self.hopeful]
-
-    @classmethod
-    def of(cls, evidence: RivalEvidence, offer: Offer, start: Array, count: int) -> RivalMargins:
-        """With the pairs that some choice of candidates might tell apart.
-
-        A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.
-
-        start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
-        """
-        blocks = evidence.blocks(offer.rows(slice(None), start))
-        rows = evidence.data.rows + count * blocks.shape[1]
-        reach = evidence.reach(blocks, min(count, len(blocks)), rows)
-        return cls(evidence, rows, reach >= _MARGIN)
-
-
 def worst(values: Sequence[Array]) -> Array:
     """The worst of all, and a little of the mean; from those of each objective, (..., k)."""
     together = np.minimum(np.concatenate(values, axis=-1), _CLEAR)
@@ -81,14 +40,14 @@ def worst(values: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What is asked for, and the candidates.
+    """Chooses candidate poses for one or several objectives, greedily and then by exchange.
 
     start : ndarray, shape (dof,), where the arm stands
     weigh : what is made as large as can be, from the values of every objective
     """
 
     objectives: tuple[Objective, ...]
-    offer: Offer
+    offer: CandidateRows
     start: Array
     weigh: Callable[[Sequence[Array]], Array] = worst
 
@@ -164,7 +123,7 @@ class Search:
 
 def search_of(
     rivals: Sequence[RivalEvidence],
-    offer: Offer,
+    offer: CandidateRows,
     start: Array,
     count: int,
     others: Sequence[Objective] = (),
@@ -173,6 +132,6 @@ def search_of(
 
     start : ndarray, shape (dof,), where the arm stands
     """
-    pairs = [RivalMargins.of(evidence, offer, start, count) for evidence in rivals]
-    found = (*(own for own in pairs if own.hopeful.any()), *others)
+    reached = [evidence.within_reach(offer, start, count) for evidence in rivals]
+    found = (*(own for own in reached if own.pairs), *others)
     return Search(found, offer, start) if found else None

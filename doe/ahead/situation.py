@@ -12,11 +12,11 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell, Load
 from calib.cell.views import NUMBERS
 from calib.poses import Measurements, Poses
-from doe.ahead.conditions import Conditions, Hung, conditions_of
+from doe.ahead.conditions import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
+from doe.problem.levels import AngleLevels, levels_of
 from doe.problem.linearisation import Linearisation
 from doe.problem.pool import in_turn_brought, rounded
-from doe.problem.request import AngleLevels, levels_of
 
 _DRAWN = 8192
 _CHUNK = 512
@@ -76,7 +76,7 @@ class Situation(Linearisation):
                 q = q[constraint.allows(scene_of(self.cell, q))] if len(q) else q
         return q
 
-    def _loaded(self, load: Hung) -> Cell:
+    def _loaded(self, load: TipLoad) -> Cell:
         """The cell with this load hanging, as its constraints are asked."""
         if load.free:
             return replace(self.cell, load=None)
@@ -102,7 +102,7 @@ def situation_of(at: Linearisation, data: Measurements) -> Situation:
 
 
 @dataclass(frozen=True, eq=False)
-class Offer:
+class CandidateRows:
     """Candidates with their rows, by the side from which each joint comes.
 
     q : ndarray, shape (m, dof)
@@ -127,7 +127,7 @@ class Offer:
         return np.asarray(self.mean[index] + sign[:, None, :] * self.half[index])
 
 
-def offer_of(situation: Situation, q: Array, count: int) -> Offer:
+def candidate_rows(situation: Situation, q: Array, count: int) -> CandidateRows:
     """Rows of candidates (m, dof), each as one among ``count`` poses to come."""
     model, conditions = situation.model, situation.conditions
     robot = model.robot
@@ -139,9 +139,9 @@ def offer_of(situation: Situation, q: Array, count: int) -> Offer:
             joint[part], sided = robot.joints.index(name), True
     right = situation.read(q, conditions.alike(robot, q, 1.0, count))
     if not sided or conditions.sides:
-        return Offer(q, right, None, joint)
+        return CandidateRows(q, right, None, joint)
     left = situation.read(q, conditions.alike(robot, q, -1.0, count))
-    return Offer(q, 0.5 * (right + left), 0.5 * (right - left), joint)
+    return CandidateRows(q, 0.5 * (right + left), 0.5 * (right - left), joint)
 
 
 def likely_read(robot: Robot, q: Array, read: Poses, missed: Poses | None) -> Mask:

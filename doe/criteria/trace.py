@@ -109,7 +109,15 @@ class Task(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        rows = question.targets() * np.sqrt(question.target_weights)[:, None, None]
+        return cls.at_targets(question.targets(), question.target_weights)
+
+    @classmethod
+    def at_targets(cls, rows: Array, weights: Array) -> Self:
+        """The criterion for rows (K, r, p), m per y, of K targets, and their weights (K,).
+
+        Raises CalibError where the rows are nothing.
+        """
+        rows = rows * np.sqrt(weights)[:, None, None]
         if not rows.any():
             raise CalibError(
                 "nothing in the model moves the targets, so that every plan is as good there; add "

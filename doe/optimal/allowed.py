@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -38,6 +39,12 @@ class Allowed:
     used: int
     separation: float = 0.0
     repeats: bool = False
+
+    @classmethod
+    def any_of(cls, candidates: int, count: int, repeats: bool = False) -> Self:
+        """Any so many of the candidates, without levels."""
+        group = np.zeros(candidates, dtype=int)
+        return cls(group, np.zeros(1), np.array([count]), 1, repeats=repeats)
 
     @property
     def size(self) -> int:

@@ -95,7 +95,7 @@ def _sides(whole: Regions, cut: Cut, likely: IntArray) -> Iterator[Iterator[_Nod
 
 @dataclass(eq=False)
 class _Tree:
-    """What is proved so far.
+    """A search by branch and bound: its open nodes, and the best plan so far.
 
     heap : open nodes, the best bound first; tried : plans that weights were rounded to
     work : float, multiplications, about

@@ -11,6 +11,8 @@ most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.arrays import Array, IntArray
@@ -148,10 +150,8 @@ def _move_level(
             if new == old or len(members) < count[0]:
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
-            inside = Allowed(np.zeros(len(promising), dtype=int), np.zeros(1), count, 1)
-            added = greedy(
-                criterion, Blocks(blocks.packed[promising], blocks.total(rest), blocks.rank), inside
-            )
+            part = replace(blocks.take(promising), fixed=blocks.total(rest))
+            added = greedy(criterion, part, Allowed.any_of(len(promising), int(count[0])))
             moved = np.concatenate([rest, promising[added]])
             if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
                 return moved

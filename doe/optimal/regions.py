@@ -68,7 +68,7 @@ class Regions:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One region in two.
+    """A plane that divides the candidates of one region in two.
 
     beyond : ndarray of bool, shape (n,), its candidates on the far side; before : float, weight on the
     near side

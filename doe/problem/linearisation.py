@@ -17,15 +17,13 @@ from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
-from calib.effects.tool import Tool
 from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.covariance import at_points_read, at_tip
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.uncertainty.considered import by_gravity, common_displacements
+from calib.uncertainty.considered import common_displacements
 
 Visits = tuple[IntArray, IntArray]
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
@@ -248,44 +246,6 @@ def moved_rows(
     rows = weighted(weights, np.concatenate(moved, axis=-1))
     scale = 1.0 if at.arm.any else at.arm.scale
     return LinearProblem.of_rows(rows / scale, like.mixing)
-
-
-def unknown_markers(model: Model) -> bool:
-    """Whether the markers are unknowns of a model: errors at the targets count there then."""
-    return any(isinstance(effect, Tool) for effect in model.effects)
-
-
-def counted(model: Model, at_markers: bool) -> Model:
-    """The model with the points at which errors at the targets count: markers, or the tip's origin."""
-    return (at_points_read if at_markers else at_tip)(model)
-
-
-def target_rows(counts: Model, values: Array, targets: Poses) -> Array:
-    """``J`` at target poses, shape (K, r, p), m per SI unit, the mean over the points in it.
-
-    counts : Model, of :func:`counted`
-    """
-    # A model of its own: the last linearisation that a model remembers is no use to others.
-    _, J = replace(counts).jacobian_at_rest(values, targets)
-    return np.asarray(J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1]))
-
-
-def target_shifts(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
-    """How predictions at targets follow common errors themselves, (K, r, b), m, the mean as above.
-
-    model : that readings are of; counts : Model, of :func:`counted`
-    """
-    shape = counts.predict(values, targets).shape
-    found = [np.zeros((*shape, 0))]
-    for error in errors_of(model):
-        columns = error.kind.columns
-        if columns is None:
-            found.append(by_gravity(counts, values, targets) * error.std)
-        else:
-            found.append(np.zeros((*shape, columns(np.ones((1, 3))).shape[-1])))
-    moved = np.concatenate(found, axis=-1)
-    K, points, r = shape
-    return np.asarray(moved.reshape(K, points * r, moved.shape[-1]) / np.sqrt(points))
 
 
 def errors_of(model: Model) -> tuple[CommonError, ...]:

@@ -20,8 +20,9 @@ from calib.model.covariance import identifiable
 from calib.poses import poses_at
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.blocks import pack, packed_size
+from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
-from doe.problem.request import AngleLevels, CannotIdentify, Request, at_level, no_candidate
+from doe.problem.request import CannotIdentify, Request, no_candidate
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
@@ -240,7 +241,7 @@ def pool_of(
 
 
 def probe_of(
-    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request, seed: int
+    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request
 ) -> tuple[Array, Mask]:
     """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
 
@@ -250,7 +251,7 @@ def probe_of(
     count = 1 if levels is None else len(levels.values)
     found: list[Pool] = []
     per_level = np.zeros(count, dtype=int)
-    for q in drawn(regressor.cell, _LONGEST, levels, seed + 1):
+    for q in drawn(regressor.cell, _LONGEST, levels, request.seed + 1):
         found.append(judge(regressor, constraints, levels, q))
         per_level += np.bincount(found[-1].level, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL

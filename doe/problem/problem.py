@@ -19,14 +19,7 @@ from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.problem.linearisation import (
-    Regressor,
-    counted,
-    nominal,
-    target_rows,
-    target_shifts,
-    unknown_markers,
-)
+from doe.problem.linearisation import Regressor, nominal
 from doe.problem.pool import PROBE, Pool, check_identifiable, drawn, is_silent, probe_of, rounded
 from doe.problem.request import (
     CannotIdentify,
@@ -37,6 +30,7 @@ from doe.problem.request import (
     subset_of,
     with_rivals,
 )
+from doe.problem.target_errors import TargetErrors
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -52,7 +46,7 @@ class Problem:
     regressor : Regressor, in coordinates in which the mean information of a probe is the identity
     constraints : tuple of Constraint
     criterion : Criterion
-    targets, target_weights : Poses and ndarray, shape (K,), summing to one
+    targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
     """
 
     cell: Cell
@@ -61,7 +55,7 @@ class Problem:
     constraints: tuple[Constraint, ...]
     criterion: Criterion
     targets: Poses
-    target_weights: Array
+    at_targets: TargetErrors
 
     @property
     def model(self) -> Model:
@@ -93,7 +87,7 @@ class Problem:
         """The same of what is measured in any case, shape (p, b)."""
         fixed = self.request.fixed
         q = np.zeros((0, self.cell.robot.dof)) if fixed is None else fixed.q
-        none = np.zeros((len(self.regressor.T), self.common_at_targets.shape[-1]))
+        none = np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
         return self.crossed(q).sum(axis=0) if len(q) else none
 
     def blocks(self, pool: Pool) -> Blocks:
@@ -108,37 +102,14 @@ class Problem:
         """Which sets of candidates make a plan, for candidates at these levels."""
         levels = self.request.levels
         if levels is None:
-            counts = np.array([self.request.poses])
-            return Allowed(level, np.zeros(1), counts, 1, repeats=self.request.repeats)
+            return Allowed.any_of(len(level), self.request.poses, self.request.repeats)
         counts = np.full(len(levels.values), levels.per_level)
         return Allowed(
             level, levels.values, counts, levels.used, levels.separation, self.request.repeats
         )
 
-    @cached_property
-    def target_rows(self) -> Array:
-        """Rows of the targets, (K, r, p), m per y, the mean over markers in them."""
-        at = self.regressor
-        return target_rows(counted(at.model, self.at_markers), at.values, self.targets) @ at.T
 
-    @cached_property
-    def common_at_targets(self) -> Array:
-        """How predictions at the targets follow errors common to all readings, (K, r, b), m."""
-        counts = counted(self.model, self.at_markers)
-        return target_shifts(self.model, counts, self.regressor.values, self.targets)
-
-    @property
-    def at_markers(self) -> bool:
-        """Whether the error at the targets counts at the markers."""
-        return counts_at_markers(self.model, self.request)
-
-
-def counts_at_markers(model: Model, request: Request) -> bool:
-    """As requested, else whether the markers are unknowns."""
-    return unknown_markers(model) if request.at_markers is None else request.at_markers
-
-
-def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
+def problem_of(cell: Cell, request: Request) -> Problem:
     """Set up the model, its coordinates and the criterion.
 
     Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
@@ -148,10 +119,10 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
-    angles = readings(cell, _angles(cell, request, seed))
+    angles = readings(cell, _angles(cell, request))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
-    probe, seen = probe_of(regressor, constraints, request, seed)
+    probe, seen = probe_of(regressor, constraints, request)
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
@@ -167,25 +138,25 @@ def problem_of(cell: Cell, request: Request, seed: int = 0) -> Problem:
     except CalibError as error:
         where = cell.targets_source or cell.path
         raise InputError(where, "", str(error)) from None
-    weights = weights / weights.sum()
-    counts = counted(model, counts_at_markers(model, request))
+    at = TargetErrors.of(model, regressor.values, targets, weights, request.at_markers)
+    at = at.per(regressor.T)
     question = Question(
         model,
         regressor.T,
         subset_of(model, request),
         direction_of(model, request),
-        lambda: target_rows(counts, regressor.values, targets) @ regressor.T,
-        weights,
+        lambda: at.rows,
+        at.weights,
         regressor.information(probe[:_REGION], seen[:_REGION]),
         None if request.rivals is None else rival_rows(model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    return Problem(cell, request, regressor, constraints, criterion, targets, weights)
+    return Problem(cell, request, regressor, constraints, criterion, targets, at)
 
 
-def _angles(cell: Cell, request: Request, seed: int) -> Poses:
+def _angles(cell: Cell, request: Request) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
-    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, seed + 1)))
+    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, request.seed + 1)))
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]

@@ -1,26 +1,23 @@
-"""What is asked of a plan, at which levels of a joint, by which criterion, and what cannot be."""
+"""What is asked of a plan, and what cannot be."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.cell.planned import AskedLevels
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.poses import Poses
+from doe.problem.levels import AngleLevels
 
+CANDIDATES = 20_000
+"""Candidates that are drawn unless the user says otherwise."""
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
-_GRID = 25  # even steps over the range of the joint, from which levels are chosen
-_MOST = 100  # levels that may be chosen
-_AT_LEVEL = 1e-6  # rad or m
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +33,15 @@ class Request:
     repeats : bool
     at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
         at the tip's origin
+    candidates : int, how many are drawn, or Poses, a table of them
+    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
+    robust : prefer the plan that is best after the loss of any one pose
+    prove : go on with branch and bound for minutes
+    curve : also the best plans of other numbers of poses
+    reference_every : poses between two readings of a reference pose, 0 for none
+    reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
+        they are a default
+    seed : int
     """
 
     poses: int
@@ -46,6 +52,16 @@ class Request:
     fixed: Poses | None = None
     repeats: bool = False
     at_markers: bool | None = None
+    candidates: int | Poses = CANDIDATES
+    refine: bool = True
+    fresh: int = 0
+    robust: bool = False
+    prove: bool = False
+    curve: bool = False
+    reference_every: int = 0
+    reapproaches: int = 0
+    asked: bool = True
+    seed: int = 0
 
 
 def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:
@@ -151,169 +167,6 @@ def _known(model: Model, text: str) -> list[int]:
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class AngleLevels:
-    """Values of one joint at which the poses of a plan stand.
-
-    joint : int
-    values : ndarray, shape (L,), rad or m, ascending: the levels, or the grid to choose them from
-    used, per_level : int
-    separation : float, rad or m, least distance of two levels that are used
-    """
-
-    joint: int
-    values: Array
-    used: int
-    per_level: int
-    separation: float = 0.0
-
-    @property
-    def poses(self) -> int:
-        """Number of poses of a plan."""
-        return self.used * self.per_level
-
-    @property
-    def chosen(self) -> bool:
-        """Whether the levels are given, so that nothing is left to choose."""
-        return self.used == len(self.values)
-
-    def of(self, q: Array) -> IntArray:
-        """Level of each configuration (m, dof), -1 where its joint stands at none."""
-        distance = np.abs(q[:, self.joint, None] - self.values)
-        return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
-
-    def only(self, values: Array) -> AngleLevels:
-        """The same with its levels settled, shape (k,), rad or m."""
-        return AngleLevels(self.joint, values, len(values), self.per_level)
-
-
-def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
-    """``A2=5x3`` (five levels of three poses) or ``A2=-140,-57,-10x3``, as levels by joint.
-
-    Raises CalibError.
-    """
-    joint, equals, rest = (part.strip() for part in text.partition("="))
-    values, x, per_level = rest.rpartition("x")
-    try:
-        if not (joint and equals and x):
-            raise ValueError
-        given = [float(value) for value in values.split(",")] if "," in values else None
-        count = int(values) if given is None else len(given)
-        if min(int(per_level), count) < 1 or not np.isfinite(given or 0.0).all():
-            raise ValueError
-    except ValueError:
-        raise CalibError(
-            f"levels {text!r} are not understood; write A2=5x3 for five levels of A2 with three poses "
-            "each, or A2=-140,-57,-10x3 to give the angles"
-        ) from None
-    if given is None:
-        return {joint: AskedLevels(int(per_level), count)}
-    at = np.array(given) * _unit(cell, _index(cell, joint))
-    return {joint: AskedLevels(int(per_level), count, at)}
-
-
-def levels_of(
-    cell: Cell, given: Mapping[str, AskedLevels] | None, poses: int | None
-) -> AngleLevels | None:
-    """Levels as asked for, else those of the cell's [design]; None for none.
-
-    With the cell's levels a number of poses says how many stand at each.
-
-    Raises CalibError where they do not fit the robot or the number of poses.
-    """
-    asked = cell.design.levels if given is None else given
-    if not asked:
-        return None
-    if len(asked) > 1:
-        raise CalibError(
-            f"levels of {' and '.join(asked)}: one joint at a time; keep the one that matters"
-        )
-    ((joint, own),) = asked.items()
-    if given is not None and joint in cell.design.levels:
-        # The cell's values where as many are asked for, and its separation.
-        kept = cell.design.levels[joint]
-        if own.values is None and kept.values is not None and kept.count == own.count:
-            own = replace(own, values=kept.values)
-        own = replace(own, separation=own.separation or kept.separation)
-    levels = _levels(cell, _index(cell, joint), own)
-    if given is None and poses is not None and poses % levels.used == 0:
-        levels = replace(levels, per_level=poses // levels.used)
-    if poses is not None and levels.used > poses:
-        raise CalibError(
-            f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "
-            "ask for more poses or fewer levels"
-        )
-    if poses is not None and levels.poses != poses:
-        raise CalibError(
-            f"{levels.used} levels of {joint} x {levels.per_level} poses are "
-            f"{levels.poses} poses, not {poses}; change one of them"
-        )
-    return levels
-
-
-def _index(cell: Cell, joint: str) -> int:
-    if joint not in cell.robot.joints:
-        raise CalibError(
-            f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
-        )
-    robot, k = cell.robot, cell.robot.joints.index(joint)
-    if not robot.free[k]:
-        lead = robot.joints[int(np.abs(robot.ties.matrix[k]).argmax())]
-        raise CalibError(f"levels of {joint}: it moves with {lead}; give levels of {lead}")
-    return k
-
-
-def _levels(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
-    name, unit = cell.robot.joints[joint], _unit(cell, joint)
-    low, high = cell.robot.sample_limits()[joint]
-    if asked.values is not None:
-        values = np.sort(asked.values)
-        if not len(values):
-            raise CalibError(f"levels of {name} are empty; give some, or a count")
-        for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
-            raise CalibError(
-                f"level {value / unit:g} of {name} is outside its limits "
-                f"{low / unit:g} .. {high / unit:g}; move it inside"
-            )
-        if (np.diff(values) < _AT_LEVEL).any():
-            raise CalibError(f"levels of {name} contain the same value twice; give each once")
-        return AngleLevels(joint, values, len(values), asked.per_level)
-    used, separation = asked.count or 0, asked.separation
-    if used > _MOST:
-        raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
-    if separation * (used - 1) > high - low + _AT_LEVEL:
-        raise CalibError(
-            f"{used} levels of {name} cannot be {separation / unit:g} apart within "
-            f"{low / unit:g} .. {high / unit:g}; ask for fewer or closer ones"
-        )
-    return AngleLevels(
-        joint, _grid(cell, joint, used, separation), used, asked.per_level, separation
-    )
-
-
-def _grid(cell: Cell, joint: int, used: int, separation: float) -> Array:
-    """Even steps from limit to limit, and the knots of the joint's model where it has some."""
-    step = _unit(cell, joint) * 1e-2
-    low, high = cell.robot.sample_limits()[joint]
-    even = [np.linspace(low, high, max(_GRID, 2 * used + 1))]
-    # A grid as coarse as the levels themselves, so that some choice keeps its distance.
-    even.append(np.linspace(low, high, used) if separation and used > 1 else np.zeros(0))
-    knots = cell.knots.get(cell.robot.joints[joint], np.zeros(0))
-    inside = knots[(knots >= low) & (knots <= high)]
-    candidates = np.concatenate([np.round(np.concatenate(even) / step) * step, inside])
-    candidates = np.unique(np.clip(candidates, low, high))
-    apart = [candidates[0]]
-    for a, b in itertools.pairwise(candidates):
-        if b - a > 0.5 * step:
-            apart.append(b)
-    return np.array(apart)
-
-
-def _unit(cell: Cell, joint: int) -> float:
-    """SI per degree, or per millimetre of a joint that slides."""
-    return 1e-3 if cell.robot.prismatic[joint] else np.pi / 180.0
-
-
 class CannotIdentify(CalibError):
     """No plan of this cell determines every parameter."""
 
@@ -345,13 +198,3 @@ def no_candidate(
         return f"{what}; draw more, or allow repeats"
     said = ", ".join(f"{name} removed {n}" for n, name in causes)
     return f"{what}: of {count}, {said}; relax what removed most"
-
-
-def at_level(cell: Cell, levels: AngleLevels | None, level: int) -> str:
-    """Words for one level, none without levels."""
-    if levels is None:
-        return ""
-    value, joint = levels.values[level], levels.joint
-    slides = cell.robot.prismatic[joint]
-    shown = f"{value * 1e3:g} mm" if slides else f"{np.degrees(value):g} deg"
-    return f" at {cell.robot.joints[joint]} = {shown}"

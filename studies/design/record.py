@@ -314,16 +314,13 @@ def _proof(found: Design) -> ProofEntry:
     return ProofEntry.from_result(
         proof,
         weighted_value=criterion.shown(proof.weighted),
-        solver_gap=proof.solver_share,
         before_polish=BeforePolish(
             value=criterion.shown(proof.pool_value),
             bound=criterion.shown(proof.pool_bound),
             efficiency=min(1.0, proof.pool_value / proof.pool_bound),
         ),
-        proved_optimal=proof.optimal,
         fresh_bound=criterion.shown(proof.fresh) if fresh else None,
         efficiency_fresh=min(1.0, proof.value / proof.fresh) if fresh else None,
-        agreement_of_starts=proof.agreement,
         surviving_candidates=found.candidates.survivors,
     )
 
@@ -357,9 +354,7 @@ def _reapproaches(found: Design) -> ReapproachesEntry | None:
     if own is None:
         return None
     return ReapproachesEntry.from_result(
-        own,
-        repeatability_relative_std=RelativeStd.from_result(own),
-        task_rms_instead_mm=own.instead * _MM,
+        own, repeatability_relative_std=RelativeStd.from_result(own)
     )
 
 

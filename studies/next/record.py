@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from doe.ahead.onward import Aim
 
 _MM = 1e3
+Serves: TypeAlias = Literal["task", "causes", "both"]
 Stop: TypeAlias = Literal[
     "goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"
 ]
@@ -28,7 +29,7 @@ class ProposedPose(JointValues):
     """A pose to be read next; serves : what it is for."""
 
     pose: Annotated[str, Shown("next pose")]
-    serves: Annotated[Literal["task", "causes", "both"], Shown("for")]
+    serves: Annotated[Serves, Shown("for")]
 
 
 class ExpectedAccuracy(Entry):
@@ -67,13 +68,10 @@ class NextRecord(Record):
     """
 
     command: Literal["next"] = "next"
-    aim: Literal["task", "causes", "both"]
+    aim: Serves
     goal_mm: Positive | None
     done: bool
-    stops: tuple[
-        Literal["goal", "beyond_reach", "averages", "settled", "nothing_found", "no_pose_helps"],
-        ...,
-    ]
+    stops: tuple[Stop, ...]
     poses: tuple[ProposedPose, ...]
     now: ExpectedAccuracy | None
     after: ExpectedAccuracy | None

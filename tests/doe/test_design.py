@@ -57,7 +57,7 @@ def test_a_plan_is_proved_to_be_the_best(elastic: Cell, quick: Callable[..., doe
     """At the tip, where the bound alone leaves three per cent; and on the way lines are told."""
     lines: list[str] = []
     proved = doe.design(elastic, levels=LEVELS, prove=True, progress=lines.append, **QUICK)
-    assert proved.certificate.optimal
+    assert proved.certificate.proved_optimal
     assert proved.certificate.value >= quick().certificate.value * (1.0 - 1e-9)
     assert proved.certificate.value <= quick().certificate.bound * (1.0 + 1e-9)
     assert any(line.startswith("branch and bound: 1.0000") for line in lines)
@@ -171,7 +171,7 @@ def test_proved_optimal_where_few_survive(elastic: Cell) -> None:
     plan = doe.design(
         elastic, levels=LEVELS, criterion="D", candidates=1000, refine=False, fresh=False
     )
-    assert plan.certificate.optimal
+    assert plan.certificate.proved_optimal
     assert plan.certificate.nodes > 1
     assert plan.efficiency == pytest.approx(1.0, abs=1e-7)
     assert plan.certificate.bound < plan.certificate.pool_bound

@@ -47,7 +47,7 @@ def test_share_is_the_derivative_of_the_criterion(kr270: Cell) -> None:
     """Ratios of shares within a level against finite differences of log det at the weighted plan."""
     cell = replace(kr270, effects=ELASTIC, design=Planned())
     plan = doe.design(cell, poses=12, criterion="D", candidates=400, refine=False, repeats=True)
-    problem = problem_of(cell, Request(poses=12, criterion="D", repeats=True), 0)
+    problem = problem_of(cell, Request(poses=12, criterion="D", repeats=True))
     view = plan.landscape
     M = problem.fixed + problem.information(plan.poses.q).sum(axis=0)
     blocks = problem.information(view.q)

@@ -19,11 +19,10 @@ from calib.files.urdf_out import corrected_urdf
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
+from doe.problem.levels import levels_of, parse_levels
 from doe.problem.request import (
     Request,
     direction_of,
-    levels_of,
-    parse_levels,
     subset_of,
     with_rivals,
 )

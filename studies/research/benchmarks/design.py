@@ -30,8 +30,9 @@ from doe.optimal.branch import prove
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import best_plan
 from doe.problem import RIDGE, Problem, problem_of
+from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, drawn, pool_of
-from doe.problem.request import Request, levels_of, parse_levels
+from doe.problem.request import Request
 from studies.demo.embedded import embedded_cell
 from studies.research.bench import Output, Row, bench, each, several, table
 

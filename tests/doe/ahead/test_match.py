@@ -9,7 +9,7 @@ import pytest
 
 from calib import Cell, Measurements, Poses
 from calib.poses import poses_at
-from doe.ahead.to_come import match
+from doe.ahead.remaining import match
 from tests.doe.ahead.day import cell_of_day, of_poses, whole_day
 
 

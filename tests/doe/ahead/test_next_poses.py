@@ -24,8 +24,8 @@ from calib.errors import CalibError
 from doe.ahead.conditions import loads_of_data
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.rivals import data_rows, situation_after
-from doe.ahead.search import RivalMargins, Search
-from doe.ahead.situation import Offer
+from doe.ahead.search import Search
+from doe.ahead.situation import CandidateRows
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.doe.ahead.day import asking_only
@@ -100,9 +100,8 @@ def test_search_against_every_subset() -> None:
     shares = []
     for seed in range(8):
         evidence, _, more, _ = linear(seed)
-        offer = Offer(np.zeros((14, 1)), more, None, np.zeros(14, dtype=int))
-        place = RivalMargins(evidence, 72, np.ones(3, dtype=bool))
-        search = Search((place,), offer, np.zeros(1))
+        offer = CandidateRows(np.zeros((14, 1)), more, None, np.zeros(14, dtype=int))
+        search = Search((replace(evidence, planned=72),), offer, np.zeros(1))
         values = [search.value(s) for s in itertools.combinations(range(14), 3)]
         mine = search.best_plan(3)
         assert len(set(mine)) == 3

@@ -21,7 +21,7 @@ from calib.uncertainty.pose_to_pose import Owner, parted
 
 
 @dataclass(frozen=True, eq=False)
-class Lacking:
+class ErrorFloor:
     """The error at the targets that does not average away, RMS, m.
 
     scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
@@ -61,9 +61,9 @@ class Lacking:
         return float(np.linalg.norm([self.scatter, self.of_model, self.trend]))
 
 
-def lacking_of(
+def error_floor(
     cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
-) -> Lacking:
+) -> ErrorFloor:
     """What does not average away at the cell's targets.
 
     model, values, arm : of the whole day; found : of the data so far, None where there is none yet
@@ -102,7 +102,7 @@ def lacking_of(
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
         rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
     seen = seen or Unseen(0.0, 0.0, 0.0, "")
-    lacking = Lacking(
+    lacking = ErrorFloor(
         rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
         seen, rest_of, surely or seen.unexplained > 0.0, after,
         np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),

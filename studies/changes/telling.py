@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from studies import document as doc
 from studies.changes.pictures import changed_parameters, errors_at_targets
-from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Test
+from studies.changes.record import ChangedParameter, ChangesRecord, Explained, Test
 from studies.document import Shown, labelled, listed, mm, plural
 from studies.entries import CauseEntry, gathered
+from studies.record import IntervalEntry
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
@@ -70,7 +71,7 @@ def _chance(test: Test) -> str:
     return f"p = {doc.P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
 
 
-def _shown(error: Error) -> str:
+def _shown(error: IntervalEntry) -> str:
     return f"{doc.MM(error.value)} mm ({doc.MM(error.low)} to {doc.MM(error.high)})"
 
 

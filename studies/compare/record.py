@@ -10,7 +10,17 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import WHOLE, Shown
-from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
+from studies.record import (
+    OWN_UNIT,
+    Count,
+    Entry,
+    Envelope,
+    From,
+    Maybe,
+    Number,
+    Positive,
+    Record,
+)
 
 if TYPE_CHECKING:
     from calib.arrays import Array
@@ -18,7 +28,6 @@ if TYPE_CHECKING:
     from calib.effects.protocol import Parameter
     from studies.compare.compare import PlanComparison, PlanStudy, Verdict
     from studies.compare.montecarlo import FromScratch as Scratch
-    from studies.compare.prediction import AccuracyCurve
 
 _MM = 1e3
 _PAIRS = 6  # error ellipses: the parameters most entangled
@@ -35,9 +44,9 @@ class ComparedParameter(Entry):
     effect: str
     where: str
     id: str
-    std: Maybe
+    std: Annotated[Maybe, OWN_UNIT]
     unit: str
-    monte_carlo_std: Maybe
+    monte_carlo_std: Annotated[Maybe, OWN_UNIT]
     monte_carlo_bias_in_standard_errors: Maybe
 
 
@@ -55,8 +64,8 @@ class Tested(Entry):
     """Simulation against one prediction, by chi-square tests."""
 
     worst_ratio: Maybe
-    variance_ratio: Maybe
-    chi2_p: Number
+    variance_ratio: Annotated[Maybe, From("total")]
+    chi2_p: Annotated[Number, From("p")]
     tests: dict[str, Number]
 
 
@@ -69,8 +78,8 @@ class Approach(Entry):
     parameters: tuple[ComparedParameter, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
-    monte_carlo_task_rms_mm: Maybe
-    not_converged: Count
+    monte_carlo_task_rms_mm: Annotated[Maybe, From("simulated_rms")]
+    not_converged: Annotated[Count, From("unsettled")]
     from_scratch: FromScratchEntry | None
     agreement: Tested | None
     reason: str | None
@@ -102,8 +111,8 @@ class Worth(Entry):
 class DerivativesEntry(Entry):
     """How far a derivative is off the model's own slope, where it is farthest."""
 
-    worst_relative_error: Maybe
-    id: str
+    worst_relative_error: Annotated[Maybe, From("off")]
+    id: Annotated[str, From("parameter")]
 
 
 class Entangled(Entry):
@@ -118,7 +127,7 @@ class ByNumber(Entry):
     """Task RMS by a number of poses or markers, median over subsets, by approach."""
 
     counts: tuple[Count, ...] = ()
-    task_rms_mm: dict[str, tuple[Maybe, ...]] = Field(default_factory=dict)
+    task_rms_mm: Annotated[dict[str, tuple[Maybe, ...]], From("rms")] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:
@@ -130,11 +139,11 @@ class ByNumber(Entry):
 class Plan(Entry):
     """One plan under every approach, the last of them that of points."""
 
-    plan: str
+    plan: Annotated[str, From("name")]
     poses: Count
     readings: Count
-    trials: Count
-    derivatives: DerivativesEntry
+    trials: Annotated[Count, From("refits.trials")]
+    derivatives: Annotated[DerivativesEntry, From("slopes")]
     hidden_markers: Count
     readings_without_pose: Count
     approaches: tuple[Approach, ...] = Field(min_length=1)
@@ -201,7 +210,7 @@ class AgreementEntry(Entry):
     """Whether the prediction can be believed, over all plans and approaches."""
 
     worst_ratio: Maybe
-    chi2_p: Maybe
+    chi2_p: Annotated[Maybe, From("p")]
     ratio_band95: tuple[Maybe, Maybe]
     worst_ratio_band99: tuple[Maybe, Maybe]
     ratios: Count
@@ -217,13 +226,13 @@ class CompareRecord(Record):
 
     command: Literal["compare"] = "compare"
     plans: tuple[Plan, ...] = Field(min_length=1)
-    targets: str
+    targets: Annotated[str, From("cell.targets_in_words")]
     task_at: Literal["markers", "tip origin"]
     notes: tuple[str, ...]
     trials: Count
-    trials_asked: Count
+    trials_asked: Annotated[Count, From("asked")]
     truth: Literal["model", "mujoco"]
-    truth_note: str = ""
+    truth_note: Annotated[str, From("why_not")] = ""
     agreement: AgreementEntry
     read_by: tuple[ReadBy, ...] = ()
 
@@ -248,11 +257,8 @@ def compare_record(
         **made_from,
         warnings=(),
         plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
-        targets=found.cell.targets_in_words,
         task_at="markers" if tool else "tip origin",
         notes=_notes(found.cell),
-        trials_asked=found.asked,
-        truth_note=found.why_not,
         agreement=_agreement(found),
         read_by=tuple(read_by),
     )
@@ -276,7 +282,6 @@ def _agreement(found: PlanComparison) -> AgreementEntry:
     bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
     return AgreementEntry.from_result(
         found,
-        chi2_p=found.p,
         ratio_band95=bands[0],
         worst_ratio_band99=bands[1],
         ratios=ratios,
@@ -295,47 +300,29 @@ def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
     points = experiment.seen if experiment.seen.shape[1] == len(markers) else None
     covariance = study.points.prediction.covariance
     R = correlation(covariance)
-    nothing = ByNumber()
     shares, effects = influence_by_effect(experiment, study.points.prediction, count)
-    return Plan(
-        plan=study.name,
+    return Plan.from_result(
+        study,
         poses=count,
         readings=len(experiment.poses),
-        trials=study.refits.trials,
-        derivatives=DerivativesEntry(
-            worst_relative_error=study.slopes.off, id=study.slopes.parameter
-        ),
         hidden_markers=int((~experiment.seen).sum()),
         readings_without_pose=0 if points is None else int((~orientable(markers, points)).sum()),
-        approaches=tuple(_approach(study, verdict) for verdict in study.verdicts),
-        improvement=_improvement(study),
-        by_pose=tuple(
+        approaches=[_approach(study, verdict) for verdict in study.verdicts],
+        improvement=()
+        if study.improvement is None
+        else Factor.from_each(_parameters(study), factor=study.improvement),
+        by_pose=[
             Worth(
                 pose=name,
                 parameters_worth=float(share.sum()),
                 effects=dict(zip(effects, share.tolist(), strict=True)),
             )
             for name, share in zip(study.plan.names, shares, strict=True)
-        ),
-        correlation=_rows(np.where(np.diag(covariance) > 0.0, R, np.nan)),
+        ],
+        correlation=np.where(np.diag(covariance) > 0.0, R, np.nan).round(4),
         entangled=_entangled(study, R),
-        by_poses=_by_number(by_poses(cell, experiment, count)) if curves else nothing,
-        by_markers=_by_number(by_markers(cell, study.plan, experiment.length))
-        if curves
-        else nothing,
-    )
-
-
-def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, matrix.round(4).tolist()))
-
-
-def _improvement(study: PlanStudy) -> tuple[Factor, ...]:
-    if study.improvement is None:
-        return ()
-    return tuple(
-        Factor.from_result(p, factor=factor)
-        for p, factor in zip(_parameters(study), study.improvement.tolist(), strict=True)
+        by_poses=by_poses(cell, experiment, count) if curves else ByNumber(),
+        by_markers=by_markers(cell, study.plan, experiment.length) if curves else ByNumber(),
     )
 
 
@@ -347,27 +334,17 @@ def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
     found, way = verdict.agreement, verdict.way
     parameters = _parameters(study)
     nothing = np.full(len(parameters), np.nan)
-    simulated, bias = (nothing, nothing) if found is None else (found.std, found.bias_share)
-    known = zip(parameters, verdict.prediction.std, simulated, bias, strict=True)
     return Approach.from_result(
         verdict,
         way,
         length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
-        parameters=tuple(
-            ComparedParameter.from_result(
-                p,
-                std=float(std) / p.scale,
-                monte_carlo_std=float(own) / p.scale,
-                monte_carlo_bias_in_standard_errors=float(shift),
-            )
-            for p, std, own, shift in known
+        parameters=ComparedParameter.from_each(
+            parameters,
+            std=verdict.prediction.std,
+            monte_carlo_std=nothing if found is None else found.std,
+            monte_carlo_bias_in_standard_errors=nothing if found is None else found.bias_share,
         ),
-        monte_carlo_task_rms_mm=verdict.simulated_rms * _MM,
-        not_converged=verdict.unsettled,
         from_scratch=_from_scratch(study.refits.scratch.get(way.key, [])),
-        agreement=None
-        if found is None
-        else Tested.from_result(found, variance_ratio=found.total, chi2_p=found.p),
     )
 
 
@@ -405,12 +382,3 @@ def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
             errors = study.refits.of(v.way.key)[:_POINTS, pair] / scales
             simulated[v.way.key] = tuple((float(x), float(y)) for x, y in errors)
     return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
-
-
-def _by_number(curve: AccuracyCurve) -> ByNumber:
-    """Medians over the subsets, of approaches that can be had at all."""
-    rms = {key: values * _MM for key, values in curve.rms.items()}
-    return ByNumber(
-        counts=tuple(curve.counts.tolist()),
-        task_rms_mm={k: tuple(v.tolist()) for k, v in rms.items() if np.isfinite(v).any()},
-    )

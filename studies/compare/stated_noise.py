@@ -98,7 +98,9 @@ class PixelError:
         for board in self.boards:
             if board.printed:
                 paper = np.column_stack([board.points[:, :2], np.ones(len(board.points))])
-                for image, own in zip(exact[:, board.channels], sigma[:, board.channels], strict=True):
+                for image, own in zip(
+                    exact[:, board.channels], sigma[:, board.channels], strict=True
+                ):
                     to_pixels = np.linalg.lstsq(paper, image)[0][:2]
                     side = board.printed * np.linalg.svd(to_pixels, compute_uv=False)[-1]
                     own *= np.sqrt(1.0 + (2.0 * min(board.square / side, 2.0)) ** 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -11,12 +12,15 @@ from studies.entries import CauseEntry, JointValues, NotAskedEntry, Sought, chec
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
 from studies.record import (
+    OWN_UNIT,
     BeforeAfter,
     Entry,
+    From,
     Maybe,
     NotNegative,
     Number,
     Outlier,
+    Owner,
     Positive,
     Record,
 )
@@ -64,8 +68,8 @@ class Value(Entry):
     """A parameter of a cause; std is None where the data do not determine it."""
 
     name: Annotated[str, Shown("parameter")]
-    value: Number
-    std: Maybe
+    value: Annotated[Number, OWN_UNIT]
+    std: Annotated[Maybe, OWN_UNIT]
     unit: str
 
 
@@ -80,19 +84,19 @@ class FoundCause(LikelyCause):
     curve_ratio : evidence of the best curve at its place over its own
     """
 
-    p_value: Number
-    shape_p_value: Maybe
-    shape_power: Maybe = None
-    shape_tested: bool = True
+    p_value: Annotated[Number, From("p")]
+    shape_p_value: Annotated[Maybe, From("doubt.p")]
+    shape_power: Annotated[Maybe, From("doubt.power")] = None
+    shape_tested: Annotated[bool, From("doubt.tested")] = True
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[Value, ...]
-    share_of_gap: Maybe
+    share_of_gap: Annotated[Maybe, From("share")]
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"] | None = None
     decided_by: str | None = Field(default=None, exclude_if=_absent)
-    chosen_again: Maybe = None
-    curve_ratio: Maybe = None
+    chosen_again: Annotated[Maybe, From("evidence.again")] = None
+    curve_ratio: Annotated[Maybe, From("evidence.curve_ratio")] = None
 
     @property
     def one_of(self) -> bool:
@@ -109,7 +113,7 @@ class SideEntry(Entry):
     """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
 
     side: Literal["camera", "board", "arm"]
-    share_of_gap: Number
+    share_of_gap: Annotated[Number, From("share")]
 
 
 class LocatedPlace(Entry):
@@ -117,12 +121,15 @@ class LocatedPlace(Entry):
 
     where: str
     depends_on: str
-    share_of_gap: Maybe
+    share_of_gap: Annotated[Maybe, From("share")]
 
     @property
     def unfollowed(self) -> bool:
         """Whether it is what differs from pose to pose and follows no column."""
         return self.depends_on == "pose"
+
+
+_crossed = partial(From, own_unit=True)
 
 
 class GapEntry(Entry):
@@ -137,16 +144,16 @@ class GapEntry(Entry):
     """
 
     unit: Literal["mm", "mrad", "px"] = "mm"
-    floor_mm: Positive
-    fit_before_mm: NotNegative
-    fit_after_mm: NotNegative
-    heldout_before_mm: NotNegative | None
-    heldout_after_mm: NotNegative | None
+    floor_mm: Annotated[Positive, OWN_UNIT]
+    fit_before_mm: Annotated[NotNegative, OWN_UNIT]
+    fit_after_mm: Annotated[NotNegative, OWN_UNIT]
+    heldout_before_mm: Annotated[NotNegative | None, OWN_UNIT]
+    heldout_after_mm: Annotated[NotNegative | None, OWN_UNIT]
     heldout_rose: bool | None = None
-    crossvalidated_before_mm: NotNegative | None = None
-    crossvalidated_after_mm: NotNegative | None = None
-    over_time_before_mm: NotNegative | None = None
-    over_time_after_mm: NotNegative | None = None
+    crossvalidated_before_mm: Annotated[NotNegative | None, _crossed("crossed.0")] = None
+    crossvalidated_after_mm: Annotated[NotNegative | None, _crossed("crossed.1")] = None
+    over_time_before_mm: Annotated[NotNegative | None, _crossed("over_time.0")] = None
+    over_time_after_mm: Annotated[NotNegative | None, _crossed("over_time.1")] = None
     closed: Maybe
     closed_ci95: tuple[Number, Number] | None
 
@@ -158,11 +165,11 @@ class RestEntry(Entry):
         assumed from data sheets of arms of its size
     """
 
-    mm: NotNegative
+    mm: Annotated[NotNegative, From("size")]
     kind: Literal["none", "scatter", "structure", "too_large"]
-    of: Literal["instrument", "arm", "model", "undecided"]
+    of: Owner
     repeatability_mm: NotNegative
-    repeatability_source: Literal["stated", "measured", "assumed"]
+    repeatability_source: Annotated[Literal["stated", "measured", "assumed"], From("source")]
 
 
 class RefusedCause(CauseEntry):
@@ -214,7 +221,7 @@ class NextPose(JointValues):
 class RemedyEntry(Entry):
     """What would tell two causes apart, and how likely then the true one is preferred."""
 
-    intervention: str
+    intervention: Annotated[str, From("name")]
     says: str
     probability: Number
 
@@ -223,9 +230,9 @@ class RivalPrediction(Entry):
     """Two causes in doubt, and how likely the true one is preferred, now and after the next poses."""
 
     rivals: tuple[str, str]
-    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY)]
-    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY)]
-    interventions: tuple[RemedyEntry, ...]
+    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY), From("now")]
+    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY), From("after")]
+    interventions: Annotated[tuple[RemedyEntry, ...], From("remedies")]
     inseparable: bool
 
 
@@ -338,8 +345,8 @@ class DiagnoseRecord(Findings, Record):
     command: Literal["diagnose"] = "diagnose"
     holdout: str | None
     next_poses: tuple[NextPose, ...] = ()
-    next_poses_predicted: tuple[RivalPrediction, ...] = ()
-    next_poses_assume: tuple[str, ...] = ()
+    next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")] = ()
+    next_poses_assume: Annotated[tuple[str, ...], From("assumptions")] = ()
     estimate: Estimated
     steps: Steps | None = None
     curves: tuple[ErrorCurveEntry, ...] = ()

@@ -226,8 +226,7 @@ def _ordered(done: Sequence[Done]) -> list[Done]:
 
 
 def _session(own: Done) -> SessionEntry:
-    results = [file for file, _ in own.files]
-    return SessionEntry.from_result(own, rms_mm=FleetErrors(**own.rms_mm), results=results)
+    return SessionEntry.from_result(own, results=[file for file, _ in own.files])
 
 
 def _type(name: str, robots: Sequence[Done]) -> TypeEntry:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from studies import document as doc
 from studies.document import STD, WHOLE, Mood, Rule, Sentence, Shown, labelled, listed, mm, plural
-from studies.record import Count, Entry, Maybe, NotNegative, Positive
+from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
     from calib.uncertainty.acceptance import ConformityTest
@@ -39,15 +39,17 @@ class BudgetRow(Entry):
     source: str
     instrument: Annotated[str, Shown("of")]
     evaluation: Annotated[Literal["A", "B"], Shown("type")]
-    part_of: Literal["calibration", "arm", "model", "trend"]
+    part_of: Annotated[Literal["calibration", "arm", "model", "trend"], From("of")]
     distribution: str
     divisor: Positive
-    stated: Annotated[Maybe, Shown(rule=_OWN)]
-    standard_uncertainty: Annotated[Maybe, Shown("u", _OWN)]
+    stated: Annotated[Maybe, Shown(rule=_OWN), OWN_UNIT]
+    standard_uncertainty: Annotated[Maybe, Shown("u", _OWN), From("std", own_unit=True)]
     unit: Annotated[str, Shown(rule=Rule(str, absent=""))]
     sensitivity_mm: Annotated[Maybe, Shown(rule=_OWN, unit="mm/unit")]
-    degrees_of_freedom: Annotated[Maybe, Shown("degrees of\nfreedom", Rule(WHOLE.show, "known"))]
-    at_one_reading_mm: Annotated[Maybe, Shown("one reading")]
+    degrees_of_freedom: Annotated[
+        Maybe, Shown("degrees of\nfreedom", Rule(WHOLE.show, "known")), From("freedom")
+    ]
+    at_one_reading_mm: Annotated[Maybe, Shown("one reading"), From("at_reading")]
     at_targets_mm: Annotated[NotNegative, Shown("targets")]
     base_placed_anew_mm: Annotated[NotNegative, Shown("base measured\nagain")]
     share: NotNegative
@@ -119,13 +121,8 @@ def _row(budget: Budget, part: Source, total: float) -> BudgetRow:
             fate = "average"
     return BudgetRow.from_result(
         part,
-        part_of=part.of,
-        stated=None if part.stated is None else part.stated / part.scale,
-        standard_uncertainty=own,
         unit=part.unit if own is not None else "",
         sensitivity_mm=at_targets / own if own else None,
-        degrees_of_freedom=part.freedom,
-        at_one_reading_mm=at_reading,
         at_targets_mm=at_targets,
         base_placed_anew_mm=placed,
         share=at_targets**2 / total if total else 0.0,

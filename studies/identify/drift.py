@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from studies import document as doc
 from studies.document import Shown
-from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
+from studies.record import Count, Entry, From, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
     from calib.drift import DriftTest, Motion, Series
     from studies.identify.record import IdentifyRecord
-
-_HOUR = 3600.0
 
 
 class MotionEntry(Entry):
     """How the markers stood at a later reading against the first; turns None where they show none."""
 
     pose: str
-    hours: Maybe
+    hours: Annotated[Maybe, From("time")]
     translation_um: Three
     translation_std_um: Three
     rotation_urad: Three | None
@@ -31,7 +29,7 @@ class MotionEntry(Entry):
     length_um: NotNegative
     markers: Count
     rank: Count
-    p_value: Number
+    p_value: Annotated[Number, From("p")]
 
 
 class RepeatedPose(Entry):
@@ -58,8 +56,8 @@ class DriftEntry(Entry):
     """Whether repeated readings moved, and whether steadily."""
 
     verdict: Literal["steady", "drift", "moved"]
-    p_value: Number
-    degrees_of_freedom: Count
+    p_value: Annotated[Number, From("p")]
+    degrees_of_freedom: Annotated[Count, From("dof")]
     trend_p: Maybe
     noise_factor: Number
     one_side: bool
@@ -71,9 +69,7 @@ def drift_entry(found: DriftTest) -> DriftEntry:
     """The entry of what was found."""
     return DriftEntry.from_result(
         found,
-        p_value=found.p,
-        degrees_of_freedom=found.dof,
-        rates=[DriftRate.from_result(rate, station=name) for name, rate in found.rates.items()],
+        rates=DriftRate.from_each(found.rates.values(), station=found.rates),
         references=map(_reference, found.series),
     )
 
@@ -91,7 +87,7 @@ def _reference(series: Series) -> RepeatedPose:
 
 def _motion(motion: Motion) -> MotionEntry:
     turns = {} if motion.rank > 3 else {"rotation_urad": None, "rotation_std_urad": None}
-    return MotionEntry.from_result(motion, hours=motion.time / _HOUR, p_value=motion.p, **turns)
+    return MotionEntry.from_result(motion, **turns)
 
 
 _MOST = 8  # readings that the terminal shows

@@ -144,15 +144,9 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
         parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors[..., :3])))
     for key, errors in parts:
         if len(errors):
-            yield (
-                key,
-                Pairs(
-                    rms=float(np.sqrt(np.mean(errors**2))) * _MM,
-                    p95=float(np.quantile(np.abs(errors), 0.95)) * _MM,
-                    max=float(np.abs(errors).max()) * _MM,
-                    pairs=len(errors),
-                ),
-            )
+            mm = np.abs(errors) * _MM
+            p95, most = np.quantile(mm, (0.95, 1.0)).tolist()
+            yield key, Pairs(rms=rms_of(mm), p95=p95, max=most, pairs=len(mm))
 
 
 def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
@@ -227,9 +221,8 @@ def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
     rows = [row for row in record.residuals if row.heldout and row.metric]
     if rows:
         lengths = np.array([np.linalg.norm(row.before) for row in rows])
-        rms = float(np.sqrt(np.mean(lengths**2)))
-        p95 = float(np.quantile(lengths, 0.95))
-        yield "held-out poses, nominal model", rms, p95, float(lengths.max())
+        p95, most = np.quantile(lengths, (0.95, 1.0)).tolist()
+        yield "held-out poses, nominal model", rms_of(lengths), p95, most
 
 
 _POSES = doc.heads(

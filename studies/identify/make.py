@@ -14,6 +14,7 @@ from calib.compensation.estimate import Estimate, estimate_of
 from calib.drift import DriftTest, drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
+from calib.identification.unfit_lens import unfit_lenses
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
@@ -32,12 +33,12 @@ from studies.identify.errors import (
     residual_entries,
     rms_of,
 )
-from studies.identify.lenses import lens_entries, unfit_entries
+from studies.identify.lenses import lens_entries
 from studies.identify.of_type import of_type_entry
 from studies.identify.outliers import outlier_entries, together_entry
 from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
-from studies.noise import by_level, pixel_mm
+from studies.noise import noise_fields
 from studies.record import Envelope, envelope
 
 _MM = 1e3
@@ -117,13 +118,11 @@ def identify_record(
         noise=_noise(found),
         poses=len(fit.data),
         points=int(fit.data.seen.sum()),
-        degrees_of_freedom=found.dof,
         parameters=parameter_entries(found),
         unused_poses=(*found.unused, *found.waiting),
-        before_the_first_move=found.waiting,
         absorbed=absorbed_entries(found),
         outliers=outlier_entries(fit, found.footprint),
-        outliers_share=together_entry(found.shared) if found.shared is not None else None,
+        outliers_share=found.shared and together_entry(found.shared),
         heldout_outliers=() if held is None else outlier_entries(held, found.footprint),
         rms_mm=distances_entry(found, rms_of),
         max_mm=distances_entry(found, lambda d: float(d.max())),
@@ -144,28 +143,23 @@ def identify_record(
             accuracy.expected.expanded,
         ),
         budget=budget_entry(accuracy),
-        acceptance=None if judged is None else acceptance_entry(judged),
-        drift=None if drift is None else drift_entry(drift),
-        of_type=None if found.of_type is None else of_type_entry(found, found.of_type),
-        sizes=None if found.sizes is None else sizes_entry(found.sizes),
-        lenses=tuple(lens_entries(found)),
-        unfit_lenses=tuple(unfit_entries(found)),
+        acceptance=judged and acceptance_entry(judged),
+        drift=drift and drift_entry(drift),
+        of_type=found.of_type and of_type_entry(found, found.of_type),
+        sizes=found.sizes and sizes_entry(found.sizes),
+        lenses=lens_entries(found),
+        unfit_lenses=sorted(unfit_lenses(found), key=lambda own: -own.left_px),
         estimate=estimated(estimate),
     )
 
 
 def _noise(found: Identification) -> IdentifyNoise:
-
-    noise, mm = found.noise, found.footprint * _MM
-    again = noise.replicate_factor
+    noise, again = found.noise, found.noise.replicate_factor
+    believed_mm = noise.believed * found.footprint * _MM
     return IdentifyNoise.from_result(
         noise,
-        sigma_mm=noise.sigma * mm,
-        believed_sigma_mm=noise.believed * mm,
-        pixel_mm=pixel_mm(found.model, found.footprint),
-        replicate_sigma_mm=None if again is None else again * noise.believed * mm,
-        degrees_of_freedom=float(noise.dof),
-        **by_level(found.levels, found.scatter, found.model.robot.reach),
+        replicate_sigma_mm=None if again is None else again * believed_mm,
+        **noise_fields(noise, found.levels, found.scatter, found.model, found.footprint),
     )
 
 

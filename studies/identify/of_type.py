@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from studies import document as doc
 from studies.document import FOUR, TENTH, Shown, listed, plural
-from studies.record import Count, Entry, Maybe, NotNegative, Number, Positive
+from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Positive
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -24,9 +24,9 @@ class ParameterOfType(Entry):
     """
 
     id: str
-    value: Number
-    mean: Annotated[Number, Shown("mean of the type")]
-    std: Annotated[Positive, Shown("spread of the type", FOUR)]
+    value: Annotated[Number, OWN_UNIT]
+    mean: Annotated[Number, Shown("mean of the type"), OWN_UNIT]
+    std: Annotated[Positive, Shown("spread of the type", FOUR), OWN_UNIT]
     score: Annotated[Maybe, Shown(rule=TENTH)]
     released: bool
     unit: str
@@ -48,28 +48,25 @@ class OfType(Entry):
     robots: Count
     statistic: NotNegative
     rows: Count
-    p: NotNegative
+    p: Annotated[NotNegative, From("p_value")]
     of_the_type: bool
-    widened: Positive
+    widened: Annotated[Positive, From("factor")]
     parameters: tuple[ParameterOfType, ...]
 
 
 def of_type_entry(found: Identification, stood: Departure) -> OfType:
     """The entry of an identification that was made beside a type."""
-    prior, model = stood.prior, found.model
-    rows = []
-    for k, at in enumerate(model.own_prior_at[: len(prior.keys)].tolist()):
-        p = model.parameters[at]
-        row = ParameterOfType.from_result(
-            p,
-            value=found.values[at] / p.scale,
-            mean=prior.mean[k] / p.scale,
-            std=prior.std[k] / p.scale,
-            score=stood.scores[k],
-            released=prior.keys[k] in stood.released,
-        )
-        rows.append(row)
-    return OfType.from_result(stood, prior, p=stood.p_value, widened=stood.factor, parameters=rows)
+    prior = stood.prior
+    at = found.model.own_prior_at[: len(prior.keys)]
+    rows = ParameterOfType.from_each(
+        [found.model.parameters[i] for i in at],
+        value=found.values[at],
+        mean=prior.mean,
+        std=prior.std,
+        score=stood.scores,
+        released=[key in stood.released for key in prior.keys],
+    )
+    return OfType.from_result(stood, prior, parameters=rows)
 
 
 def told_of_type(found: OfType) -> Iterator[doc.Part]:

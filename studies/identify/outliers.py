@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from studies.document import Detail, Part, Sentence, Table, heads
-from studies.record import Count, Entry, Maybe, Number, Outlier
+from studies.record import OWN_UNIT, Count, Entry, From, Maybe, Number, Outlier
 
 if TYPE_CHECKING:
     from calib.identification import Residuals
@@ -23,13 +23,13 @@ class OutliersTogether(Entry):
     """What the outliers have in common, in the unit that it names."""
 
     variable: str
-    low: Number
-    high: Number
+    low: Annotated[Number, OWN_UNIT]
+    high: Annotated[Number, OWN_UNIT]
     unit: str
-    poses: Count
-    of_poses: Count
+    poses: Annotated[Count, From("inside")]
+    of_poses: Annotated[Count, From("poses")]
     outliers: Count
-    of_outliers: Count
+    of_outliers: Annotated[Count, From("of")]
     p: Number
     beyond_all_others: Maybe
 
@@ -49,15 +49,8 @@ def outlier_entries(part: Residuals, footprint: float) -> Iterator[Outlier]:
 
 def together_entry(common: Shared) -> OutliersTogether:
     """The entry of what outliers share."""
-    return OutliersTogether.from_result(
-        common,
-        low=common.low / common.scale,
-        high=common.high / common.scale,
-        poses=common.inside,
-        of_poses=common.poses,
-        of_outliers=common.of,
-        beyond_all_others=common.alone / common.scale if common.alone else None,
-    )
+    beyond = common.alone / common.scale if common.alone else None
+    return OutliersTogether.from_result(common, beyond_all_others=beyond)
 
 
 _OUTLIERS = heads("pose", "what became of it", "reason")

@@ -11,7 +11,7 @@ from studies import document as doc
 from studies.document import Shown, listed, plural
 from studies.identify.pictures import correlation
 from studies.noise import noise_words
-from studies.record import Entry, Maybe, MaybePositive, Number, Positive
+from studies.record import OWN_UNIT, Entry, From, Maybe, MaybePositive, Number, Positive
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -33,11 +33,11 @@ class IdentifiedParameter(Entry):
     name: Annotated[str, Shown("parameter")]
     effect: str
     where: str
-    value: Number
-    std: MaybePositive
-    ci95: tuple[Number, Number] | None
+    value: Annotated[Number, OWN_UNIT]
+    std: Annotated[MaybePositive, OWN_UNIT]
+    ci95: Annotated[tuple[Number, Number] | None, OWN_UNIT]
     degrees_of_freedom: Maybe = None
-    std_by_pose: Maybe
+    std_by_pose: Annotated[Maybe, OWN_UNIT]
     step_two_optimism: Maybe
     unit: str
 
@@ -57,9 +57,9 @@ class Absorbed(Entry):
 class Width(Entry):
     """Standard deviation, between such errors, of those of one effect that have one unit."""
 
-    effect: str
-    width: Positive
-    unit: str
+    effect: Annotated[str, From("0")]
+    width: Annotated[Positive, OWN_UNIT]
+    unit: Annotated[str, From("1")]
 
 
 class SizesEntry(Entry):
@@ -68,48 +68,36 @@ class SizesEntry(Entry):
     parameters : how many of them it determines in place of the readings
     """
 
-    parameters: Positive
+    parameters: Annotated[Positive, From("saved")]
     widths: tuple[Width, ...]
 
 
-def parameter_entries(found: Identification) -> Iterator[IdentifiedParameter]:
+def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
     """The entries of all parameters, in the order of the model."""
-    by_pose = np.full(len(found.values), np.nan) if found.std_by_pose is None else found.std_by_pose
-    for p, value, std, (low, high), dof, own, factor in zip(
-        found.model.parameters, found.values.tolist(), found.std.tolist(),
-        found.interval().tolist(), found.freedoms.tolist(), by_pose.tolist(),
-        found.optimism.tolist(), strict=True,
-    ):  # fmt: skip
-        known = 0.0 < std < np.inf
-        yield IdentifiedParameter.from_result(
-            p,
-            value=value / p.scale,
-            std=std / p.scale if known else None,
-            ci95=(low / p.scale, high / p.scale) if known else None,
-            degrees_of_freedom=dof if known else None,
-            std_by_pose=own / p.scale,
-            step_two_optimism=factor,
-        )
+    known = (found.std > 0.0) & np.isfinite(found.std)
+    nothing = np.full(len(found.values), np.nan)
+    return IdentifiedParameter.from_each(
+        found.model.parameters,
+        value=found.values,
+        std=np.where(known, found.std, np.nan),
+        ci95=[own if k else None for own, k in zip(found.interval().tolist(), known, strict=True)],
+        degrees_of_freedom=np.where(known, found.freedoms, np.nan),
+        std_by_pose=nothing if found.std_by_pose is None else found.std_by_pose,
+        step_two_optimism=found.optimism,
+    )
 
 
 def absorbed_entries(found: Identification) -> tuple[Absorbed, ...]:
     """The entries of the constants left out for others."""
-    return tuple(
-        Absorbed(id=d.id, absorbed_by=tuple(name for name, _ in d.absorbed_by))
-        for d in found.absorbed
-    )
+    by = [[name for name, _ in own.absorbed_by] for own in found.absorbed]
+    return Absorbed.from_each(found.absorbed, absorbed_by=by)
 
 
 def sizes_entry(found: Widths) -> SizesEntry:
     """The entry of the widths that an identification found."""
     of = found.of
-    return SizesEntry(
-        parameters=found.saved,
-        widths=tuple(
-            Width(effect=kind, width=float(width / scale), unit=unit)
-            for (kind, unit), width, scale in zip(of.classes, found.widths, of.scales, strict=True)
-        ),
-    )
+    widths = Width.from_each(of.classes, width=found.widths, scale=of.scales)
+    return SizesEntry.from_result(found, widths=widths)
 
 
 _APPROACHES = {"points": "marker points", "pose": "full poses from the marker points"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,6 +29,7 @@ from studies.record import (
     BeforeAfter,
     Count,
     Entry,
+    From,
     Maybe,
     NotNegative,
     Number,
@@ -46,7 +47,7 @@ class IdentifyNoise(NoiseEntry):
 
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
-    degrees_of_freedom: Maybe = None
+    degrees_of_freedom: Annotated[Maybe, From("dof")] = None
 
 
 class Placement(Entry):
@@ -78,12 +79,12 @@ class IdentifyRecord(Record):
     poses: Count
     points: Count
     rank: Count
-    degrees_of_freedom: Count
+    degrees_of_freedom: Annotated[Count, From("dof")]
     iterations: Count
     parameters: tuple[IdentifiedParameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
-    before_the_first_move: tuple[str, ...] = ()
+    before_the_first_move: Annotated[tuple[str, ...], From("waiting")] = ()
     unidentifiable: tuple[UnidentifiableEntry, ...]
     absorbed: tuple[Absorbed, ...]
     outliers: tuple[Outlier, ...]

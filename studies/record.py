@@ -281,16 +281,38 @@ class UnidentifiableEntry(Entry):
     reason: str
 
 
+class Judgement(NamedTuple):
+    """What a tolerance makes of an error; word : for the outcome, where it is not its name."""
+
+    outcome: Literal["pass", "fail", "undecided"]
+    by: str
+    word: str = ""
+
+
 class BeforeAfter(NamedTuple):
     """The RMS error that a result begins with, and what it leaves, in a unit.
 
-    heldout : whether at poses that took no part
+    of : which error, with {where} for the poses; ends : what before and after are called
+    heldout : whether at poses that took no part; judged : None without a tolerance
     """
 
     before: float
     after: float
+    of: str
     unit: str = "mm"
     heldout: bool = False
+    ends: tuple[str, str] = ("before", "after")
+    judged: Judgement | None = None
+
+    @property
+    def where(self) -> str:
+        """At which poses."""
+        return "held-out poses" if self.heldout else "the fitted poses"
+
+    @property
+    def name(self) -> str:
+        """Which error it is, in words."""
+        return self.of.format(where=self.where)
 
 
 class Record(Entry):

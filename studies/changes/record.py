@@ -17,6 +17,7 @@ from studies.record import (
     Envelope,
     From,
     IntervalEntry,
+    Judgement,
     Maybe,
     MaybePositive,
     NotNegative,
@@ -116,6 +117,13 @@ class AtTarget(Entry):
     kept_mm: IntervalEntry
 
 
+_OUTCOMES: dict[str, Literal["pass", "fail", "undecided"]] = {
+    "holds": "pass",
+    "does_not": "fail",
+    "cannot_be_said": "undecided",
+}
+
+
 class ChangesRecord(Record):
     """What moved between two results of one robot.
 
@@ -163,7 +171,17 @@ class ChangesRecord(Record):
     @property
     def error(self) -> BeforeAfter:
         """At the targets today, with the values of before and with those of after."""
-        return BeforeAfter(self.kept_rms_mm.value, self.renewed_rms_mm)
+        judged = None
+        if self.verdict is not None:
+            by = f"tolerance {self.tolerance_mm:g} mm at any target, with {self.before}"
+            judged = Judgement(_OUTCOMES[self.verdict], by)
+        return BeforeAfter(
+            self.kept_rms_mm.value,
+            self.renewed_rms_mm,
+            "RMS error at the targets today",
+            ends=(f"with {self.before}", f"with {self.after}"),
+            judged=judged,
+        )
 
 
 def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:

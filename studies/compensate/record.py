@@ -93,7 +93,8 @@ class CompensateRecord(Record):
     @property
     def error(self) -> BeforeAfter:
         """At the targets, by nominal commands and as expected by the corrected ones."""
-        return BeforeAfter(self.rms_mm.before, self.rms_mm.expected)
+        of = "RMS error at the targets, expected after correction"
+        return BeforeAfter(self.rms_mm.before, self.rms_mm.expected, of)
 
 
 def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:

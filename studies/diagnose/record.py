@@ -375,7 +375,8 @@ class DiagnoseRecord(Findings, Record):
         before, after = gap.fit_before_mm, gap.fit_after_mm
         if heldout and gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
             before, after = gap.heldout_before_mm, gap.heldout_after_mm
-        return BeforeAfter(before, after, gap.unit, heldout)
+        of = "RMS error at {where}, with the model as given and with the causes found"
+        return BeforeAfter(before, after, of, gap.unit, heldout)
 
     @property
     def worst_hidden(self) -> Sought | None:

@@ -179,7 +179,8 @@ class FleetRecord(Record):
         known = [own for own in after if own is not None]
         if not before or len(known) < len(after):
             return None
-        return BeforeAfter(median(before), median(known), heldout=held)
+        of = f"RMS error at {{where}}, median of {len(last)} robots"
+        return BeforeAfter(median(before), median(known), of, heldout=held)
 
     @property
     def robots(self) -> int:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from studies import document as doc
 from studies.document import STD, WHOLE, Mood, Rule, Sentence, Shown, labelled, listed, mm, plural
-from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Positive
+from studies.record import OWN_UNIT, Count, Entry, From, Judgement, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
     from calib.uncertainty.acceptance import ConformityTest
@@ -218,6 +218,16 @@ class AcceptanceEntry(Entry):
     undecided: Count
     largest_mm: NotNegative
     expanded_mm: NotNegative
+
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict and what it rests on."""
+        tolerance = f"tolerance {self.tolerance_mm:g} mm"
+        if self.verdict is None:
+            return Judgement("undecided", f"{tolerance}: not judged without held-out poses")
+        counts = f"{self.passed} of {self.points} held-out points are within it"
+        largest = f"the largest error is {self.largest_mm:.3g} mm"
+        return Judgement(self.verdict, f"{tolerance}: {counts}, {largest}")
 
     @property
     def stated(self) -> str:

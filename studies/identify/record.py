@@ -156,7 +156,8 @@ class IdentifyRecord(Record):
             float(np.sqrt(np.mean([np.square(vector).sum() for vector in vectors])))
             for vectors in ([row.before for row in rows], [row.vector for row in rows])
         )
-        return BeforeAfter(before, after, unit, heldout)
+        judged = self.acceptance and self.acceptance.judgement
+        return BeforeAfter(before, after, "RMS error at {where}", unit, heldout, judged=judged)
 
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
@@ -186,9 +187,11 @@ def told(record: IdentifyRecord) -> Document:
 
 
 def _fell(record: IdentifyRecord) -> Sentence:
-    before, after, unit, _ = record.error
-    where = "at held-out poses" if record.held_out else "at the fitted poses"
-    old, new = (mm(own) if unit == "mm" else f"{MRAD(own)} {unit}" for own in (before, after))
+    error = record.error
+    before, after, where = error.before, error.after, f"at {error.where}"
+    old, new = (
+        mm(own) if error.unit == "mm" else f"{MRAD(own)} {error.unit}" for own in (before, after)
+    )
     if after >= before:
         return Sentence(f"The error {where} did not fall: {old} before, {new} after.", "warn")
     converged = record.status == "converged"
@@ -201,8 +204,8 @@ def _fell(record: IdentifyRecord) -> Sentence:
 
 def _next(record: IdentifyRecord) -> Sentence:
     """What speaks against the result first, else the accuracy to expect."""
-    before, after, unit, _ = record.error
-    if unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
+    before, after = record.error.before, record.error.after
+    if record.error.unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
         return Sentence(_WRONG_TABLE, "warn")
     if record.unfit_lenses:
         return Sentence(record.unfit_lenses[0].said, "warn")

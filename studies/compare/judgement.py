@@ -1,22 +1,19 @@
-"""Whether to believe a prediction; if not, why, which is tried out, and by how much."""
+"""Why simulation refutes a prediction, which is tried out."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from calib.arrays import Array
 from calib.noise import counted
 from calib.solver import levenberg_marquardt
-from studies.compare.agreement import BELIEVED, FEWEST, Agreement, agreement, two_sided
+from studies.compare.agreement import BELIEVED, Agreement, agreement, two_sided
 from studies.compare.experiment import SimulatedExperiment
-from studies.compare.montecarlo import refits, surprising
+from studies.compare.montecarlo import refits
 from studies.compare.prediction import Prediction, predict
-
-if TYPE_CHECKING:
-    from studies.compare.compare import PlanComparison, PlanStudy, Verdict
 
 Reason = Literal["derivative", "chance", "weights", "arm", "truth", "noise", "unknown"]
 
@@ -24,22 +21,6 @@ _RARE = 1e-4  # chance that is no explanation any more
 _TRIALS = (100, 1000)  # at little noise: as many as refuted the prediction, within these
 _QUIET = 10.0
 _ELSEWHERE = 0.01  # standard deviations, RMS: what readings without noise may be off by
-
-SAYS: dict[Reason, str] = {
-    "derivative": "a derivative that the prediction rests on is wrong, and nonlinearity explains "
-    "nothing here",
-    "chance": "this may be chance: repeat with another --seed or more trials",
-    "weights": "the fits are weighted by other noise than the cell states, a fault of the program: its "
-    "standard deviations are wrong",
-    "arm": "even without noise the fits end beside the truth: the arm that is fitted is not the one "
-    "that was measured, so its kinematics, torques or masses are wrong",
-    "truth": "predicted at the simulated robot it agrees: the robot's errors change what the plan "
-    "tells, so predict at identified values (--values)",
-    "noise": "at a tenth of the noise it agrees: the fits are not linear in noise of this size; more "
-    "poses, spread wider, would help",
-    "unknown": "neither the robot's errors nor the size of the noise explains it: believe the "
-    "simulated figures",
-}
 
 
 def reason(
@@ -95,95 +76,3 @@ def _ends_elsewhere(experiment: SimulatedExperiment, prediction: Prediction) -> 
 def _agrees(errors: Array, covariance: Array) -> bool:
     found = agreement(errors, covariance)
     return found is not None and found.p >= BELIEVED
-
-
-UNSETTLED = 0.01
-"""Share of fits that may fail to settle before the rest says too little."""
-
-
-def believed(result: PlanComparison) -> bool | None:
-    """Whether prediction and simulation agree; None where too little was simulated to tell."""
-    if any(study.slopes.wrong for study in result.plans):
-        return False
-    if result.trials < FEWEST:
-        return None
-    verdicts = [v for study in result.plans for v in study.verdicts]
-    lost = max(v.unsettled for v in verdicts) > UNSETTLED * result.trials
-    agrees = result.p is not None and result.p >= BELIEVED
-    return agrees and not lost and _astray(result) is None
-
-
-def says(result: PlanComparison) -> str:
-    """Whether to believe the prediction, and if not, why and by how much."""
-    for study in result.plans:
-        if study.slopes.wrong:
-            return (
-                f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
-                f"{100.0 * study.slopes.off:.3g} % off the model's own slope, a fault of the program "
-                "or of an added effect; what is predicted rests on it"
-            )
-    if not result.trials:
-        return "nothing was simulated"
-    if result.trials < FEWEST:
-        return (
-            f"{result.trials} simulated experiments are too few to tell: simulate {FEWEST} or more"
-        )
-    pairs = [(study, v) for study in result.plans for v in study.verdicts]
-    study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
-    if verdict.unsettled > UNSETTLED * result.trials:
-        return (
-            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} at "
-            f"{study.name} did not converge: the plan hardly determines the model"
-        )
-    if result.p is not None and result.p >= BELIEVED:
-        return _astray(result) or "simulation and prediction agree"
-    study, verdict = min(
-        (pair for pair in pairs if pair[1].agreement is not None),
-        key=lambda pair: pair[1].agreement.p if pair[1].agreement is not None else 1.0,
-    )
-    why = SAYS[verdict.reason or "chance"]
-    return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
-
-
-def _astray(result: PlanComparison) -> str | None:
-    """What trials that were identified from scratch did otherwise than their refits, if too many."""
-    for study in result.plans:
-        for key, done in study.refits.scratch.items():
-            elsewhere, noisy, left = surprising(done)
-            if elsewhere:
-                count = sum(not own.same for own in done)
-                return (
-                    f"refuted at {study.name}, {key}: {count} of {len(done)} fits from raw data end "
-                    "elsewhere than fits that start at the true robot: start values or outliers "
-                    "mislead them"
-                )
-            if left:
-                return (
-                    f"refuted at {study.name}, {key}: the residuals of {len(done)} fits from raw "
-                    "data do not agree with their degrees of freedom: the program counts these wrongly"
-                )
-            if noisy:
-                count = sum(own.noise != "cell" for own in done)
-                return (
-                    f"refuted at {study.name}, {key}: {count} of {len(done)} fits from raw data "
-                    "estimate another noise than the cell states"
-                )
-    return None
-
-
-def _failed(study: PlanStudy, verdict: Verdict) -> str:
-    """Which test failed most, and by how much."""
-    found = verdict.agreement
-    if found is None:
-        return "no fit converged"
-    worst = min(found.tests, key=lambda name: found.tests[name])
-    if worst == "bias":
-        return f"the mean error is {found.shift:.3g} standard deviations in every direction"
-    if worst == "left":
-        return f"the residuals differ from the noise by {100.0 * (found.left**0.5 - 1.0):+.3g} %"
-    if worst == "scatter":
-        return f"all directions together scatter {100.0 * (found.total**0.5 - 1.0):+.3g} %"
-    ratio = np.where(np.isfinite(found.ratio), found.ratio, 1.0)
-    where = int(np.abs(np.log(ratio)).argmax())
-    name = study.experiment.model.parameters[where].id
-    return f"{name} scatters {100.0 * (ratio[where] - 1.0):+.3g} %"

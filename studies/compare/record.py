@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import WHOLE, Shown
@@ -14,24 +11,12 @@ from studies.record import (
     OWN_UNIT,
     Count,
     Entry,
-    Envelope,
     From,
     Maybe,
     Number,
     Positive,
     Record,
 )
-
-if TYPE_CHECKING:
-    from calib.arrays import Array
-    from calib.cell import Cell
-    from calib.effects.protocol import Parameter
-    from studies.compare.compare import PlanComparison, PlanStudy, Verdict
-    from studies.compare.montecarlo import FromScratch as Scratch
-
-_MM = 1e3
-_PAIRS = 6  # error ellipses: the parameters most entangled
-_POINTS = 400  # simulated experiments of an ellipse that are kept; more only darken its cloud
 
 Pair = tuple[Number, Number]
 Outline = tuple[Pair, Pair]
@@ -235,150 +220,3 @@ class CompareRecord(Record):
     truth_note: Annotated[str, From("why_not")] = ""
     agreement: AgreementEntry
     read_by: tuple[ReadBy, ...] = ()
-
-
-def compare_record(
-    found: PlanComparison,
-    made_from: Envelope,
-    *,
-    curves: bool = False,
-    read_by: Sequence[ReadBy] = (),
-) -> CompareRecord:
-    """The record of a comparison.
-
-    read_by : its plans as the instruments of several cells read them, those of this cell first
-    curves : whether to predict for fewer poses and markers too, which takes as long as 200 plans
-    """
-    from calib.effects.tool import Tool
-
-    tool = bool(len(found.plans[0].experiment.model.where(Tool)))
-    return CompareRecord.from_result(
-        found,
-        **made_from,
-        warnings=(),
-        plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
-        task_at="markers" if tool else "tip origin",
-        notes=_notes(found.cell),
-        agreement=_agreement(found),
-        read_by=tuple(read_by),
-    )
-
-
-def _notes(cell: Cell) -> tuple[str, ...]:
-    if not cell.noise.grows or cell.instrument is not None:
-        return ()
-    return (
-        "the cell does not say where the instrument stands ([instrument] position_mm): its ranges "
-        "count from the robot's base",
-    )
-
-
-def _agreement(found: PlanComparison) -> AgreementEntry:
-    from studies.compare.agreement import BELIEVED, band
-    from studies.compare.judgement import believed, says
-
-    ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
-    levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
-    bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
-    return AgreementEntry.from_result(
-        found,
-        ratio_band95=bands[0],
-        worst_ratio_band99=bands[1],
-        ratios=ratios,
-        believed=believed(found),
-        says=says(found),
-    )
-
-
-def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
-    from calib.model.covariance import correlation
-    from calib.observations import orientable
-    from studies.compare.prediction import by_markers, by_poses, influence_by_effect
-
-    experiment, count = study.experiment, len(study.plan)
-    markers = experiment.model.marker_positions(experiment.nominal)
-    points = experiment.seen if experiment.seen.shape[1] == len(markers) else None
-    covariance = study.points.prediction.covariance
-    R = correlation(covariance)
-    shares, effects = influence_by_effect(experiment, study.points.prediction, count)
-    return Plan.from_result(
-        study,
-        poses=count,
-        readings=len(experiment.poses),
-        hidden_markers=int((~experiment.seen).sum()),
-        readings_without_pose=0 if points is None else int((~orientable(markers, points)).sum()),
-        approaches=[_approach(study, verdict) for verdict in study.verdicts],
-        improvement=()
-        if study.improvement is None
-        else Factor.from_each(_parameters(study), factor=study.improvement),
-        by_pose=[
-            Worth(
-                pose=name,
-                parameters_worth=float(share.sum()),
-                effects=dict(zip(effects, share.tolist(), strict=True)),
-            )
-            for name, share in zip(study.plan.names, shares, strict=True)
-        ],
-        correlation=np.where(np.diag(covariance) > 0.0, R, np.nan).round(4),
-        entangled=_entangled(study, R),
-        by_poses=by_poses(cell, experiment, count) if curves else ByNumber(),
-        by_markers=by_markers(cell, study.plan, experiment.length) if curves else ByNumber(),
-    )
-
-
-def _parameters(study: PlanStudy) -> Sequence[Parameter]:
-    return study.experiment.model.parameters
-
-
-def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
-    found, way = verdict.agreement, verdict.way
-    parameters = _parameters(study)
-    nothing = np.full(len(parameters), np.nan)
-    return Approach.from_result(
-        verdict,
-        way,
-        length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
-        parameters=ComparedParameter.from_each(
-            parameters,
-            std=verdict.prediction.std,
-            monte_carlo_std=nothing if found is None else found.std,
-            monte_carlo_bias_in_standard_errors=nothing if found is None else found.bias_share,
-        ),
-        from_scratch=_from_scratch(study.refits.scratch.get(way.key, [])),
-    )
-
-
-def _from_scratch(done: Sequence[Scratch]) -> FromScratchEntry | None:
-    if not done:
-        return None
-    return FromScratchEntry(
-        trials=len(done),
-        same=sum(own.same for own in done),
-        with_outliers=sum(own.outliers > 0 for own in done),
-        noise=dict(Counter(own.noise for own in done)),
-        farthest_in_standard_deviations=max(own.apart for own in done),
-    )
-
-
-def _entangled(study: PlanStudy, R: Array) -> tuple[Entangled, ...]:
-    """The robot's parameters that go together most, or all parameters where it has but one."""
-    parameters = _parameters(study)
-    own = [i for i, p in enumerate(parameters) if p.effect not in ("base", "tool")]
-    own = own if len(own) > 1 else list(range(len(parameters)))
-    ranked = sorted(
-        ((abs(R[a, b]), a, b) for n, a in enumerate(own) for b in own[n + 1 :]), reverse=True
-    )
-    return tuple(_pair(study, [a, b]) for _, a, b in ranked[:_PAIRS])
-
-
-def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
-    a, b = (_parameters(study)[i] for i in pair)
-    scales = np.array([a.scale, b.scale])
-    covariance, simulated = {}, {}
-    for v in study.verdicts:
-        C = v.prediction.covariance[np.ix_(pair, pair)] / np.outer(scales, scales)
-        covariance[v.way.key] = ((C[0, 0], C[0, 1]), (C[1, 0], C[1, 1]))
-        if v.agreement is not None:
-            errors = study.refits.of(v.way.key)[:_POINTS, pair] / scales
-            simulated[v.way.key] = tuple((float(x), float(y)) for x, y in errors)
-    return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)

@@ -68,7 +68,7 @@ def fleet(
     from studies.document import plural
     from studies.document.terminal import terminal
     from studies.engines import engine
-    from studies.fleet.record import fleet_record, results_of
+    from studies.fleet.make import fleet_record, results_of
     from studies.fleet.tables import VERBS, FleetTask, find, share
     from studies.kinds import tell
     from studies.record import envelope
@@ -113,7 +113,7 @@ def fleet(
 def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
     """What the types know. Raises InputError where no robot says anything."""
     from calib.errors import InputError
-    from studies.fleet.record import results_of
+    from studies.fleet.make import results_of
     from studies.fleet.spread import latest
     from studies.fleet.types import learnt
     from studies.prior import prior_record

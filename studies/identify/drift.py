@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -14,7 +14,6 @@ from studies.record import Count, Entry, From, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
     from calib.drift import DriftTest, Motion, Series
-    from studies.identify.record import IdentifyRecord
 
 
 class MotionEntry(Entry):
@@ -105,9 +104,11 @@ _AGAIN = doc.heads(
 )
 
 
-def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
-    """How far poses that were read again had moved; nothing without them."""
-    drift = record.drift
+def drift_section(drift: DriftEntry | None, effects: Collection[str]) -> Iterator[doc.Section]:
+    """How far poses that were read again had moved; nothing without them.
+
+    effects : of the model
+    """
     if drift is None:
         return
     rows = [
@@ -117,11 +118,11 @@ def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
     ]  # fmt: skip
     table = doc.Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
     yield doc.Section(
-        "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))
+        "drift", "Did the setup move between repeated poses?", (table, *_moved(drift, effects))
     )
 
 
-def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
+def _moved(drift: DriftEntry, effects: Collection[str]) -> Iterator[doc.Sentence]:
     count, p = len(drift.references), doc.P(drift.p_value)
     of = f", {count} repeated poses together" if count > 1 else ""
     if drift.verdict == "steady":
@@ -138,7 +139,7 @@ def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
             f"single points scatter by {doc.TENTH(drift.noise_factor)} times the noise of the cell"
         )
     if drift.verdict != "steady":
-        yield from _to_do(record, drift)
+        yield from _to_do(drift, effects)
 
 
 def _rate(rate: DriftRate) -> doc.Sentence:
@@ -157,12 +158,12 @@ def _rms(values: Three | None) -> float | None:
     return None if values is None else float(np.sqrt(np.mean(np.square(values))))
 
 
-def _to_do(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
+def _to_do(drift: DriftEntry, effects: Collection[str]) -> Iterator[doc.Sentence]:
     if not drift.one_side:
         yield doc.Sentence(
             "the approach directions differ, so it may be backlash. Come from one side each time"
         )
-    modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
+    modelled = [effect for effect in _MODELLED if effect in effects]
     if drift.verdict == "moved":
         yield doc.Sentence(
             "something was knocked or is loose, or the readings are too few for a trend. If one row "

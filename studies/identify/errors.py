@@ -1,31 +1,21 @@
-"""The errors that the nominal and the identified model leave: their entries, and how they are told."""
+"""The errors that the nominal and the identified model leave, as entries of the record."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import computed_field, model_validator
 
-from studies import document as doc
-from studies.document import MRAD, Shown, mm
+from studies.document import MRAD, Shown
 from studies.fitted import Angles, Lengths, Pixels, ResidualEntry, residual_fields
-from studies.identify.outliers import told_outliers
-from studies.identify.pictures import (
-    distances,
-    errors_by_pose,
-    errors_over_image,
-    point_errors,
-    residuals_by_pose,
-)
 from studies.record import Count, Entry, Maybe, NotNegative, Three
 
 if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array
     from calib.identification import Residuals
-    from studies.identify.record import IdentifyRecord
 
 _MM = 1e3
 
@@ -155,84 +145,3 @@ def residual_entries(found: Identification, part: Residuals) -> Iterator[Identif
     heldout = part is found.heldout
     every = residual_fields(found.model, part.data, nominal, part.vectors, heldout, "nominal")
     yield from (IdentifyResidual(**fields) for fields in every)
-
-
-_MODELS: dict[Model, str] = {
-    "nominal": "fitted poses, nominal model",
-    "fitted_all": "fitted poses, identified",
-    "fitted": "fitted poses without outliers, identified",
-    "heldout": "held-out poses, identified",
-    "heldout_trimmed": "held-out poses without outliers, identified",
-}
-_FIGURES = ("RMS [mm]", "p95 [mm]", "max [mm]")
-_ERRORS = doc.heads("distance measured - predicted", *_FIGURES)
-_PAIRS = doc.heads("distance between two poses", *_FIGURES, Shown("pairs", doc.COUNT))
-_OF_INSTRUMENTS = doc.columns(OfInstrument, "instrument unit nominal fitted_all heldout")
-
-
-def told_errors(record: IdentifyRecord) -> Iterator[doc.Part]:
-    """How far the readings were off and are now, by model, by instrument and pose by pose."""
-    floor = mm(3.0**0.5 * record.noise.instrument_mm)
-    caption = f"Distances in space; the instrument alone would leave {floor} RMS"
-    if rows := list(_models(record)):
-        yield doc.Table(_ERRORS, rows, "Errors by model", caption)
-        yield doc.Figure(lambda: distances(record))
-    if len(record.instruments) > 1 or not rows:
-        caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
-        yield doc.Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
-    every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
-    pairs = [
-        (every[key], own.rms, own.p95, own.max, own.pairs)
-        for key, own in record.pair_distances_mm.items()
-    ]
-    caption = (
-        "Distances between points of two poses, measured minus predicted: a check that depends on no "
-        "frame, since distances are the same wherever the instrument stands"
-    )
-    yield doc.Detail(
-        (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
-    )
-    yield from told_outliers(record)
-    if any(row.at_px is not None for row in record.residuals):
-        yield doc.Figure(lambda: errors_over_image(record))
-    if not rows:
-        return
-    yield doc.Figure(lambda: errors_by_pose(record))
-    yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
-    if record.rms_mm.heldout is not None:
-        yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
-    yield doc.Detail(
-        (doc.Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
-    )
-
-
-def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
-    trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
-    for key, label in _MODELS.items():
-        if key == "heldout":
-            yield from _nominal_at_heldout(record)
-        row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
-        if row[0] is not None and trimmed.get(key, True):
-            yield label, *row
-
-
-def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
-    """RMS, 95th percentile and largest distance, mm, where anything is held out."""
-    rows = [row for row in record.residuals if row.heldout and row.metric]
-    if rows:
-        lengths = np.array([np.linalg.norm(row.before) for row in rows])
-        p95, most = np.quantile(lengths, (0.95, 1.0)).tolist()
-        yield "held-out poses, nominal model", rms_of(lengths), p95, most
-
-
-_POSES = doc.heads(
-    "pose", "RMS before [mm]", "RMS after [mm]", Shown("markers seen", doc.COUNT), "use"
-)
-
-
-def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
-    found = point_errors(record)
-    before, after = (1e3 * found.by_pose(errors) for errors in (found.before, found.after))
-    use = ["held out" if held else "fitted" for held in found.heldout]
-    seen = found.seen.sum(axis=1).tolist()
-    return list(zip(found.poses, before, after, seen, use, strict=True))

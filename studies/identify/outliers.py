@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -13,7 +13,6 @@ from studies.record import OWN_UNIT, Count, Entry, From, Maybe, Number, Outlier
 if TYPE_CHECKING:
     from calib.identification import Residuals
     from calib.identification.pattern import Shared
-    from studies.identify.record import IdentifyRecord
 
 _MM = 1e3
 _MOST = 8  # outliers that the terminal shows
@@ -56,16 +55,18 @@ def together_entry(common: Shared) -> OutliersTogether:
 _OUTLIERS = heads("pose", "what became of it", "reason")
 
 
-def told_outliers(record: IdentifyRecord) -> Iterator[Part]:
+def told_outliers(
+    fitted: Sequence[Outlier], heldout: Sequence[Outlier], share: OutliersTogether | None
+) -> Iterator[Part]:
     """The outliers with what became of them, and where they stand together."""
-    rows = [(own.pose, "left out of the fit", own.reason) for own in record.outliers]
-    rows += [(own.pose, "held out", own.reason) for own in record.heldout_outliers]
+    rows = [(own.pose, "left out of the fit", own.reason) for own in fitted]
+    rows += [(own.pose, "held out", own.reason) for own in heldout]
     if not rows:
         yield Detail((Sentence("No pose was rejected.", "good"),))
         return
     yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", True, _MOST)
-    if record.outliers_share is not None:
-        yield Detail((Sentence(_shared(record.outliers_share), "warn"),))
+    if share is not None:
+        yield Detail((Sentence(_shared(share), "warn"),))
 
 
 def _shared(share: OutliersTogether) -> str:

@@ -26,7 +26,7 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from studies.fleet.types import Learnt
+    from studies.fleet.types import TypeEstimate
 
 _MOST = 20  # lines of a table that a terminal shows
 _FEW = 10  # robots below which plausible sizes still count
@@ -95,12 +95,12 @@ class PriorRecord(Record):
     types: tuple[TypePrior, ...] = Field(min_length=1)
 
 
-def prior_record(types: Sequence[Learnt], folder: str, made_from: Envelope) -> PriorRecord:
+def prior_record(types: Sequence[TypeEstimate], folder: str, made_from: Envelope) -> PriorRecord:
     """The record of what was learnt."""
     return PriorRecord(**made_from, folder=folder, types=tuple(map(_type, types)))
 
 
-def _type(own: Learnt) -> TypePrior:
+def _type(own: TypeEstimate) -> TypePrior:
     prior, found = own.found.prior, own.found
     parameters = ParameterOfPrior.from_each(
         own.parameters,

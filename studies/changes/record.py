@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from calib.change import Changes
     from calib.change.causes import ChangeCause, Explanation
     from calib.change.comparison import AtTargets
-    from studies.changes.days import Days
+    from studies.changes.days import ComparedDays
 
 _MM = 1e3
 _MOST = 8  # causes that are kept
 _KNOWN = 1e8  # degrees of freedom from which noise counts as known
 
 
-class Test(Entry):
+class DifferenceTest(Entry):
     """Against "nothing changed": the squared difference over the rows that both days determine.
 
     dof : of the noise behind it, None where that was known
@@ -64,14 +64,14 @@ class ChangedParameter(Entry):
     unit: str
 
 
-class Alone(Entry):
+class UncomparedParameter(Entry):
     """A parameter of one result only, which takes no part; sigmas : its size in standard deviations."""
 
     id: str
     sigmas: NotNegative
 
 
-class LeftEntry(Entry):
+class FitResiduals(Entry):
     """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance.
 
     excess : of the day with more, beyond the instrument; it counts as errors of the drives that were
@@ -94,7 +94,7 @@ class Size(Entry):
     unit: str
 
 
-class Explained(CauseEntry):
+class CauseExplanation(CauseEntry):
     """A cause beside the difference.
 
     effect : ``base`` and ``tool`` moved as a whole, ``marker``, or an effect
@@ -136,13 +136,13 @@ class ChangesRecord(Record):
     before: str
     after: str
     status: Literal["unchanged", "changed"]
-    test: Test
+    test: DifferenceTest
     parameters: tuple[ChangedParameter, ...] = Field(min_length=1)
     apart: Annotated[tuple[str, ...], From("difference.apart")]
-    alone: tuple[Alone, ...]
-    left: LeftEntry
+    alone: tuple[UncomparedParameter, ...]
+    left: FitResiduals
     cause: Annotated[Literal["none", "named", "ambiguous", "unclear"], From("told")]
-    causes: tuple[Explained, ...]
+    causes: tuple[CauseExplanation, ...]
     same_as: tuple[CauseEntry, ...]
     hidden: tuple[CauseEntry, ...]
     targets: Annotated[str, From("cell.targets_in_words")]
@@ -184,7 +184,7 @@ class ChangesRecord(Record):
         )
 
 
-def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:
+def changes_record(found: Changes, days: ComparedDays, made_from: Envelope) -> ChangesRecord:
     """The record of a comparison."""
     from calib.change.difference import FALSE_ALARM
 
@@ -197,7 +197,7 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
         before=days.before_path.name,
         after=days.after_path.name,
         status="changed" if apart.changed else "unchanged",
-        test=Test.from_result(
+        test=DifferenceTest.from_result(
             apart,
             rows=len(apart.whitened),
             dof=apart.dof if apart.dof < _KNOWN else None,
@@ -211,10 +211,10 @@ def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRe
             moved=apart.changed_parameters,
         ),
         alone=tuple(
-            Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
+            UncomparedParameter(id=f"{effect}:{where}.{name}", sigmas=sigmas)
             for (effect, where, name), sigmas in apart.alone.items()
         ),
-        left=LeftEntry.from_result(
+        left=FitResiduals.from_result(
             apart, excess_mm=max(days.before.excess, days.after.excess) * _MM
         ),
         causes=tuple(map(_explained, found.explanations[:_MOST])) if apart.changed else (),
@@ -236,10 +236,10 @@ def _named(cause: ChangeCause) -> CauseEntry:
     return CauseEntry(effect=cause.kind, where=cause.where)
 
 
-def _explained(found: Explanation) -> Explained:
+def _explained(found: Explanation) -> CauseExplanation:
     cause = found.cause
     sizes = Size.from_each(cause.parameters, value=found.values, std=found.std)
-    return Explained.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
+    return CauseExplanation.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
 
 
 def _errors(found: AtTargets, rest: float) -> list[IntervalEntry]:

@@ -24,12 +24,12 @@ from studies.compare.record import (
     ByNumber,
     ComparedParameter,
     CompareRecord,
-    Entangled,
-    Factor,
+    CorrelatedPair,
     FromScratchEntry,
+    ImprovementFactor,
     Plan,
+    PoseLeverage,
     ReadBy,
-    Worth,
 )
 from studies.record import Envelope
 
@@ -102,9 +102,9 @@ def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
         approaches=[_approach(study, verdict) for verdict in study.verdicts],
         improvement=()
         if study.improvement is None
-        else Factor.from_each(_parameters(study), factor=study.improvement),
+        else ImprovementFactor.from_each(_parameters(study), factor=study.improvement),
         by_pose=[
-            Worth(
+            PoseLeverage(
                 pose=name,
                 parameters_worth=float(share.sum()),
                 effects=dict(zip(effects, share.tolist(), strict=True)),
@@ -152,7 +152,7 @@ def _from_scratch(done: Sequence[FromScratch]) -> FromScratchEntry | None:
     )
 
 
-def _entangled(study: PlanStudy, R: Array) -> tuple[Entangled, ...]:
+def _entangled(study: PlanStudy, R: Array) -> tuple[CorrelatedPair, ...]:
     """The robot's parameters that go together most, or all parameters where it has but one."""
     parameters = _parameters(study)
     own = [i for i, p in enumerate(parameters) if p.effect not in ("base", "tool")]
@@ -163,7 +163,7 @@ def _entangled(study: PlanStudy, R: Array) -> tuple[Entangled, ...]:
     return tuple(_pair(study, [a, b]) for _, a, b in ranked[:_PAIRS])
 
 
-def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
+def _pair(study: PlanStudy, pair: list[int]) -> CorrelatedPair:
     a, b = (_parameters(study)[i] for i in pair)
     scales = np.array([a.scale, b.scale])
     covariance, simulated = {}, {}
@@ -173,7 +173,7 @@ def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
         if v.agreement is not None:
             errors = study.refits.of(v.way.key)[:_POINTS, pair] / scales
             simulated[v.way.key] = tuple((float(x), float(y)) for x, y in errors)
-    return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
+    return CorrelatedPair(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
 
 
 # -- whether to believe it ---------------------------------------------------------------------

@@ -45,7 +45,7 @@ class FromScratchEntry(Entry):
     farthest_in_standard_deviations: Maybe
 
 
-class Tested(Entry):
+class AgreementTests(Entry):
     """Simulation against one prediction, by chi-square tests."""
 
     worst_ratio: Maybe
@@ -66,7 +66,7 @@ class Approach(Entry):
     monte_carlo_task_rms_mm: Annotated[Maybe, From("simulated_rms")]
     not_converged: Annotated[Count, From("unsettled")]
     from_scratch: FromScratchEntry | None
-    agreement: Tested | None
+    agreement: AgreementTests | None
     reason: str | None
 
     @property
@@ -75,7 +75,7 @@ class Approach(Entry):
         return "points" if self.approach == "points" else f"pose {self.weighting}"
 
 
-class Factor(Entry):
+class ImprovementFactor(Entry):
     """Plain approach #1 over approach #2; None where they determine different parameters."""
 
     name: str
@@ -85,7 +85,7 @@ class Factor(Entry):
     factor: Maybe
 
 
-class Worth(Entry):
+class PoseLeverage(Entry):
     """What a pose counts for in the variances; ``effects`` sums it over those of each effect."""
 
     pose: str
@@ -100,7 +100,7 @@ class DerivativesEntry(Entry):
     id: Annotated[str, From("parameter")]
 
 
-class Entangled(Entry):
+class CorrelatedPair(Entry):
     """Two parameters that go together: covariances and simulated errors by approach, in their units."""
 
     ids: tuple[str, str]
@@ -132,10 +132,10 @@ class Plan(Entry):
     hidden_markers: Count
     readings_without_pose: Count
     approaches: tuple[Approach, ...] = Field(min_length=1)
-    improvement: tuple[Factor, ...]
-    by_pose: tuple[Worth, ...]
+    improvement: tuple[ImprovementFactor, ...]
+    by_pose: tuple[PoseLeverage, ...]
     correlation: tuple[tuple[Maybe, ...], ...] = ()
-    entangled: tuple[Entangled, ...] = ()
+    entangled: tuple[CorrelatedPair, ...] = ()
     by_poses: ByNumber = ByNumber()
     by_markers: ByNumber = ByNumber()
 

@@ -8,7 +8,13 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from studies.document import PROBABILITY, Rule, Shown
-from studies.entries import CauseEntry, JointValues, NotAskedEntry, Sought, check_same_joints
+from studies.entries import (
+    CauseEntry,
+    DetectionLimit,
+    JointValues,
+    NotAskedEntry,
+    check_same_joints,
+)
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
 from studies.record import (
@@ -330,7 +336,7 @@ class Findings(Entry):
     sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
-    could_not_see: tuple[Sought, ...]
+    could_not_see: tuple[DetectionLimit, ...]
     refused: tuple[RefusedCause, ...] = ()
     not_asked: tuple[NotAskedEntry, ...]
     approach_derived: bool = False
@@ -379,7 +385,7 @@ class DiagnoseRecord(Findings, Record):
         return BeforeAfter(before, after, of, gap.unit, heldout)
 
     @property
-    def worst_hidden(self) -> Sought | None:
+    def worst_hidden(self) -> DetectionLimit | None:
         """What would leave most of all that these data could not have shown; None in old files."""
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)

@@ -8,12 +8,12 @@ from statistics import median
 
 from studies.fleet.record import FleetErrors, FleetRecord, RobotTrend, SessionEntry, TypeEntry
 from studies.fleet.spread import by_type, days_of, latest, off, shared, trend_p
-from studies.fleet.tables import Done, FleetTask
+from studies.fleet.tables import FleetTask, TableOutcome
 from studies.record import Envelope, InputFile
 
 
 def fleet_record(
-    done: Sequence[Done], folder: str, asked: FleetTask, made_from: Envelope
+    done: Sequence[TableOutcome], folder: str, asked: FleetTask, made_from: Envelope
 ) -> FleetRecord:
     """The record of a fleet, its tables in any order."""
     ordered = _ordered(done)
@@ -30,12 +30,12 @@ def fleet_record(
     )
 
 
-def results_of(done: Sequence[Done]) -> tuple[InputFile, ...]:
+def results_of(done: Sequence[TableOutcome]) -> tuple[InputFile, ...]:
     """What a fleet's record is made from."""
     return tuple(InputFile(file=f, sha256=h) for own in _ordered(done) for f, h in own.files)
 
 
-def _ordered(done: Sequence[Done]) -> list[Done]:
+def _ordered(done: Sequence[TableOutcome]) -> list[TableOutcome]:
     """By robot, the tables of each by day where all have one, else by name."""
     dated = {own.robot: True for own in done}
     for own in done:
@@ -43,11 +43,11 @@ def _ordered(done: Sequence[Done]) -> list[Done]:
     return sorted(done, key=lambda own: (own.robot, own.day if dated[own.robot] else "", own.table))
 
 
-def _session(own: Done) -> SessionEntry:
+def _session(own: TableOutcome) -> SessionEntry:
     return SessionEntry.from_result(own, results=[file for file, _ in own.files])
 
 
-def _type(name: str, robots: Sequence[Done]) -> TypeEntry:
+def _type(name: str, robots: Sequence[TableOutcome]) -> TypeEntry:
     verdicts = [own.verdict for own in robots if own.verdict is not None]
     known = {key: _known(robots, key) for key in FleetErrors.model_fields}
     return TypeEntry.from_result(
@@ -60,11 +60,11 @@ def _type(name: str, robots: Sequence[Done]) -> TypeEntry:
     )
 
 
-def _known(robots: Sequence[Done], key: str) -> list[float]:
+def _known(robots: Sequence[TableOutcome], key: str) -> list[float]:
     return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
 
 
-def _trends(done: Sequence[Done]) -> Iterator[RobotTrend]:
+def _trends(done: Sequence[TableOutcome]) -> Iterator[RobotTrend]:
     """Of robots with several tables that could be identified."""
     for robot, own_tables in groupby(done, lambda own: own.robot):
         tables = [own for own in own_tables if own.status]

@@ -88,7 +88,7 @@ class TypeEntry(Entry):
     causes: tuple[SharedEntry, ...]
 
 
-class OffEntry(Entry):
+class OutlyingFigure(Entry):
     """A figure by which a robot stands out of its type.
 
     deviation : from the typical value, in spreads; limit : what chance seldom exceeds in any of all
@@ -143,7 +143,7 @@ class FleetRecord(Record):
     holdout: str | None
     sessions: tuple[SessionEntry, ...] = Field(min_length=1)
     types: tuple[TypeEntry, ...]
-    off: tuple[OffEntry, ...]
+    off: tuple[OutlyingFigure, ...]
     trends: tuple[RobotTrend, ...]
 
     @model_validator(mode="after")

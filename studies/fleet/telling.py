@@ -11,7 +11,7 @@ from studies import document as doc
 from studies.document import Shown, listed, mm, plural
 from studies.fleet.record import (
     FleetRecord,
-    OffEntry,
+    OutlyingFigure,
     RobotTrend,
     SessionEntry,
     SharedEntry,
@@ -101,7 +101,7 @@ def _off(record: FleetRecord) -> Iterator[doc.Part]:
     yield doc.Table(_OFF, record.off, "Figures that differ", most=_MOST)
 
 
-_OFF = doc.columns(OffEntry, "robot type what value typical spread unit deviation limit")
+_OFF = doc.columns(OutlyingFigure, "robot type what value typical spread unit deviation limit")
 
 
 def _types(record: FleetRecord) -> Iterator[doc.Part]:

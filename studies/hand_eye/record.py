@@ -90,7 +90,7 @@ class AheadEntry(Entry):
     open: tuple[str, ...]
 
 
-class NextPose(JointValues):
+class PoseToMeasure(JointValues):
     """A pose to measure next."""
 
     pose: Annotated[str, Shown("next pose")]
@@ -124,7 +124,7 @@ class HandEyeRecord(Record):
     lacking_mm: Annotated[Maybe, From("enough.lacking.rms")]
     ahead: tuple[AheadEntry, ...]
     ahead_untold: str
-    next_poses: tuple[NextPose, ...]
+    next_poses: tuple[PoseToMeasure, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -195,7 +195,8 @@ def hand_eye_record(
         ahead=steps,
         ahead_untold=ahead.why,
         next_poses=[
-            NextPose(pose=f"n{k:02d}", **shown_joints(robot, own)) for k, own in enumerate(q, 1)
+            PoseToMeasure(pose=f"n{k:02d}", **shown_joints(robot, own))
+            for k, own in enumerate(q, 1)
         ],
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 from studies import document as doc
 from studies.document import FOUR, STD, Shown, mm, plural
 from studies.entries import joint_columns
-from studies.hand_eye.record import CameraEntry, HandEyeRecord, MethodEntry, NextPose
+from studies.hand_eye.record import CameraEntry, HandEyeRecord, MethodEntry, PoseToMeasure
 from studies.record import IntervalEntry
 
 _OURS = ("arm as it is", "arm calibrated")
@@ -200,7 +200,7 @@ def _parts(record: HandEyeRecord) -> Iterator[doc.Part]:
         yield doc.Lines(_lines(camera))
     joints = joint_columns(record.next_poses, detail=False)
     yield doc.Table(
-        doc.columns(NextPose, "pose", *joints), record.next_poses, "Poses to measure next"
+        doc.columns(PoseToMeasure, "pose", *joints), record.next_poses, "Poses to measure next"
     )
 
 

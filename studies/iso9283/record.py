@@ -53,7 +53,7 @@ class PoseEntry(Entry):
     drift_mm: Annotated[NotNegative | None, Shown("dAP")]
 
 
-class Several(Entry):
+class DirectionVariation(Entry):
     """vAP: the largest distance between the mean points of several ways of coming."""
 
     pose: str
@@ -100,7 +100,7 @@ class Iso9283Record(Record):
     same_data: bool
     instrument_rp_mm: NotNegative
     poses: tuple[PoseEntry, ...] = Field(min_length=1)
-    several: tuple[Several, ...]
+    several: tuple[DirectionVariation, ...]
     distances: tuple[DistanceEntry, ...]
     compliance: tuple[ComplianceEntry, ...]
 
@@ -134,7 +134,7 @@ def iso9283_record(
         instrument_rp_mm=instrument * _MM,
         poses=(*map(_measured, found.cycles), *map(_predicted, expected.poses)),
         several=[
-            Several(pose=name, ways=ways, vap_mm=value * _MM)
+            DirectionVariation(pose=name, ways=ways, vap_mm=value * _MM)
             for name, (value, ways) in found.several.items()
         ],
         compliance=[

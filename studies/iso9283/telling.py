@@ -11,10 +11,10 @@ from studies import document as doc
 from studies.document import mm, plural
 from studies.iso9283.record import (
     ComplianceEntry,
+    DirectionVariation,
     DistanceEntry,
     Iso9283Record,
     PoseEntry,
-    Several,
     interval_columns,
 )
 from studies.plots import style
@@ -42,7 +42,7 @@ _DISTANCES = doc.columns(
     *interval_columns("AD", "ad_mm"),
     *interval_columns("RD", "rd_mm"),
 )
-_SEVERAL = doc.columns(Several, "pose ways vap_mm")
+_SEVERAL = doc.columns(DirectionVariation, "pose ways vap_mm")
 _COMPLIANCE = doc.columns(
     ComplianceEntry,
     "pose direction how readings",

@@ -4,12 +4,12 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
 
 ``record.py``
     A :class:`studies.record.Record`: every field of its JSON with its type and the unit in its name, or
-    with :class:`studies.record.From` where the result calls it otherwise; and ``<kind>_record(found,
-    .., made_from)``, which fills it from what the library found (:meth:`studies.record.Entry.from_result`)
-    and states only what is neither a copy nor a change of unit. Where it needs more of the library
-    than types it stands in ``make.py``. What telling and drawing take for granted (lists of equal
-    length, a pose that exists) is a ``model_validator``: the file is refused with its place, and
-    whatever fails later is a fault of ours that nobody catches.
+    with :class:`studies.record.From` where the result calls it otherwise; and
+    ``<kind>_record(found, .., made_from)``, which fills it from what the library found
+    (:meth:`studies.record.Entry.from_result`) and states only what is neither a copy nor a change of
+    unit. Where it needs more of the library than types it stands in ``make.py``. What telling and
+    drawing take for granted (lists of equal length, a pose that exists) is a ``model_validator``: the
+    file is refused with its place, and whatever fails later is a fault of ours that nobody catches.
 ``telling.py``
     ``told(record) -> Document``, by attributes alone: the headline (the answer: the terminal begins
     with it, "At a glance" of a page collects it), and sections of sentences, tables and figures, each

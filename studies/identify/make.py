@@ -10,16 +10,16 @@ import calib
 from calib import Identification
 from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
-from calib.compensation.estimate import Estimate, estimate_of
-from calib.drift import DriftTest, drift_in
+from calib.compensation.estimate import estimate_of
+from calib.drift import drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
 from calib.identification.unfit_lens import unfit_lenses
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.uncertainty.acceptance import ConformityTest, judged
-from calib.uncertainty.budget import Budget, accuracy_at_targets
+from calib.uncertainty.acceptance import judged
+from calib.uncertainty.budget import accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.entries import at_targets
@@ -39,7 +39,7 @@ from studies.identify.outliers import outlier_entries, together_entry
 from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
 from studies.noise import noise_fields
-from studies.record import Envelope, envelope
+from studies.record import envelope
 
 _MM = 1e3
 MOST = 200_000
@@ -76,44 +76,29 @@ def identified(
             weighting=weighting, length=length_mm * 1e-3, differences=differences,
         )  # fmt: skip
     of_pose = approach == "pose"
-    estimate = estimate_of(found)
-    record = identify_record(
+    record = _record(
+        session,
         found,
-        accuracy_at_targets(cell, found, estimate),
-        drift_in(cell, found, session.whole),
-        estimate,
-        judged(cell, found),
-        envelope(cell.name, inputs_of(session), session.seed, cell.about),
         warnings=(*held.warnings, *said, *found.warnings),
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
         differences=differences,
-        holdout=session.holdout,
     )
     return found, record
 
 
-def identify_record(
-    found: Identification,
-    accuracy: Budget,
-    drift: DriftTest | None,
-    estimate: Estimate,
-    judged: ConformityTest | None,
-    made_from: Envelope,
-    **asked: object,
-) -> IdentifyRecord:
-    """The record of an identification.
-
-    accuracy : to expect at the targets; drift : what readings that were repeated say
-    judged : the held-out points against the cell's tolerance
-    asked : warnings, and what the caller chose beside approach and method
-    """
-    fit, held = found.fit, found.heldout
+def _record(session: MeasuredTable, found: Identification, **asked: object) -> IdentifyRecord:
+    """The record of an identification; asked : warnings, and what the caller chose."""
+    cell, fit, held = session.cell, found.fit, found.heldout
+    estimate = estimate_of(found)
+    accuracy = accuracy_at_targets(cell, found, estimate)
+    drift, acceptance = drift_in(cell, found, session.whole), judged(cell, found)
     parts = [part for part in (fit, held) if part is not None]
     return IdentifyRecord.from_result(
         found,
-        **made_from,
+        **envelope(cell.name, inputs_of(session), session.seed, cell.about),
         **asked,
+        holdout=session.holdout,
         advice=ADVICE[found.status],
         noise=_noise(found),
         poses=len(fit.data),
@@ -143,7 +128,7 @@ def identify_record(
             accuracy.expected.expanded,
         ),
         budget=budget_entry(accuracy),
-        acceptance=judged and acceptance_entry(judged),
+        acceptance=acceptance and acceptance_entry(acceptance),
         drift=drift and drift_entry(drift),
         of_type=found.of_type and of_type_entry(found, found.of_type),
         sizes=found.sizes and sizes_entry(found.sizes),

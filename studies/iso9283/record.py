@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from calib import Cell, Measurements
     from calib.arrays import IntArray
     from calib.compensation.estimate import Estimate
-    from calib.iso9283 import MarkerReadings, MeasuredCriteria, PredictedCriteria
+    from calib.iso9283 import MarkerReadings, MeasuredCriteria
     from calib.iso9283.measured import Cycles
     from calib.iso9283.predicted import PredictedPose as Expected
 
@@ -115,23 +115,34 @@ class Iso9283Record(Record):
         return [own for own in self.poses if own.how == how]
 
 
-def iso9283_record(
-    marker: str,
-    found: MeasuredCriteria,
-    expected: PredictedCriteria,
-    same_data: bool,
-    instrument: float,
+def criteria(
+    cell: Cell,
+    data: Measurements,
+    data_path: Path,
+    result_path: Path | None,
+    marker: str | None,
     made_from: Envelope,
-    warnings: tuple[str, ...] = (),
 ) -> Iso9283Record:
-    """The record of both; instrument : m, the RP of its noise alone."""
+    """The record of a table by a result, or by an identification of the table itself.
+
+    Raises InputError, CalibError.
+    """
+    from calib.iso9283 import session_of
+    from calib.iso9283.formulas import repeatability_of
+    from calib.iso9283.measured import measured
+    from calib.iso9283.predicted import predicted
+
+    known = _fitted(cell, data) if result_path is None else _read(cell, data_path, result_path)
+    session = session_of(known.estimate, data, marker)
+    found = measured(session)
+    expected = predicted(cell, session, _once(session, found), known.freedom)
     return Iso9283Record.from_result(
         found,
         **made_from,
-        warnings=warnings,
-        marker=marker,
-        same_data=same_data,
-        instrument_rp_mm=instrument * _MM,
+        warnings=(*data.warnings, *known.estimate.notes),
+        marker=session.model.marker_names[session.marker],
+        same_data=known.same_data,
+        instrument_rp_mm=repeatability_of(np.eye(3) * session.sigma**2) * _MM,
         poses=(*map(_measured, found.cycles), *map(_predicted, expected.poses)),
         several=[
             DirectionVariation(pose=name, ways=ways, vap_mm=value * _MM)
@@ -160,39 +171,6 @@ class _EstimateOfTable(NamedTuple):
     estimate: Estimate
     freedom: float
     same_data: bool
-
-
-def criteria(
-    cell: Cell,
-    data: Measurements,
-    data_path: Path,
-    result_path: Path | None,
-    marker: str | None,
-    made_from: Envelope,
-) -> Iso9283Record:
-    """The record of a table by a result, or by an identification of the table itself.
-
-    Raises InputError, CalibError.
-    """
-    from calib.iso9283 import session_of
-    from calib.iso9283.formulas import repeatability_of
-    from calib.iso9283.measured import measured
-    from calib.iso9283.predicted import predicted
-
-    known = _fitted(cell, data) if result_path is None else _read(cell, data_path, result_path)
-    session = session_of(known.estimate, data, marker)
-    found = measured(session)
-    expected = predicted(cell, session, _once(session, found), known.freedom)
-    noise = np.eye(3) * session.sigma**2
-    return iso9283_record(
-        session.model.marker_names[session.marker],
-        found,
-        expected,
-        known.same_data,
-        repeatability_of(noise),
-        made_from,
-        (*data.warnings, *known.estimate.notes),
-    )
 
 
 def _fitted(cell: Cell, data: Measurements) -> _EstimateOfTable:

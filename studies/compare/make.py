@@ -14,8 +14,7 @@ from calib.effects.tool import Tool
 from calib.model.covariance import correlation
 from calib.observations import orientable
 from studies.compare.agreement import BELIEVED, FEWEST, band
-from studies.compare.compare import PlanComparison, PlanStudy, Verdict
-from studies.compare.judgement import Reason
+from studies.compare.compare import PlanComparison, PlanStudy, Reason, Verdict
 from studies.compare.montecarlo import FromScratch, surprising
 from studies.compare.prediction import by_markers, by_poses, influence_by_effect
 from studies.compare.record import (

@@ -29,14 +29,19 @@ from studies.identify.drift import drift_entry
 from studies.identify.errors import (
     distances_entry,
     instrument_entries,
+    outlier_entries,
     pair_entries,
     residual_entries,
     rms_of,
+    together_entry,
 )
 from studies.identify.lenses import lens_entries
-from studies.identify.of_type import of_type_entry
-from studies.identify.outliers import outlier_entries, together_entry
-from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
+from studies.identify.parameters import (
+    absorbed_entries,
+    of_type_entry,
+    parameter_entries,
+    sizes_entry,
+)
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
 from studies.noise import noise_fields
 from studies.record import envelope

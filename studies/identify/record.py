@@ -16,12 +16,11 @@ from studies.identify.errors import (
     IdentifyResidual,
     Model,
     OfInstrument,
+    OutliersTogether,
     Pairs,
 )
 from studies.identify.lenses import LensValue, UnfitLensEntry
-from studies.identify.of_type import OfType
-from studies.identify.outliers import OutliersTogether
-from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry
+from studies.identify.parameters import Absorbed, IdentifiedParameter, OfType, SizesEntry
 from studies.noise import NoiseEntry
 from studies.record import (
     BeforeAfter,

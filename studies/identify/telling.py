@@ -12,11 +12,9 @@ from studies.document import MRAD, Shown, listed, mm, plural
 from studies.entries import over_the_workspace
 from studies.identify.budget import accepted, budget_section
 from studies.identify.drift import drift_section
-from studies.identify.errors import Model, OfInstrument, rms_of
+from studies.identify.errors import Model, OfInstrument, rms_of, told_outliers
 from studies.identify.lenses import told_lenses
-from studies.identify.of_type import told_of_type
-from studies.identify.outliers import told_outliers
-from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry
+from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry, told_of_type
 from studies.identify.pictures import (
     correlation,
     distances,

@@ -85,7 +85,7 @@ class FitResiduals(Entry):
     excess_mm: NotNegative
 
 
-class Size(Entry):
+class CauseSize(Entry):
     """A size of a cause; None where the difference does not tell it."""
 
     name: str
@@ -106,7 +106,7 @@ class CauseExplanation(CauseEntry):
     p_left: Annotated[NotNegative, Shown("p of\nthe rest", P)]
     explains: bool
     likely: bool
-    sizes: tuple[Size, ...]
+    sizes: tuple[CauseSize, ...]
 
 
 class AtTarget(Entry):
@@ -238,7 +238,7 @@ def _named(cause: ChangeCause) -> CauseEntry:
 
 def _explained(found: Explanation) -> CauseExplanation:
     cause = found.cause
-    sizes = Size.from_each(cause.parameters, value=found.values, std=found.std)
+    sizes = CauseSize.from_each(cause.parameters, value=found.values, std=found.std)
     return CauseExplanation.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
 
 

@@ -19,14 +19,14 @@ from studies.compare.montecarlo import FromScratch, surprising
 from studies.compare.prediction import by_markers, by_poses, influence_by_effect
 from studies.compare.record import (
     AgreementEntry,
-    Approach,
     ByNumber,
+    ComparedApproach,
     ComparedParameter,
+    ComparedPlan,
     CompareRecord,
     CorrelatedPair,
     FromScratchEntry,
     ImprovementFactor,
-    Plan,
     PoseLeverage,
     ReadBy,
 )
@@ -85,14 +85,14 @@ def _agreement(found: PlanComparison) -> AgreementEntry:
     )
 
 
-def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
+def _plan(cell: Cell, study: PlanStudy, curves: bool) -> ComparedPlan:
     experiment, count = study.experiment, len(study.plan)
     markers = experiment.model.marker_positions(experiment.nominal)
     points = experiment.seen if experiment.seen.shape[1] == len(markers) else None
     covariance = study.points.prediction.covariance
     R = correlation(covariance)
     shares, effects = influence_by_effect(experiment, study.points.prediction, count)
-    return Plan.from_result(
+    return ComparedPlan.from_result(
         study,
         poses=count,
         readings=len(experiment.poses),
@@ -121,11 +121,11 @@ def _parameters(study: PlanStudy) -> Sequence[Parameter]:
     return study.experiment.model.parameters
 
 
-def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
+def _approach(study: PlanStudy, verdict: Verdict) -> ComparedApproach:
     found, way = verdict.agreement, verdict.way
     parameters = _parameters(study)
     nothing = np.full(len(parameters), np.nan)
-    return Approach.from_result(
+    return ComparedApproach.from_result(
         verdict,
         way,
         length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,

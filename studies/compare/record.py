@@ -54,7 +54,7 @@ class AgreementTests(Entry):
     tests: dict[str, Number]
 
 
-class Approach(Entry):
+class ComparedApproach(Entry):
     """A plan under one approach and weighting."""
 
     approach: Literal["points", "pose"]
@@ -121,7 +121,7 @@ class ByNumber(Entry):
         return self
 
 
-class Plan(Entry):
+class ComparedPlan(Entry):
     """One plan under every approach, the last of them that of points."""
 
     plan: Annotated[str, From("name")]
@@ -131,7 +131,7 @@ class Plan(Entry):
     derivatives: Annotated[DerivativesEntry, From("slopes")]
     hidden_markers: Count
     readings_without_pose: Count
-    approaches: tuple[Approach, ...] = Field(min_length=1)
+    approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
     improvement: tuple[ImprovementFactor, ...]
     by_pose: tuple[PoseLeverage, ...]
     correlation: tuple[tuple[Maybe, ...], ...] = ()
@@ -161,7 +161,7 @@ class Plan(Entry):
         return self
 
     @property
-    def points(self) -> Approach:
+    def points(self) -> ComparedApproach:
         """Under approach #2, which any markers allow."""
         return self.approaches[-1]
 
@@ -170,7 +170,7 @@ class Plan(Entry):
         """Identifiers of the parameters."""
         return tuple(p.id for p in self.points.parameters)
 
-    def of(self, key: str) -> Approach | None:
+    def of(self, key: str) -> ComparedApproach | None:
         """Under one approach, None where the markers do not allow it."""
         return next((own for own in self.approaches if own.key == key), None)
 
@@ -210,7 +210,7 @@ class CompareRecord(Record):
     """
 
     command: Literal["compare"] = "compare"
-    plans: tuple[Plan, ...] = Field(min_length=1)
+    plans: tuple[ComparedPlan, ...] = Field(min_length=1)
     targets: Annotated[str, From("cell.targets_in_words")]
     task_at: Literal["markers", "tip origin"]
     notes: tuple[str, ...]

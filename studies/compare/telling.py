@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 from studies import document as doc
 from studies.compare.pictures import pictures
-from studies.compare.record import Approach, CompareRecord, Plan, ReadBy
+from studies.compare.record import ComparedApproach, ComparedPlan, CompareRecord, ReadBy
 from studies.document import Shown, listed, mm, plural
 from studies.plots.style import APPROACHES
 
@@ -154,7 +154,7 @@ def _gain(record: CompareRecord) -> Iterator[doc.Sentence]:
     )
 
 
-def _loss(plan: Plan) -> float:
+def _loss(plan: ComparedPlan) -> float:
     """Largest ratio of standard deviations, fully weighted #1 over #2."""
     full = plan.of("pose full")
     if full is None:
@@ -232,7 +232,7 @@ def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
             )
 
 
-def _label(own: Approach) -> str:
+def _label(own: ComparedApproach) -> str:
     length = "" if own.length_mm is None else f" ({own.length_mm:g} mm)"
     return APPROACHES[own.key].label + length
 
@@ -260,7 +260,7 @@ _Values: TypeAlias = list[tuple[Shown, list[Any]]]
 """Columns with a value for each parameter."""
 
 
-def _by_approach(plan: Plan, simulated: bool) -> Iterator[doc.Part]:
+def _by_approach(plan: ComparedPlan, simulated: bool) -> Iterator[doc.Part]:
     """Standard deviations under every approach, and what plain #1 loses."""
     columns = [
         _std(_TITLES[own.key], own)
@@ -288,11 +288,11 @@ def _by_plan(record: CompareRecord) -> Iterator[doc.Part]:
             yield doc.Sentence(f"{plan.plan} has other parameters (JSON)", "note")
 
 
-def _std(title: str, own: Approach) -> tuple[Shown, list[Any]]:
+def _std(title: str, own: ComparedApproach) -> tuple[Shown, list[Any]]:
     return Shown(title, doc.STD), [p.std for p in own.parameters]
 
 
-def _tables(plan: Plan, values: _Values, name: str) -> Iterator[doc.Part]:
+def _tables(plan: ComparedPlan, values: _Values, name: str) -> Iterator[doc.Part]:
     """By parameter; those of base and tool on the page alone where there are many."""
     points = plan.points.parameters
     columns = doc.heads("effect", "where", "parameter", "unit", *(head for head, _ in values))

@@ -33,7 +33,7 @@ class TargetErrors(Entry):
     expected: NotNegative
 
 
-class Rms(TargetErrors):
+class RmsErrors(TargetErrors):
     """The same over all targets, and what the expected error consists of beside ``left``.
 
     trend : how far the trend of the day will have gone by then
@@ -75,7 +75,7 @@ class CompensateRecord(Record):
 
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
-    rms_mm: Rms
+    rms_mm: RmsErrors
     p95_mm: TargetErrors
     max_mm: TargetErrors
     unexplained_from: Annotated[str, From("unexplained.source")]

@@ -28,6 +28,7 @@ from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.diagnose import NEXT
 from studies.diagnose.record import (
+    CauseParameter,
     DiagnoseNoise,
     DiagnoseRecord,
     Findings,
@@ -39,7 +40,6 @@ from studies.diagnose.record import (
     RefusedCause,
     SpectrumEntry,
     SpectrumLine,
-    Value,
 )
 from studies.diagnose.shown import DiagnosisShown, shown
 from studies.entries import DetectionLimit, shown_joints
@@ -165,7 +165,7 @@ def _effect(cause: Cause, spectra: Sequence[Spectrum], tip: str) -> FoundCause:
         effect=cause.name,
         where=_at(cause.where, tip),
         alike=_alike(cause.members, tip),
-        parameters=Value.from_each(parameters, value=cause.values, std=cause.std),
+        parameters=CauseParameter.from_each(parameters, value=cause.values, std=cause.std),
         aliases=_aliases(cause, spectra),
         decided_by=_decided_by([c.effect for c in cause.named.causes]),
         far_out=cause.far_out or None,
@@ -190,7 +190,7 @@ def _imitated(own: Imitated) -> FoundCause:
         p_value=own.p,
         shape_p_value=None,
         alike=_alike(own.members),
-        parameters=Value.from_each(effect.parameters, value=[own.value], std=[own.std]),
+        parameters=CauseParameter.from_each(effect.parameters, value=[own.value], std=[own.std]),
         share_of_gap=None,
         standing="one_of",
         decided_by=_decided_by([c.effect for c, _ in own.members]),

@@ -70,7 +70,7 @@ class LikelyCause(CauseEntry):
     probability: Maybe
 
 
-class Value(Entry):
+class CauseParameter(Entry):
     """A parameter of a cause; std is None where the data do not determine it."""
 
     name: Annotated[str, Shown("parameter")]
@@ -95,7 +95,7 @@ class FoundCause(LikelyCause):
     shape_power: Annotated[Maybe, From("doubt.power")] = None
     shape_tested: Annotated[bool, From("doubt.tested")] = True
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
-    parameters: tuple[Value, ...]
+    parameters: tuple[CauseParameter, ...]
     share_of_gap: Annotated[Maybe, From("share")]
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
@@ -242,7 +242,7 @@ class RivalPrediction(Entry):
     inseparable: bool
 
 
-class Steps(Entry):
+class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
@@ -354,7 +354,7 @@ class DiagnoseRecord(Findings, Record):
     next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")] = ()
     next_poses_assume: Annotated[tuple[str, ...], From("assumptions")] = ()
     estimate: Estimated
-    steps: Steps | None = None
+    steps: ErrorSteps | None = None
     curves: tuple[ErrorCurveEntry, ...] = ()
     residuals: tuple[DiagnoseResidual, ...] = ()
 

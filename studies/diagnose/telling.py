@@ -11,6 +11,7 @@ from studies import document as doc
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
 from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import (
+    CauseParameter,
     DiagnoseRecord,
     FoundCause,
     GapEntry,
@@ -19,7 +20,6 @@ from studies.diagnose.record import (
     RivalPrediction,
     SpectrumEntry,
     SpectrumLine,
-    Value,
 )
 from studies.diagnose.spectra import spectra
 from studies.document import Shown, labelled, listed, mm
@@ -63,7 +63,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[doc.Part]:
     yield doc.Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
     if record.refused:
         yield doc.Sentence("Found, but not sure enough to be named:")
-        yield doc.Table(_REFUSED, list(_refused(record.refused)), "RefusedCause")
+        yield doc.Table(_REFUSED, list(_refused(record.refused)), "Causes not named")
     yield doc.Table(
         _OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS
     )
@@ -114,7 +114,7 @@ def _closed(gap: GapEntry) -> str:
 
 
 _VALUES = doc.columns(
-    Value,
+    CauseParameter,
     "name",
     doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
     doc.Column(

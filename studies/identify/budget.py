@@ -56,7 +56,7 @@ class BudgetRow(Entry):
     poses: Literal["average", "base", "stays"] | None
 
 
-class Expanded(Entry):
+class ExpandedUncertainty(Entry):
     """A combined standard uncertainty, and the distance within which 95 % of errors stay.
 
     Errors in space: the factor is Student's t where they lie along one line, less where not.
@@ -73,8 +73,8 @@ class BudgetEntry(Entry):
     """All sources; what the parameters' uncertainty leaves, and with what the arm itself adds."""
 
     rows: tuple[BudgetRow, ...] = Field(min_length=1)
-    calibration: Expanded
-    total: Expanded
+    calibration: ExpandedUncertainty
+    total: ExpandedUncertainty
     probability: Positive
 
     def of(self, part: str) -> float:
@@ -95,12 +95,12 @@ def budget_entry(budget: Budget) -> BudgetEntry:
     )
 
 
-def _expanded(budget: Budget, parts: Sequence[Source]) -> Expanded:
+def _expanded(budget: Budget, parts: Sequence[Source]) -> ExpandedUncertainty:
     from calib.uncertainty.budget import combined
 
     found = combined(parts, budget.weights)
     u, most = budget.rms(found.errors), budget.rms(found.expanded)
-    return Expanded(
+    return ExpandedUncertainty(
         standard_uncertainty_mm=u * _MM,
         coverage_factor=most / u if u else 1.0,
         expanded_mm=most * _MM,
@@ -190,7 +190,7 @@ def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[doc.Par
         )  # fmt: skip
 
 
-def _covered(found: Expanded) -> str:
+def _covered(found: ExpandedUncertainty) -> str:
     """Both figures with their factor, as a certificate gives them."""
     nu = found.degrees_of_freedom
     behind = "" if nu is None else f", {nu:.0f} degrees of freedom"

@@ -66,7 +66,7 @@ class OfInstrument(Entry):
 Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
-class Pairs(Entry):
+class PairErrors(Entry):
     """Errors of the distances between points of two poses, mm."""
 
     rms: NotNegative
@@ -118,7 +118,7 @@ def instrument_entries(found: Identification) -> tuple[OfInstrument, ...]:
     )
 
 
-def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
+def pair_entries(found: Identification) -> Iterator[tuple[Model, PairErrors]]:
     """The entries of the errors between points of two poses, by model."""
     from calib.identification.residuals import pair_errors
     from calib.instruments import Tracker
@@ -137,7 +137,7 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
         if len(errors):
             mm = np.abs(errors) * _MM
             p95, most = np.quantile(mm, (0.95, 1.0)).tolist()
-            yield key, Pairs(rms=rms_of(mm), p95=p95, max=most, pairs=len(mm))
+            yield key, PairErrors(rms=rms_of(mm), p95=p95, max=most, pairs=len(mm))
 
 
 def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:

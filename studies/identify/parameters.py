@@ -55,14 +55,14 @@ class IdentifiedParameter(Entry):
         return self.effect in _PLACED
 
 
-class Absorbed(Entry):
+class RedundantParameter(Entry):
     """A constant that others stand for at any pose."""
 
     id: Annotated[str, Shown("constant error")]
     absorbed_by: tuple[str, ...]
 
 
-class Width(Entry):
+class SizeOfErrors(Entry):
     """Standard deviation, between such errors, of those of one effect that have one unit."""
 
     effect: Annotated[str, From("0")]
@@ -70,14 +70,14 @@ class Width(Entry):
     unit: Annotated[str, From("1")]
 
 
-class SizesEntry(Entry):
+class SizePrior(Entry):
     """What holds the values that the readings leave open.
 
     parameters : how many of them it determines in place of the readings
     """
 
     parameters: Annotated[Positive, From("saved")]
-    widths: tuple[Width, ...]
+    widths: tuple[SizeOfErrors, ...]
 
 
 def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
@@ -95,17 +95,17 @@ def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
     )
 
 
-def absorbed_entries(found: Identification) -> tuple[Absorbed, ...]:
+def absorbed_entries(found: Identification) -> tuple[RedundantParameter, ...]:
     """The entries of the constants left out for others."""
     by = [[name for name, _ in own.absorbed_by] for own in found.absorbed]
-    return Absorbed.from_each(found.absorbed, absorbed_by=by)
+    return RedundantParameter.from_each(found.absorbed, absorbed_by=by)
 
 
-def sizes_entry(found: Widths) -> SizesEntry:
+def sizes_entry(found: Widths) -> SizePrior:
     """The entry of the widths that an identification found."""
     of = found.of
-    widths = Width.from_each(of.classes, width=found.widths, scale=of.scales)
-    return SizesEntry.from_result(found, widths=widths)
+    widths = SizeOfErrors.from_each(of.classes, width=found.widths, scale=of.scales)
+    return SizePrior.from_result(found, widths=widths)
 
 
 # -- beside the robot's type --------------------------------------------------------------------

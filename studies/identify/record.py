@@ -17,10 +17,10 @@ from studies.identify.errors import (
     Model,
     OfInstrument,
     OutliersTogether,
-    Pairs,
+    PairErrors,
 )
 from studies.identify.lenses import LensValue, UnfitLensEntry
-from studies.identify.parameters import Absorbed, IdentifiedParameter, OfType, SizesEntry
+from studies.identify.parameters import IdentifiedParameter, OfType, RedundantParameter, SizePrior
 from studies.noise import NoiseEntry
 from studies.record import (
     BeforeAfter,
@@ -83,7 +83,7 @@ class IdentifyRecord(Record):
     unused_poses: tuple[str, ...]
     before_the_first_move: Annotated[tuple[str, ...], From("waiting")] = ()
     unidentifiable: tuple[UnidentifiableEntry, ...]
-    absorbed: tuple[Absorbed, ...]
+    absorbed: tuple[RedundantParameter, ...]
     outliers: tuple[Outlier, ...]
     outliers_share: OutliersTogether | None = None
     heldout_outliers: tuple[Outlier, ...]
@@ -91,7 +91,7 @@ class IdentifyRecord(Record):
     max_mm: ErrorFigures
     p95_mm: ErrorFigures
     instruments: tuple[OfInstrument, ...] = ()
-    pair_distances_mm: dict[Model, Pairs]
+    pair_distances_mm: dict[Model, PairErrors]
     rms_of_residuals_mm: NotNegative | None
     base: Placements
     markers_mm: dict[str, Three]
@@ -106,7 +106,7 @@ class IdentifyRecord(Record):
     acceptance: AcceptanceEntry | None = None
     drift: DriftEntry | None = None
     of_type: OfType | None = None
-    sizes: SizesEntry | None = None
+    sizes: SizePrior | None = None
     lenses: tuple[LensValue, ...] = ()
     unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)
     estimate: Estimated

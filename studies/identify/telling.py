@@ -14,7 +14,12 @@ from studies.identify.budget import accepted, budget_section
 from studies.identify.drift import drift_section
 from studies.identify.errors import Model, OfInstrument, rms_of, told_outliers
 from studies.identify.lenses import told_lenses
-from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry, told_of_type
+from studies.identify.parameters import (
+    IdentifiedParameter,
+    RedundantParameter,
+    SizePrior,
+    told_of_type,
+)
 from studies.identify.pictures import (
     correlation,
     distances,
@@ -210,7 +215,7 @@ _PARAMETERS = doc.columns(
 )
 _CORRELATED = doc.heads("parameter", "parameter", Shown("correlation", doc.CORRELATION))
 _ABSORBED = doc.columns(
-    Absorbed, "id", doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by))
+    RedundantParameter, "id", doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by))
 )
 
 
@@ -309,7 +314,7 @@ def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
                 yield record.parameters[a].id, record.parameters[b].id, r
 
 
-def _told_sizes(sizes: SizesEntry) -> doc.Sentence:
+def _told_sizes(sizes: SizePrior) -> doc.Sentence:
     """That sizes decided, and which."""
     widths = [f"{own.effect} {doc.TWO(own.width)} {own.unit}" for own in sizes.widths]
     return doc.Sentence(

@@ -26,16 +26,13 @@ _TITLES = {
 
 def told(record: CompareRecord) -> doc.Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
-    headline = (_best(record), doc.Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
+    says = record.agreement.says
+    headline = _best(record), doc.Sentence(f"{says[:1].upper()}{says[1:]}.", _mood(record))
     sections = [doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))]
     if record.read_by:
         parts = tuple(_instruments(record))
         sections.insert(0, doc.Section("instruments", "Instruments side by side", parts))
     return doc.Document(headline, tuple(sections))
-
-
-def _first_up(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _mood(record: CompareRecord) -> doc.Mood:

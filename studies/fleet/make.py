@@ -23,7 +23,9 @@ def fleet_record(
         folder=folder,
         verbs=asked.verbs,
         holdout=asked.holdout,
-        sessions=tuple(map(_session, ordered)),
+        sessions=SessionEntry.from_each(
+            ordered, results=[[file for file, _ in own.files] for own in ordered]
+        ),
         types=tuple(_type(name, robots) for name, robots in groups.items()),
         off=tuple(row for own in groups.values() for row in off(own)),
         trends=tuple(_trends(ordered)),
@@ -41,10 +43,6 @@ def _ordered(done: Sequence[TableOutcome]) -> list[TableOutcome]:
     for own in done:
         dated[own.robot] &= own.day is not None
     return sorted(done, key=lambda own: (own.robot, own.day if dated[own.robot] else "", own.table))
-
-
-def _session(own: TableOutcome) -> SessionEntry:
-    return SessionEntry.from_result(own, results=[file for file, _ in own.files])
 
 
 def _type(name: str, robots: Sequence[TableOutcome]) -> TypeEntry:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from calib.arrays import IntArray
     from calib.compensation.estimate import Estimate
     from calib.iso9283 import MarkerReadings, MeasuredCriteria
-    from calib.iso9283.measured import Cycles
     from calib.iso9283.predicted import PredictedPose as Expected
 
 
@@ -143,7 +142,10 @@ def criteria(
         marker=session.model.marker_names[session.marker],
         same_data=known.same_data,
         instrument_rp_mm=repeatability_of(np.eye(3) * session.sigma**2) * _MM,
-        poses=(*map(_measured, found.cycles), *map(_predicted, expected.poses)),
+        poses=(
+            *(PoseEntry.from_result(c, how="measured", cycles=len(c.points)) for c in found.cycles),
+            *map(_predicted, expected.poses),
+        ),
         several=[
             DirectionVariation(pose=name, ways=ways, vap_mm=value * _MM)
             for name, (value, ways) in found.several.items()
@@ -154,10 +156,6 @@ def criteria(
             for own in every
         ],
     )
-
-
-def _measured(own: Cycles) -> PoseEntry:
-    return PoseEntry.from_result(own, how="measured", cycles=len(own.points))
 
 
 def _predicted(own: Expected) -> PoseEntry:

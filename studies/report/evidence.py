@@ -140,7 +140,11 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
     cell, notes = _cell(of_cell) if of_cell else (None, [])
     data, plans = {}, {}
     for result in of_cell:
-        if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(of_cell):
+        if (
+            cell is None
+            or not result.inputs
+            or result.inputs[0].sha256 != of_cell[0].inputs[0].sha256
+        ):
             continue
         if isinstance(result.record, DesignRecord):
             plans[result.path] = plan_poses(cell, result.record, result.path)
@@ -155,11 +159,6 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
 def _of_one_cell(results: tuple[ReportedResult, ...]) -> tuple[ReportedResult, ...]:
     """Those that begin with a cell: a fleet's inputs are results of many."""
     return tuple(result for result in results if result.record.of_one_cell)
-
-
-def _digest(results: tuple[ReportedResult, ...]) -> str:
-    """The hash of the cell of the first result."""
-    return results[0].inputs[0].sha256
 
 
 def _measured(cell: Cell, result: ReportedResult) -> tuple[MeasuredTables | None, list[str]]:

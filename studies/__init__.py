@@ -3,10 +3,11 @@
 The way of a result, one folder a kind, ``studies/<kind>/``:
 
 ``record.py``
-    A :class:`studies.record.Record`: every field of its JSON with its type, the unit in its name, and
-    ``<kind>_record(found, .., made_from)``, which makes it of what the library found: fields are filled
-    by their names (:meth:`studies.record.Entry.from_result`), and the function states only what is
-    neither a copy nor a change of unit. Where it is long it stands in ``make.py``. What telling and
+    A :class:`studies.record.Record`: every field of its JSON with its type and the unit in its name, or
+    with :class:`studies.record.From` where the result calls it otherwise; and
+    ``<kind>_record(found, .., made_from)``, which fills it from what the library found
+    (:meth:`studies.record.Entry.from_result`) and states only what is neither a copy nor a change of
+    unit. Where it needs more of the library than types it stands in ``make.py``. What telling and
     drawing take for granted (lists of equal length, a pose that exists) is a ``model_validator``: the
     file is refused with its place, and whatever fails later is a fault of ours that nobody catches.
 ``telling.py``
@@ -22,8 +23,9 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
 Nothing here knows who tells it or reads it: ``kinds.py`` alone names the folder of each kind, and
 ``results.py`` reads a file as the kind it says it is.
 
-To add a kind: its folder, its line in ``kinds.py``, its command in ``cli.py``, its place in
-``report/sections``. To add a field: one line in the record, named as in the result; a default only
-where files of earlier versions are to be read. ``posecal schema`` follows by itself. What needs the
-inputs of a result again (the arm, errors against joints) is a section of ``report/sections``.
+To add a kind: its folder, its line in ``kinds.py``, its command in ``cli.py``; its sections stand on
+the page by themselves. To add a field: one line in the record, named as in the result or with its
+``From``; a default only where files of earlier versions are to be read. ``posecal schema`` follows by
+itself. To add a section: a :class:`studies.document.Section` in ``told``; one that needs the inputs of
+a result again (the arm, errors against joints) is a function in ``report/sections.py``.
 """

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from studies.document import JOINT, Column, Rule, Sentence, Shown, labelled
-from studies.record import Entry, Maybe, Number
+from studies.record import Entry, From, Maybe, Number
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -37,13 +37,13 @@ C = TypeVar("C", bound=CauseEntry)
 _PLACES = 3  # that are worth naming one by one
 
 
-class Sought(CauseEntry):
+class DetectionLimit(CauseEntry):
     """A cause with the smallest size that is found nine times in ten, None where no size would be.
 
     left_mm : what it leaves at the targets if it hides, at the most that such an error plausibly is
     """
 
-    minimum_detectable: Maybe
+    minimum_detectable: Annotated[Maybe, From("smallest", own_unit=True)]
     unit: str
     left_mm: Annotated[Maybe, Shown("leaves")] = None
 
@@ -153,9 +153,9 @@ class TargetAccuracy(Entry):
     expanded_mm : within which 95 % of errors stay there
     """
 
-    tip_x_mm: Number
-    tip_y_mm: Number
-    tip_z_mm: Number
+    tip_x_mm: Annotated[Number, From("tip.0")]
+    tip_y_mm: Annotated[Number, From("tip.1")]
+    tip_z_mm: Annotated[Number, From("tip.2")]
     expected_mm: Maybe
     expanded_mm: Maybe = None
 
@@ -169,16 +169,9 @@ def at_targets(
     """
     from calib.arm.kinematics import forward
 
-    tips = forward(robot, targets.q).o[:, -1] * _MM
+    tips = forward(robot, targets.q).o[:, -1]
     covered = np.full(len(tips), np.nan) if expanded is None else expanded
-    return tuple(
-        TargetAccuracy(
-            tip_x_mm=x, tip_y_mm=y, tip_z_mm=z, expected_mm=error * _MM, expanded_mm=most * _MM
-        )
-        for (x, y, z), error, most in zip(
-            tips.tolist(), errors.tolist(), covered.tolist(), strict=True
-        )
-    )
+    return TargetAccuracy.from_each(targets.q, tip=tips, expected=errors, expanded=covered)
 
 
 def over_the_workspace(rows: Sequence[TargetAccuracy]) -> Picture:

@@ -6,12 +6,12 @@ The estimate is in SI and read by :func:`calib.files.estimate.load_estimate`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.record import Entry, Maybe, NotNegative, Number, Three
+from studies.record import Entry, From, Maybe, NotNegative, Number, Owner, Three
 
 if TYPE_CHECKING:
     from calib.arrays import Array
@@ -47,7 +47,7 @@ class ScatterEntry(Entry):
 
     approach: Row
     configuration: Row
-    configuration_of: Literal["instrument", "arm", "model", "undecided"] = "undecided"
+    configuration_of: Annotated[Owner, From("rest_of")] = "undecided"
 
 
 class TrendEntry(Entry):
@@ -65,8 +65,8 @@ class Estimated(Entry):
 
     parameters: tuple[EstimatedParameter, ...]
     covariance_si: tuple[Row, ...] = Field(alias="covariance_SI")
-    session_start_s: Number
-    session_clock: str = "s"
+    session_start_s: Annotated[Number, From("start")]
+    session_clock: Annotated[str, From("clock_unit")] = "s"
     unexplained: UnexplainedEntry
     scatter_si: ScatterEntry | None = Field(default=None, alias="scatter_SI")
     trend: TrendEntry | None = None
@@ -80,15 +80,8 @@ def estimated(estimate: Estimate) -> Estimated:
     variances = estimate.variances
     return Estimated.from_result(
         estimate,
-        parameters=[
-            EstimatedParameter.from_result(p, value_si=value)
-            for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
-        ],
-        session_start_s=estimate.start,
-        session_clock=estimate.clock_unit,
-        scatter_si=None
-        if variances is None
-        else ScatterEntry.from_result(variances, configuration_of=estimate.rest_of),
+        parameters=EstimatedParameter.from_each(estimate.model.parameters, value=estimate.values),
+        scatter_si=variances and ScatterEntry.from_result(variances, estimate),
     )
 
 

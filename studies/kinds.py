@@ -18,7 +18,7 @@ _HOMES = {
     "program": ("programs.record", "ProgramRecord", "programs.record"),
     "import": ("imports.record", "ImportRecord", "imports.record"),
     "compare": ("compare.record", "CompareRecord", "compare.telling"),
-    "identify": ("identify.record", "IdentifyRecord", "identify.record"),
+    "identify": ("identify.record", "IdentifyRecord", "identify.telling"),
     "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
     "enough": ("enough.record", "EnoughRecord", "enough.telling"),
     "next": ("next.record", "NextRecord", "next.record"),

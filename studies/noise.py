@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 from studies.document import FOUR, MM, mm
-from studies.record import Entry, MaybePositive, NotNegative, Positive
-
-Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
+from studies.record import Entry, MaybePositive, NotNegative, Owner, Positive
 
 if TYPE_CHECKING:
+    from calib.identification.noise_level import NoiseLevel
     from calib.model import Model
     from calib.scatter import Scatter, VarianceEstimate
 
@@ -83,17 +82,21 @@ class NoiseEntry(Entry):
         return told or self.believed_sigma_mm
 
 
-def by_level(
-    levels: VarianceEstimate | None, scatter: Scatter | None, reach: float
+def noise_fields(
+    noise: NoiseLevel,
+    levels: VarianceEstimate | None,
+    scatter: Scatter | None,
+    model: Model,
+    footprint: float,
 ) -> dict[str, Any]:
-    """The levels that an identification or a diagnosis found, as fields of :class:`NoiseEntry`.
+    """What an identification or a diagnosis found, level by level, as fields of :class:`NoiseEntry`.
 
-    reach : m, of the arm, by which it is judged whose they are
+    footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
     """
     from calib.cell import Repeatability
     from calib.uncertainty.pose_to_pose import pose_to_pose
 
-    found = pose_to_pose(levels, scatter, reach)
+    found = pose_to_pose(levels, scatter, model.robot.reach)
     fixed = found.rest
     if fixed is None and levels is not None and scatter is not None:
         fixed = Repeatability(0.0, 0.0)
@@ -103,6 +106,10 @@ def by_level(
         shown[f"{name}_urad"] = None if own is None else own.rotation * _URAD
     return {
         **shown,
+        "sigma_mm": noise.sigma * footprint * _MM,
+        "believed_sigma_mm": noise.believed * footprint * _MM,
+        "source": noise.source,
+        "pixel_mm": pixel_mm(model, footprint),
         "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,
         "configuration_of": found.of,
         "usual_mm": (found.usual.best * _MM, found.usual.worst * _MM),

@@ -13,10 +13,20 @@ from pydantic import Field, model_validator
 
 from studies import document as doc
 from studies.document import FOUR, HUNDREDTH, Shown, listed, plural
-from studies.record import Count, Entry, Envelope, NotNegative, Number, Positive, Record
+from studies.record import (
+    OWN_UNIT,
+    Count,
+    Entry,
+    Envelope,
+    From,
+    NotNegative,
+    Number,
+    Positive,
+    Record,
+)
 
 if TYPE_CHECKING:
-    from studies.fleet.types import Learnt
+    from studies.fleet.types import TypeEstimate
 
 _MOST = 20  # lines of a table that a terminal shows
 _FEW = 10  # robots below which plausible sizes still count
@@ -32,9 +42,9 @@ class ParameterOfPrior(Entry):
     effect: str
     where: str
     name: str
-    mean: Number
-    spread: Annotated[NotNegative, Shown("between robots")]
-    std: Annotated[Positive, Shown("one robot more", FOUR)]
+    mean: Annotated[Number, OWN_UNIT]
+    spread: Annotated[NotNegative, Shown("between robots"), OWN_UNIT]
+    std: Annotated[Positive, Shown("one robot more", FOUR), OWN_UNIT]
     shrunk: Annotated[Positive, Shown("of the plausible size", HUNDREDTH)]
     unit: str
     mean_si: Number = Field(alias="mean_SI")
@@ -48,8 +58,8 @@ class ParameterOfPrior(Entry):
 class RobotAside(Entry):
     """A robot that is not of the type; p : of one so far off."""
 
-    robot: Annotated[str, Shown("robot not of the type")]
-    p: NotNegative
+    robot: Annotated[str, Shown("robot not of the type"), From("name")]
+    p: Annotated[NotNegative, From("p_value")]
 
 
 class TypePrior(Entry):
@@ -60,9 +70,9 @@ class TypePrior(Entry):
     """
 
     type: str
-    nominal_sha256: tuple[str, ...]
+    nominal_sha256: Annotated[tuple[str, ...], From("nominal")]
     robots: Count
-    aside: tuple[RobotAside, ...]
+    aside: Annotated[tuple[RobotAside, ...], From("found.aside")]
     unlike: tuple[str, ...]
     leaning: tuple[str, ...]
     parameters: tuple[ParameterOfPrior, ...] = Field(min_length=1)
@@ -85,32 +95,21 @@ class PriorRecord(Record):
     types: tuple[TypePrior, ...] = Field(min_length=1)
 
 
-def prior_record(types: Sequence[Learnt], folder: str, made_from: Envelope) -> PriorRecord:
+def prior_record(types: Sequence[TypeEstimate], folder: str, made_from: Envelope) -> PriorRecord:
     """The record of what was learnt."""
     return PriorRecord(**made_from, folder=folder, types=tuple(map(_type, types)))
 
 
-def _type(own: Learnt) -> TypePrior:
+def _type(own: TypeEstimate) -> TypePrior:
     prior, found = own.found.prior, own.found
-    rows = zip(own.parameters, prior.mean, found.spread, prior.std, strict=True)
-    return TypePrior.from_result(
-        own,
-        prior,
-        nominal_sha256=own.nominal,
-        aside=[RobotAside(robot=one.name, p=one.p_value) for one in found.aside],
-        parameters=[
-            ParameterOfPrior.from_result(
-                p,
-                mean=mean / p.scale,
-                spread=spread / p.scale,
-                std=std / p.scale,
-                shrunk=std / p.size,
-                mean_si=mean,
-            )
-            for p, mean, spread, std in rows
-        ],
-        covariance_si=prior.covariance,
+    parameters = ParameterOfPrior.from_each(
+        own.parameters,
+        mean=prior.mean,
+        spread=found.spread,
+        std=prior.std,
+        shrunk=prior.std / [p.size for p in own.parameters],
     )
+    return TypePrior.from_result(own, prior, parameters=parameters)
 
 
 def told(record: PriorRecord) -> doc.Document:

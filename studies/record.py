@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import (
     Annotated,
@@ -51,6 +52,8 @@ MaybePositive = Annotated[Positive | None, BeforeValidator(_defined)]
 Three = tuple[Number, Number, Number]
 """A vector in space."""
 Count = Annotated[int, Field(ge=0, lt=2**53)]
+Owner = Literal["instrument", "arm", "model", "undecided"]
+"""Whose an error from pose to pose is."""
 
 
 def three(values: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float, float]:
@@ -68,6 +71,7 @@ _PER_UNIT = {
     "mrad": 1e3,
     "rad": 1.0,
     "deg": math.degrees(1.0),
+    "mm_per_n": 1e3,
     "um_per_h": 1e6 * _HOUR,
     "urad_per_h": 1e6 * _HOUR,
     "1_turn": 1.0,
@@ -75,9 +79,27 @@ _PER_UNIT = {
     "percent": 100.0,
     "s": 1.0,
     "h": 1.0 / _HOUR,
+    "hours": 1.0 / _HOUR,
     "si": 1.0,
 }
 """Suffix of a field -> how many of its unit make one SI unit."""
+
+
+@dataclass(frozen=True)
+class From:
+    """Where a field comes from, in its annotation, as far as its name does not say it.
+
+    path : names of attributes, keys and places with dots between them; else the field's name, with or
+        without its unit
+    own_unit : whether a result names the unit: it has a ``scale``, the size of one unit in SI
+    """
+
+    path: str = ""
+    own_unit: bool = False
+
+
+OWN_UNIT = From(own_unit=True)
+"""Of a value in SI whose unit the result names."""
 
 
 class Entry(BaseModel):
@@ -89,14 +111,15 @@ class Entry(BaseModel):
     def from_result(cls, *results: object, **own: Any) -> Self:
         """An entry filled from results by the names of its fields.
 
-        results : objects in SI; of several, the first that has an attribute gives it
+        results : objects or mappings in SI; of several, the first that has an attribute gives it
         own : fields that are neither a copy nor a scaling, in the units of the entry
 
-        A field takes the attribute of its name. One whose name ends in a unit takes the attribute of
-        the name without it, times the unit: ``rms_mm`` is 1e3 ``rms``, and ``drift_um_per_h`` 3.6e9
-        ``drift``. Values take the shape of the field's type: arrays become tuples; an object that
-        stands where an entry does is filled in the same way, also within tuples and dicts; None stays
-        None, and NaN becomes None where the field may be undefined.
+        A field takes the attribute of its name, or the one that :class:`From` in its annotation says.
+        One whose name ends in a unit takes the attribute of the name without it, times the unit:
+        ``rms_mm`` is 1e3 ``rms``, and ``drift_um_per_h`` 3.6e9 ``drift``. Values take the shape of the
+        field's type: arrays become tuples; an object that stands where an entry does is filled in the
+        same way, also within tuples and dicts; None stays None, and NaN becomes None where the field
+        may be undefined.
 
         >>> from types import SimpleNamespace
         >>> class Error(Entry):
@@ -114,7 +137,7 @@ class Entry(BaseModel):
         """
         values, missing = {}, []
         for name, field in cls.model_fields.items():
-            given = own.pop(name) if name in own else _attribute(results, name)
+            given = own.pop(name) if name in own else _found(results, name, field.metadata)
             if given is not _ABSENT:
                 values[name] = _shaped(given, field.annotation)
             elif field.is_required() or get_origin(field.annotation) is not Literal:
@@ -123,31 +146,77 @@ class Entry(BaseModel):
             raise TypeError(f"no result tells {cls.__name__} of {', '.join(missing)}")
         return cls(**values, **own)
 
+    @classmethod
+    def from_each(cls, each: Iterable[object], **columns: Iterable[Any]) -> tuple[Self, ...]:
+        """An entry for each of several results, as :meth:`from_result` fills it.
+
+        columns : what else is known, under the name of a field or what it comes from, one for each, SI
+
+        >>> from types import SimpleNamespace
+        >>> class Known(Entry):
+        ...     name: str
+        ...     std: Annotated[Maybe, OWN_UNIT]
+        >>> angle = SimpleNamespace(name="rz", scale=1e-6, unit="urad")
+        >>> Known.from_each([angle], std=np.array([2e-6]))
+        (Known(name='rz', std=2.0),)
+        """
+        found = zip(each, *columns.values(), strict=True)
+        return tuple(
+            cls.from_result(dict(zip(columns, own, strict=True)), one) for one, *own in found
+        )
+
 
 _ABSENT = object()
 
 
-def _attribute(results: Iterable[object], name: str) -> Any:
-    """What a field takes from results: the attribute of its name, or of that without the unit."""
-    units = [unit for unit in _PER_UNIT if name.endswith(f"_{unit}")]
-    names = [(name, 1.0)]
-    names += [(name.removesuffix(f"_{unit}"), _PER_UNIT[unit]) for unit in units]
-    for result in results:
-        for attribute, factor in names:
-            found = getattr(result, attribute, _ABSENT)
-            if found is not _ABSENT and not callable(found):
-                return found if factor == 1.0 else _scaled(found, factor)
+def _found(results: Sequence[object], name: str, told: Iterable[object]) -> Any:
+    """What a field takes from results, in its unit; told : of its annotation."""
+    source = next((own for own in told if isinstance(own, From)), From())
+    for path, factor in _sources(name, source):
+        found = _attribute(results, path)
+        if found is not _ABSENT:
+            per = _attribute(results, "scale") if source.own_unit else 1.0
+            return found if factor == per == 1.0 else _scaled(found, factor, per)
     return _ABSENT
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _sources(name: str, source: From) -> Iterator[tuple[str, float]]:
+    """Where a field may come from, and how many of its unit make one SI unit there."""
+    units = [unit for unit in _PER_UNIT if f"_{name}".endswith(f"_{unit}")]
+    factors = [1.0 if source.own_unit else _PER_UNIT[unit] for unit in units]
+    if source.path:
+        yield source.path, factors[0] if units else 1.0
+        return
+    yield name, 1.0
+    for unit, factor in zip(units, factors, strict=True):
+        yield name.removesuffix(f"_{unit}"), factor
+
+
+def _attribute(results: Iterable[object], path: str) -> Any:
+    """The first that a result has at a path; None behind what is None."""
+    for result in results:
+        found: Any = result
+        for name in path.split("."):
+            if isinstance(found, Mapping):
+                found = found.get(name, _ABSENT)
+            elif isinstance(found, tuple | np.ndarray) and name.isdigit():
+                found = found[int(name)]
+            elif found is not None:
+                found = getattr(found, name, _ABSENT)
+        if found is not _ABSENT and not callable(found):
+            return found
+    return _ABSENT
+
+
+def _scaled(value: Any, factor: float, per: float) -> Any:
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return {key: _scaled(own, factor) for key, own in value.items()}
+        return {key: _scaled(own, factor, per) for key, own in value.items()}
     if isinstance(value, list | tuple):
-        return tuple(_scaled(own, factor) for own in value)
-    return value * factor
+        made = [_scaled(own, factor, per) for own in value]
+        return type(value)(*made) if hasattr(value, "_fields") else tuple(made)
+    return value * factor / per
 
 
 def _shaped(value: Any, kind: Any) -> Any:
@@ -173,6 +242,24 @@ def _shaped(value: Any, kind: Any) -> Any:
     return tuple(_shaped(own, Any) for own in value) if isinstance(value, list) else value
 
 
+class IntervalEntry(Entry):
+    """A value with its 95 % interval, in the unit of its field; None where that is open."""
+
+    value: Number
+    low: Maybe
+    high: Maybe
+
+
+def ends(own: IntervalEntry | None) -> tuple[float | None, float | None, float | None]:
+    """A value and both ends of its interval."""
+    return (None, None, None) if own is None else (own.value, own.low, own.high)
+
+
+def intervals(entries: Iterable[IntervalEntry | None]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Values and both ends, shape (3, n), NaN where there is none."""
+    return np.array([ends(own) for own in entries], dtype=np.float64).T
+
+
 class InputFile(Entry):
     """A file that a result was made from, by its content."""
 
@@ -194,16 +281,38 @@ class UnidentifiableEntry(Entry):
     reason: str
 
 
+class Judgement(NamedTuple):
+    """What a tolerance makes of an error; word : for the outcome, where it is not its name."""
+
+    outcome: Literal["pass", "fail", "undecided"]
+    by: str
+    word: str = ""
+
+
 class BeforeAfter(NamedTuple):
     """The RMS error that a result begins with, and what it leaves, in a unit.
 
-    heldout : whether at poses that took no part
+    of : which error, with {where} for the poses; ends : what before and after are called
+    heldout : whether at poses that took no part; judged : None without a tolerance
     """
 
     before: float
     after: float
+    of: str
     unit: str = "mm"
     heldout: bool = False
+    ends: tuple[str, str] = ("before", "after")
+    judged: Judgement | None = None
+
+    @property
+    def where(self) -> str:
+        """At which poses."""
+        return "held-out poses" if self.heldout else "the fitted poses"
+
+    @property
+    def name(self) -> str:
+        """Which error it is, in words."""
+        return self.of.format(where=self.where)
 
 
 class Record(Entry):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
 from calib.errors import InputError
-from calib.files.read import read_text
+from calib.files.read import read_text, sha256
 from studies.kinds import KINDS, record_type
 from studies.record import InputFile, Record
 
@@ -67,6 +68,31 @@ def read_as(path: Path, kind: type[R]) -> R:
     if not isinstance(record, kind):
         raise InputError(path, "command", f"is {record.command}", "name another result")
     return record
+
+
+@dataclass(frozen=True)
+class Input:
+    """A file that a result was made from; state: "unchanged", "changed since" or "not found"."""
+
+    file: str
+    sha256: str
+    state: str
+    path: Path | None
+
+
+def located(result: Path, file: str, digest: str) -> Input:
+    """The file where it was, or beside the result."""
+    state = "not found"
+    for path in (Path(file), result.parent / Path(file).name):
+        try:
+            if not path.is_file():
+                continue
+            if sha256(path) == digest:
+                return Input(file, digest, "unchanged", path)
+        except (OSError, ValueError):
+            continue
+        state = "changed since"
+    return Input(file, digest, state, None)
 
 
 def _head(text: str, path: Path) -> _Head:

@@ -16,12 +16,11 @@ from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.poses import Poses
 from studies.identify.record import IdentifyRecord
-from studies.report.evidence import located
-from studies.results import read_as
+from studies.results import located, read_as
 
 
 @dataclass(frozen=True, eq=False)
-class Days:
+class ComparedDays:
     """What two results know.
 
     cell, estimate : of the later one
@@ -42,7 +41,7 @@ class Days:
         return self.cell, self.before, self.after, self.estimate
 
 
-def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days:
+def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> ComparedDays:
     """Read both results and the cell of the later one.
 
     Raises InputError: no results of identify, one that did not converge, results of different robots,
@@ -57,7 +56,7 @@ def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Days
         _check_robot(cell, path, record)
     tables = [_poses(cell, path, own) for path, own in ((before_path, before), (after_path, after))]
     estimate = load_estimate(cell, after_path)
-    return Days(
+    return ComparedDays(
         before_path,
         after_path,
         cell,

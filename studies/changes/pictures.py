@@ -9,6 +9,7 @@ import numpy as np
 
 from studies.plots import style
 from studies.plots.errors import before_and_after
+from studies.record import intervals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,7 +90,7 @@ def errors_at_targets(record: ChangesRecord) -> style.Picture:
     series = [(off, [t.kept_mm for t in targets]), (_MOVED, [t.change_mm for t in targets])]
     figure = before_and_after(
         [target.pose for target in targets],
-        [(look, np.array([(e.value, e.low, e.high) for e in errors]).T) for look, errors in series],
+        [(look, intervals(errors)) for look, errors in series],
         "error at the target [mm]",
         of="target, the worst first",
         level=None if record.tolerance_mm is None else (_TOLERANCE, record.tolerance_mm),

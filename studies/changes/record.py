@@ -10,10 +10,14 @@ from pydantic import Field, model_validator
 from studies.document import P, Shown
 from studies.entries import CauseEntry
 from studies.record import (
+    OWN_UNIT,
     BeforeAfter,
     Count,
     Entry,
     Envelope,
+    From,
+    IntervalEntry,
+    Judgement,
     Maybe,
     MaybePositive,
     NotNegative,
@@ -26,15 +30,14 @@ if TYPE_CHECKING:
     from calib.change import Changes
     from calib.change.causes import ChangeCause, Explanation
     from calib.change.comparison import AtTargets
-    from calib.uncertainty.expanded import Interval
-    from studies.changes.days import Days
+    from studies.changes.days import ComparedDays
 
 _MM = 1e3
 _MOST = 8  # causes that are kept
 _KNOWN = 1e8  # degrees of freedom from which noise counts as known
 
 
-class Test(Entry):
+class DifferenceTest(Entry):
     """Against "nothing changed": the squared difference over the rows that both days determine.
 
     dof : of the noise behind it, None where that was known
@@ -43,7 +46,7 @@ class Test(Entry):
     statistic: NotNegative
     rows: Count
     dof: Maybe
-    p: NotNegative
+    p: Annotated[NotNegative, From("p_value")]
     false_alarm: Positive
 
 
@@ -54,44 +57,44 @@ class ChangedParameter(Entry):
     effect: str
     where: str
     name: str
-    change: Number
-    std: Annotated[MaybePositive, Shown("standard\ndeviation")]
+    change: Annotated[Number, OWN_UNIT]
+    std: Annotated[MaybePositive, Shown("standard\ndeviation"), OWN_UNIT]
     family_p: Annotated[Maybe, Shown("p, of all\ntogether", P)]
     moved: bool
     unit: str
 
 
-class Alone(Entry):
+class UncomparedParameter(Entry):
     """A parameter of one result only, which takes no part; sigmas : its size in standard deviations."""
 
     id: str
     sigmas: NotNegative
 
 
-class LeftEntry(Entry):
+class FitResiduals(Entry):
     """What the fits leave, 3-D RMS per point; p : of so much more on the later day by chance.
 
     excess : of the day with more, beyond the instrument; it counts as errors of the drives that were
     there on both days
     """
 
-    before_mm: NotNegative
-    after_mm: NotNegative
-    p: NotNegative
-    grown: bool
+    before_mm: Annotated[NotNegative, From("left.0")]
+    after_mm: Annotated[NotNegative, From("left.1")]
+    p: Annotated[NotNegative, From("grown")]
+    grown: Annotated[bool, From("leaves_more")]
     excess_mm: NotNegative
 
 
-class Size(Entry):
+class CauseSize(Entry):
     """A size of a cause; None where the difference does not tell it."""
 
     name: str
-    value: Maybe
-    std: MaybePositive
+    value: Annotated[Maybe, OWN_UNIT]
+    std: Annotated[MaybePositive, OWN_UNIT]
     unit: str
 
 
-class Explained(CauseEntry):
+class CauseExplanation(CauseEntry):
     """A cause beside the difference.
 
     effect : ``base`` and ``tool`` moved as a whole, ``marker``, or an effect
@@ -103,23 +106,22 @@ class Explained(CauseEntry):
     p_left: Annotated[NotNegative, Shown("p of\nthe rest", P)]
     explains: bool
     likely: bool
-    sizes: tuple[Size, ...]
-
-
-class Error(Entry):
-    """An error with its 95 % interval."""
-
-    value: NotNegative
-    low: NotNegative
-    high: NotNegative
+    sizes: tuple[CauseSize, ...]
 
 
 class AtTarget(Entry):
     """What lies between the days at a target, and the error there with the values of before."""
 
     pose: str
-    change_mm: Error
-    kept_mm: Error
+    change_mm: IntervalEntry
+    kept_mm: IntervalEntry
+
+
+_OUTCOMES: dict[str, Literal["pass", "fail", "undecided"]] = {
+    "holds": "pass",
+    "does_not": "fail",
+    "cannot_be_said": "undecided",
+}
 
 
 class ChangesRecord(Record):
@@ -134,20 +136,20 @@ class ChangesRecord(Record):
     before: str
     after: str
     status: Literal["unchanged", "changed"]
-    test: Test
+    test: DifferenceTest
     parameters: tuple[ChangedParameter, ...] = Field(min_length=1)
-    apart: tuple[str, ...]
-    alone: tuple[Alone, ...]
-    left: LeftEntry
-    cause: Literal["none", "named", "ambiguous", "unclear"]
-    causes: tuple[Explained, ...]
+    apart: Annotated[tuple[str, ...], From("difference.apart")]
+    alone: tuple[UncomparedParameter, ...]
+    left: FitResiduals
+    cause: Annotated[Literal["none", "named", "ambiguous", "unclear"], From("told")]
+    causes: tuple[CauseExplanation, ...]
     same_as: tuple[CauseEntry, ...]
     hidden: tuple[CauseEntry, ...]
-    targets: str
-    change_rms_mm: Error
-    change_worst_mm: Error
-    kept_rms_mm: Error
-    kept_worst_mm: Error
+    targets: Annotated[str, From("cell.targets_in_words")]
+    change_rms_mm: Annotated[IntervalEntry, From("change.rms")]
+    change_worst_mm: Annotated[IntervalEntry, From("change.worst")]
+    kept_rms_mm: Annotated[IntervalEntry, From("expected.0")]
+    kept_worst_mm: Annotated[IntervalEntry, From("expected.1")]
     renewed_rms_mm: NotNegative
     rest_mm: NotNegative
     outside_mm: NotNegative | None = None
@@ -169,52 +171,55 @@ class ChangesRecord(Record):
     @property
     def error(self) -> BeforeAfter:
         """At the targets today, with the values of before and with those of after."""
-        return BeforeAfter(self.kept_rms_mm.value, self.renewed_rms_mm)
+        judged = None
+        if self.verdict is not None:
+            by = f"tolerance {self.tolerance_mm:g} mm at any target, with {self.before}"
+            judged = Judgement(_OUTCOMES[self.verdict], by)
+        return BeforeAfter(
+            self.kept_rms_mm.value,
+            self.renewed_rms_mm,
+            "RMS error at the targets today",
+            ends=(f"with {self.before}", f"with {self.after}"),
+            judged=judged,
+        )
 
 
-def changes_record(found: Changes, days: Days, made_from: Envelope) -> ChangesRecord:
+def changes_record(found: Changes, days: ComparedDays, made_from: Envelope) -> ChangesRecord:
     """The record of a comparison."""
     from calib.change.difference import FALSE_ALARM
 
     apart = found.difference
-    rms, worst = found.expected
-    before, after = apart.left
     return ChangesRecord.from_result(
         found,
+        days,
         **made_from,
         warnings=days.notes,
         before=days.before_path.name,
         after=days.after_path.name,
         status="changed" if apart.changed else "unchanged",
-        test=Test.from_result(
+        test=DifferenceTest.from_result(
             apart,
             rows=len(apart.whitened),
             dof=apart.dof if apart.dof < _KNOWN else None,
-            p=apart.p_value,
             false_alarm=FALSE_ALARM,
         ),
-        parameters=_parameters(found),
-        apart=apart.apart,
+        parameters=ChangedParameter.from_each(
+            found.parameters,
+            change=apart.change,
+            std=apart.std,
+            family_p=apart.family_p,
+            moved=apart.changed_parameters,
+        ),
         alone=tuple(
-            Alone(id=f"{effect}:{where}.{name}", sigmas=sigmas)
+            UncomparedParameter(id=f"{effect}:{where}.{name}", sigmas=sigmas)
             for (effect, where, name), sigmas in apart.alone.items()
         ),
-        left=LeftEntry(
-            before_mm=before * _MM,
-            after_mm=after * _MM,
-            p=apart.grown,
-            grown=apart.leaves_more,
-            excess_mm=max(days.before.excess, days.after.excess) * _MM,
+        left=FitResiduals.from_result(
+            apart, excess_mm=max(days.before.excess, days.after.excess) * _MM
         ),
-        cause=found.told,
         causes=tuple(map(_explained, found.explanations[:_MOST])) if apart.changed else (),
         same_as=tuple(map(_named, found.same_as)),
         hidden=tuple(_named(e.cause) for e in found.explanations if e.hidden),
-        targets=days.cell.targets_in_words,
-        change_rms_mm=_error(found.change.rms),
-        change_worst_mm=_error(found.change.worst),
-        kept_rms_mm=_error(rms),
-        kept_worst_mm=_error(worst),
         renewed_rms_mm=float(np.hypot(found.renewed, found.rest)) * _MM,
         worst_at=found.targets.names[found.kept.worst_at],
         at_targets=tuple(
@@ -231,32 +236,12 @@ def _named(cause: ChangeCause) -> CauseEntry:
     return CauseEntry(effect=cause.kind, where=cause.where)
 
 
-def _parameters(found: Changes) -> tuple[ChangedParameter, ...]:
-    own = found.difference
-    columns = own.change, own.std, own.family_p, own.changed_parameters
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return tuple(
-        ChangedParameter.from_result(
-            p, change=change / p.scale, std=std / p.scale, family_p=family, moved=bool(named)
-        )
-        for p, (change, std, family, named) in zip(found.parameters, rows, strict=True)
-    )
-
-
-def _explained(found: Explanation) -> Explained:
-    own, values, std = found.cause.parameters, found.values.tolist(), found.std.tolist()
-    sizes = tuple(
-        Size(name=p.name, value=value / p.scale, std=error / p.scale, unit=p.unit)
-        for p, value, error in zip(own, values, std, strict=True)
-    )
+def _explained(found: Explanation) -> CauseExplanation:
     cause = found.cause
-    return Explained.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
+    sizes = CauseSize.from_each(cause.parameters, value=found.values, std=found.std)
+    return CauseExplanation.from_result(found, effect=cause.kind, where=cause.where, sizes=sizes)
 
 
-def _error(length: Interval) -> Error:
-    return Error(value=length.value * _MM, low=length.low * _MM, high=length.high * _MM)
-
-
-def _errors(found: AtTargets, rest: float) -> list[Error]:
+def _errors(found: AtTargets, rest: float) -> list[IntervalEntry]:
     shown = (np.hypot(found.errors, rest) * _MM).tolist()
-    return [Error(value=value, low=low, high=high) for value, low, high in shown]
+    return [IntervalEntry(value=value, low=low, high=high) for value, low, high in shown]

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from studies import document as doc
 from studies.changes.pictures import changed_parameters, errors_at_targets
-from studies.changes.record import ChangedParameter, ChangesRecord, Error, Explained, Test
+from studies.changes.record import CauseExplanation, ChangedParameter, ChangesRecord, DifferenceTest
 from studies.document import Shown, labelled, listed, mm, plural
 from studies.entries import CauseEntry, gathered
+from studies.record import IntervalEntry
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
@@ -65,12 +66,12 @@ def _hidden(record: ChangesRecord) -> str:
     return f"{inside}; outside the model, {mm(record.outside_mm)} more."
 
 
-def _chance(test: Test) -> str:
+def _chance(test: DifferenceTest) -> str:
     """How likely so large a difference is by chance."""
     return f"p = {doc.P(test.p)}" if test.p > 1e-300 else "p below 1e-300"
 
 
-def _shown(error: Error) -> str:
+def _shown(error: IntervalEntry) -> str:
     return f"{doc.MM(error.value)} mm ({doc.MM(error.low)} to {doc.MM(error.high)})"
 
 
@@ -171,7 +172,7 @@ def _compared(record: ChangesRecord) -> Iterator[doc.Sentence]:
 
 
 _CAUSES = doc.columns(
-    Explained,
+    CauseExplanation,
     "key probability share p_left",
     doc.Column("what happened", words, doc.TEXT, detail=True),
 )

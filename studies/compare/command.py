@@ -91,8 +91,8 @@ def compare(
     from calib.files.estimate import load_values
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
+    from studies.compare.make import compare_record
     from studies.compare.prediction import read_by_each
-    from studies.compare.record import compare_record
     from studies.compare.stated_noise import stated_noise
     from studies.engines import engine
     from studies.record import envelope

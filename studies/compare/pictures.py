@@ -16,7 +16,7 @@ from studies.plots import accuracy, deviations, ellipses, information
 from studies.plots.style import Picture
 
 if TYPE_CHECKING:
-    from studies.compare.record import Approach, ByNumber, CompareRecord, Plan
+    from studies.compare.record import ByNumber, ComparedApproach, ComparedPlan, CompareRecord
 
 Draw = Callable[[], Picture]
 
@@ -32,7 +32,7 @@ def pictures(record: CompareRecord) -> Iterator[Draw]:
             yield draw if len(record.plans) == 1 else partial(_named, plan, draw)
 
 
-def _named(plan: Plan, draw: Draw) -> Picture:
+def _named(plan: ComparedPlan, draw: Draw) -> Picture:
     picture = draw()
     start = re.sub(r"[^\w.-]+", "_", plan.plan.removesuffix(".csv"))
     return replace(picture, name=f"{start}_{picture.name}", title=f"{plan.plan}: {picture.title}")
@@ -50,7 +50,7 @@ def by_plan(record: CompareRecord) -> Picture:
     )
 
 
-def of_plan(plan: Plan) -> Iterator[Draw]:
+def of_plan(plan: ComparedPlan) -> Iterator[Draw]:
     """Figures of one plan, as far as the result holds what they show."""
     yield lambda: by_approach(plan)
     if any(own.agreement for own in plan.approaches):
@@ -67,14 +67,14 @@ def of_plan(plan: Plan) -> Iterator[Draw]:
         yield lambda: _against(plan.by_markers, "markers")
 
 
-def by_approach(plan: Plan) -> Picture:
+def by_approach(plan: ComparedPlan) -> Picture:
     """Standard deviations by approach."""
     return deviations.by_approach(
         plan.ids, _units(plan), {own.key: _std(own) for own in plan.approaches}
     )
 
 
-def simulated(plan: Plan) -> Picture:
+def simulated(plan: ComparedPlan) -> Picture:
     """Predicted and simulated ones, where there are trials."""
     tried = [own for own in plan.approaches if own.agreement]
     scatter = {
@@ -86,7 +86,7 @@ def simulated(plan: Plan) -> Picture:
     )
 
 
-def entangled(plan: Plan) -> Picture:
+def entangled(plan: ComparedPlan) -> Picture:
     """Error ellipses of the parameters that go together most."""
     unit, first = dict(zip(plan.ids, _units(plan), strict=True)), plan.entangled[0]
     return ellipses.ellipses(
@@ -99,7 +99,7 @@ def entangled(plan: Plan) -> Picture:
     )
 
 
-def information_by_pose(plan: Plan) -> Picture:
+def information_by_pose(plan: ComparedPlan) -> Picture:
     """What each pose counts for, by effect."""
     poses = plan.by_pose
     return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
@@ -110,9 +110,9 @@ def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
     return accuracy.against_number(curve.counts, rms, of, "expected error, median of subsets")
 
 
-def _units(plan: Plan) -> list[str]:
+def _units(plan: ComparedPlan) -> list[str]:
     return [p.unit for p in plan.points.parameters]
 
 
-def _std(own: Approach) -> Array:
+def _std(own: ComparedApproach) -> Array:
     return np.array([p.std for p in own.parameters], dtype=float)

@@ -93,8 +93,9 @@ class AccuracyCurve:
 
     Sizes at which no way determines every parameter are left out.
 
-    counts : ndarray of int, shape (s,); rms : dict, way -> ndarray, shape (s,); NaN or infinite where
-        a way cannot be had or leaves parameters open
+    counts : ndarray of int, shape (s,)
+    rms : dict, way -> ndarray, shape (s,), of ways that can be had; infinite where one leaves
+        parameters open
     """
 
     counts: IntArray
@@ -174,7 +175,8 @@ def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> AccuracyCurv
         way.key: np.array([np.median([one.get(way.key, np.inf) for one in row]) for row in rows])
         for way in WAYS
     }
-    known = np.any([np.isfinite(own) for own in rms.values()], axis=0)
+    rms = {key: own for key, own in rms.items() if np.isfinite(own).any()}
+    known = np.any([np.isfinite(own) for own in rms.values()], axis=0) if rms else []
     return AccuracyCurve(counts[known], {key: own[known] for key, own in rms.items()})
 
 

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import WHOLE, Shown
-from studies.record import Count, Entry, Envelope, Maybe, Number, Positive, Record
-
-if TYPE_CHECKING:
-    from calib.arrays import Array
-    from calib.cell import Cell
-    from calib.effects.protocol import Parameter
-    from studies.compare.compare import PlanComparison, PlanStudy, Verdict
-    from studies.compare.montecarlo import FromScratch as Scratch
-    from studies.compare.prediction import AccuracyCurve
-
-_MM = 1e3
-_PAIRS = 6  # error ellipses: the parameters most entangled
-_POINTS = 400  # simulated experiments of an ellipse that are kept; more only darken its cloud
+from studies.record import (
+    OWN_UNIT,
+    Count,
+    Entry,
+    From,
+    Maybe,
+    Number,
+    Positive,
+    Record,
+)
 
 Pair = tuple[Number, Number]
 Outline = tuple[Pair, Pair]
@@ -35,9 +29,9 @@ class ComparedParameter(Entry):
     effect: str
     where: str
     id: str
-    std: Maybe
+    std: Annotated[Maybe, OWN_UNIT]
     unit: str
-    monte_carlo_std: Maybe
+    monte_carlo_std: Annotated[Maybe, OWN_UNIT]
     monte_carlo_bias_in_standard_errors: Maybe
 
 
@@ -51,16 +45,16 @@ class FromScratchEntry(Entry):
     farthest_in_standard_deviations: Maybe
 
 
-class Tested(Entry):
+class AgreementTests(Entry):
     """Simulation against one prediction, by chi-square tests."""
 
     worst_ratio: Maybe
-    variance_ratio: Maybe
-    chi2_p: Number
+    variance_ratio: Annotated[Maybe, From("total")]
+    chi2_p: Annotated[Number, From("p")]
     tests: dict[str, Number]
 
 
-class Approach(Entry):
+class ComparedApproach(Entry):
     """A plan under one approach and weighting."""
 
     approach: Literal["points", "pose"]
@@ -69,10 +63,10 @@ class Approach(Entry):
     parameters: tuple[ComparedParameter, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
-    monte_carlo_task_rms_mm: Maybe
-    not_converged: Count
+    monte_carlo_task_rms_mm: Annotated[Maybe, From("simulated_rms")]
+    not_converged: Annotated[Count, From("unsettled")]
     from_scratch: FromScratchEntry | None
-    agreement: Tested | None
+    agreement: AgreementTests | None
     reason: str | None
 
     @property
@@ -81,7 +75,7 @@ class Approach(Entry):
         return "points" if self.approach == "points" else f"pose {self.weighting}"
 
 
-class Factor(Entry):
+class ImprovementFactor(Entry):
     """Plain approach #1 over approach #2; None where they determine different parameters."""
 
     name: str
@@ -91,7 +85,7 @@ class Factor(Entry):
     factor: Maybe
 
 
-class Worth(Entry):
+class PoseLeverage(Entry):
     """What a pose counts for in the variances; ``effects`` sums it over those of each effect."""
 
     pose: str
@@ -102,11 +96,11 @@ class Worth(Entry):
 class DerivativesEntry(Entry):
     """How far a derivative is off the model's own slope, where it is farthest."""
 
-    worst_relative_error: Maybe
-    id: str
+    worst_relative_error: Annotated[Maybe, From("off")]
+    id: Annotated[str, From("parameter")]
 
 
-class Entangled(Entry):
+class CorrelatedPair(Entry):
     """Two parameters that go together: covariances and simulated errors by approach, in their units."""
 
     ids: tuple[str, str]
@@ -118,7 +112,7 @@ class ByNumber(Entry):
     """Task RMS by a number of poses or markers, median over subsets, by approach."""
 
     counts: tuple[Count, ...] = ()
-    task_rms_mm: dict[str, tuple[Maybe, ...]] = Field(default_factory=dict)
+    task_rms_mm: Annotated[dict[str, tuple[Maybe, ...]], From("rms")] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:
@@ -127,21 +121,21 @@ class ByNumber(Entry):
         return self
 
 
-class Plan(Entry):
+class ComparedPlan(Entry):
     """One plan under every approach, the last of them that of points."""
 
-    plan: str
+    plan: Annotated[str, From("name")]
     poses: Count
     readings: Count
-    trials: Count
-    derivatives: DerivativesEntry
+    trials: Annotated[Count, From("refits.trials")]
+    derivatives: Annotated[DerivativesEntry, From("slopes")]
     hidden_markers: Count
     readings_without_pose: Count
-    approaches: tuple[Approach, ...] = Field(min_length=1)
-    improvement: tuple[Factor, ...]
-    by_pose: tuple[Worth, ...]
+    approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
+    improvement: tuple[ImprovementFactor, ...]
+    by_pose: tuple[PoseLeverage, ...]
     correlation: tuple[tuple[Maybe, ...], ...] = ()
-    entangled: tuple[Entangled, ...] = ()
+    entangled: tuple[CorrelatedPair, ...] = ()
     by_poses: ByNumber = ByNumber()
     by_markers: ByNumber = ByNumber()
 
@@ -167,7 +161,7 @@ class Plan(Entry):
         return self
 
     @property
-    def points(self) -> Approach:
+    def points(self) -> ComparedApproach:
         """Under approach #2, which any markers allow."""
         return self.approaches[-1]
 
@@ -176,7 +170,7 @@ class Plan(Entry):
         """Identifiers of the parameters."""
         return tuple(p.id for p in self.points.parameters)
 
-    def of(self, key: str) -> Approach | None:
+    def of(self, key: str) -> ComparedApproach | None:
         """Under one approach, None where the markers do not allow it."""
         return next((own for own in self.approaches if own.key == key), None)
 
@@ -201,7 +195,7 @@ class AgreementEntry(Entry):
     """Whether the prediction can be believed, over all plans and approaches."""
 
     worst_ratio: Maybe
-    chi2_p: Maybe
+    chi2_p: Annotated[Maybe, From("p")]
     ratio_band95: tuple[Maybe, Maybe]
     worst_ratio_band99: tuple[Maybe, Maybe]
     ratios: Count
@@ -216,201 +210,13 @@ class CompareRecord(Record):
     """
 
     command: Literal["compare"] = "compare"
-    plans: tuple[Plan, ...] = Field(min_length=1)
-    targets: str
+    plans: tuple[ComparedPlan, ...] = Field(min_length=1)
+    targets: Annotated[str, From("cell.targets_in_words")]
     task_at: Literal["markers", "tip origin"]
     notes: tuple[str, ...]
     trials: Count
-    trials_asked: Count
+    trials_asked: Annotated[Count, From("asked")]
     truth: Literal["model", "mujoco"]
-    truth_note: str = ""
+    truth_note: Annotated[str, From("why_not")] = ""
     agreement: AgreementEntry
     read_by: tuple[ReadBy, ...] = ()
-
-
-def compare_record(
-    found: PlanComparison,
-    made_from: Envelope,
-    *,
-    curves: bool = False,
-    read_by: Sequence[ReadBy] = (),
-) -> CompareRecord:
-    """The record of a comparison.
-
-    read_by : its plans as the instruments of several cells read them, those of this cell first
-    curves : whether to predict for fewer poses and markers too, which takes as long as 200 plans
-    """
-    from calib.effects.tool import Tool
-
-    tool = bool(len(found.plans[0].experiment.model.where(Tool)))
-    return CompareRecord.from_result(
-        found,
-        **made_from,
-        warnings=(),
-        plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
-        targets=found.cell.targets_in_words,
-        task_at="markers" if tool else "tip origin",
-        notes=_notes(found.cell),
-        trials_asked=found.asked,
-        truth_note=found.why_not,
-        agreement=_agreement(found),
-        read_by=tuple(read_by),
-    )
-
-
-def _notes(cell: Cell) -> tuple[str, ...]:
-    if not cell.noise.grows or cell.instrument is not None:
-        return ()
-    return (
-        "the cell does not say where the instrument stands ([instrument] position_mm): its ranges "
-        "count from the robot's base",
-    )
-
-
-def _agreement(found: PlanComparison) -> AgreementEntry:
-    from studies.compare.agreement import BELIEVED, band
-    from studies.compare.judgement import believed, says
-
-    ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
-    levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
-    bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
-    return AgreementEntry.from_result(
-        found,
-        chi2_p=found.p,
-        ratio_band95=bands[0],
-        worst_ratio_band99=bands[1],
-        ratios=ratios,
-        believed=believed(found),
-        says=says(found),
-    )
-
-
-def _plan(cell: Cell, study: PlanStudy, curves: bool) -> Plan:
-    from calib.model.covariance import correlation
-    from calib.observations import orientable
-    from studies.compare.prediction import by_markers, by_poses, influence_by_effect
-
-    experiment, count = study.experiment, len(study.plan)
-    markers = experiment.model.marker_positions(experiment.nominal)
-    points = experiment.seen if experiment.seen.shape[1] == len(markers) else None
-    covariance = study.points.prediction.covariance
-    R = correlation(covariance)
-    nothing = ByNumber()
-    shares, effects = influence_by_effect(experiment, study.points.prediction, count)
-    return Plan(
-        plan=study.name,
-        poses=count,
-        readings=len(experiment.poses),
-        trials=study.refits.trials,
-        derivatives=DerivativesEntry(
-            worst_relative_error=study.slopes.off, id=study.slopes.parameter
-        ),
-        hidden_markers=int((~experiment.seen).sum()),
-        readings_without_pose=0 if points is None else int((~orientable(markers, points)).sum()),
-        approaches=tuple(_approach(study, verdict) for verdict in study.verdicts),
-        improvement=_improvement(study),
-        by_pose=tuple(
-            Worth(
-                pose=name,
-                parameters_worth=float(share.sum()),
-                effects=dict(zip(effects, share.tolist(), strict=True)),
-            )
-            for name, share in zip(study.plan.names, shares, strict=True)
-        ),
-        correlation=_rows(np.where(np.diag(covariance) > 0.0, R, np.nan)),
-        entangled=_entangled(study, R),
-        by_poses=_by_number(by_poses(cell, experiment, count)) if curves else nothing,
-        by_markers=_by_number(by_markers(cell, study.plan, experiment.length))
-        if curves
-        else nothing,
-    )
-
-
-def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, matrix.round(4).tolist()))
-
-
-def _improvement(study: PlanStudy) -> tuple[Factor, ...]:
-    if study.improvement is None:
-        return ()
-    return tuple(
-        Factor.from_result(p, factor=factor)
-        for p, factor in zip(_parameters(study), study.improvement.tolist(), strict=True)
-    )
-
-
-def _parameters(study: PlanStudy) -> Sequence[Parameter]:
-    return study.experiment.model.parameters
-
-
-def _approach(study: PlanStudy, verdict: Verdict) -> Approach:
-    found, way = verdict.agreement, verdict.way
-    parameters = _parameters(study)
-    nothing = np.full(len(parameters), np.nan)
-    simulated, bias = (nothing, nothing) if found is None else (found.std, found.bias_share)
-    known = zip(parameters, verdict.prediction.std, simulated, bias, strict=True)
-    return Approach.from_result(
-        verdict,
-        way,
-        length_mm=study.experiment.length * _MM if way.weighting == "plain" else None,
-        parameters=tuple(
-            ComparedParameter.from_result(
-                p,
-                std=float(std) / p.scale,
-                monte_carlo_std=float(own) / p.scale,
-                monte_carlo_bias_in_standard_errors=float(shift),
-            )
-            for p, std, own, shift in known
-        ),
-        monte_carlo_task_rms_mm=verdict.simulated_rms * _MM,
-        not_converged=verdict.unsettled,
-        from_scratch=_from_scratch(study.refits.scratch.get(way.key, [])),
-        agreement=None
-        if found is None
-        else Tested.from_result(found, variance_ratio=found.total, chi2_p=found.p),
-    )
-
-
-def _from_scratch(done: Sequence[Scratch]) -> FromScratchEntry | None:
-    if not done:
-        return None
-    return FromScratchEntry(
-        trials=len(done),
-        same=sum(own.same for own in done),
-        with_outliers=sum(own.outliers > 0 for own in done),
-        noise=dict(Counter(own.noise for own in done)),
-        farthest_in_standard_deviations=max(own.apart for own in done),
-    )
-
-
-def _entangled(study: PlanStudy, R: Array) -> tuple[Entangled, ...]:
-    """The robot's parameters that go together most, or all parameters where it has but one."""
-    parameters = _parameters(study)
-    own = [i for i, p in enumerate(parameters) if p.effect not in ("base", "tool")]
-    own = own if len(own) > 1 else list(range(len(parameters)))
-    ranked = sorted(
-        ((abs(R[a, b]), a, b) for n, a in enumerate(own) for b in own[n + 1 :]), reverse=True
-    )
-    return tuple(_pair(study, [a, b]) for _, a, b in ranked[:_PAIRS])
-
-
-def _pair(study: PlanStudy, pair: list[int]) -> Entangled:
-    a, b = (_parameters(study)[i] for i in pair)
-    scales = np.array([a.scale, b.scale])
-    covariance, simulated = {}, {}
-    for v in study.verdicts:
-        C = v.prediction.covariance[np.ix_(pair, pair)] / np.outer(scales, scales)
-        covariance[v.way.key] = ((C[0, 0], C[0, 1]), (C[1, 0], C[1, 1]))
-        if v.agreement is not None:
-            errors = study.refits.of(v.way.key)[:_POINTS, pair] / scales
-            simulated[v.way.key] = tuple((float(x), float(y)) for x, y in errors)
-    return Entangled(ids=(a.id, b.id), covariance=covariance, simulated=simulated)
-
-
-def _by_number(curve: AccuracyCurve) -> ByNumber:
-    """Medians over the subsets, of approaches that can be had at all."""
-    rms = {key: values * _MM for key, values in curve.rms.items()}
-    return ByNumber(
-        counts=tuple(curve.counts.tolist()),
-        task_rms_mm={k: tuple(v.tolist()) for k, v in rms.items() if np.isfinite(v).any()},
-    )

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 from studies import document as doc
 from studies.compare.pictures import pictures
-from studies.compare.record import Approach, CompareRecord, Plan, ReadBy
+from studies.compare.record import ComparedApproach, ComparedPlan, CompareRecord, ReadBy
 from studies.document import Shown, listed, mm, plural
 from studies.plots.style import APPROACHES
 
@@ -26,16 +26,13 @@ _TITLES = {
 
 def told(record: CompareRecord) -> doc.Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
-    headline = (_best(record), doc.Sentence(f"{_first_up(record.agreement.says)}.", _mood(record)))
+    says = record.agreement.says
+    headline = _best(record), doc.Sentence(f"{says[:1].upper()}{says[1:]}.", _mood(record))
     sections = [doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))]
     if record.read_by:
         parts = tuple(_instruments(record))
         sections.insert(0, doc.Section("instruments", "Instruments side by side", parts))
     return doc.Document(headline, tuple(sections))
-
-
-def _first_up(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _mood(record: CompareRecord) -> doc.Mood:
@@ -154,7 +151,7 @@ def _gain(record: CompareRecord) -> Iterator[doc.Sentence]:
     )
 
 
-def _loss(plan: Plan) -> float:
+def _loss(plan: ComparedPlan) -> float:
     """Largest ratio of standard deviations, fully weighted #1 over #2."""
     full = plan.of("pose full")
     if full is None:
@@ -232,7 +229,7 @@ def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
             )
 
 
-def _label(own: Approach) -> str:
+def _label(own: ComparedApproach) -> str:
     length = "" if own.length_mm is None else f" ({own.length_mm:g} mm)"
     return APPROACHES[own.key].label + length
 
@@ -260,7 +257,7 @@ _Values: TypeAlias = list[tuple[Shown, list[Any]]]
 """Columns with a value for each parameter."""
 
 
-def _by_approach(plan: Plan, simulated: bool) -> Iterator[doc.Part]:
+def _by_approach(plan: ComparedPlan, simulated: bool) -> Iterator[doc.Part]:
     """Standard deviations under every approach, and what plain #1 loses."""
     columns = [
         _std(_TITLES[own.key], own)
@@ -288,11 +285,11 @@ def _by_plan(record: CompareRecord) -> Iterator[doc.Part]:
             yield doc.Sentence(f"{plan.plan} has other parameters (JSON)", "note")
 
 
-def _std(title: str, own: Approach) -> tuple[Shown, list[Any]]:
+def _std(title: str, own: ComparedApproach) -> tuple[Shown, list[Any]]:
     return Shown(title, doc.STD), [p.std for p in own.parameters]
 
 
-def _tables(plan: Plan, values: _Values, name: str) -> Iterator[doc.Part]:
+def _tables(plan: ComparedPlan, values: _Values, name: str) -> Iterator[doc.Part]:
     """By parameter; those of base and tool on the page alone where there are many."""
     points = plan.points.parameters
     columns = doc.heads("effect", "where", "parameter", "unit", *(head for head, _ in values))

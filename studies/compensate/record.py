@@ -15,16 +15,11 @@ from studies.entries import JointValues, check_same_joints, joint_columns, shown
 from studies.noise import counts, lacks, moves_on, undecided
 from studies.plots.errors import before_and_after
 from studies.plots.style import BLUE, VERMILLION, Look, Picture, short
-from studies.record import BeforeAfter, Count, Entry, Envelope, NotNegative, Number, Record
+from studies.record import BeforeAfter, Count, Entry, Envelope, From, NotNegative, Number, Record
 
 if TYPE_CHECKING:
     from calib import Compensation
     from calib.arm.robot import Robot
-    from calib.arrays import Array
-
-
-_MM = 1e3  # and milliradians
-_HOUR = 3600.0
 
 
 class TargetErrors(Entry):
@@ -38,7 +33,7 @@ class TargetErrors(Entry):
     expected: NotNegative
 
 
-class Rms(TargetErrors):
+class RmsErrors(TargetErrors):
     """The same over all targets, and what the expected error consists of beside ``left``.
 
     trend : how far the trend of the day will have gone by then
@@ -80,12 +75,12 @@ class CompensateRecord(Record):
 
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
-    rms_mm: Rms
+    rms_mm: RmsErrors
     p95_mm: TargetErrors
     max_mm: TargetErrors
-    unexplained_from: str
+    unexplained_from: Annotated[str, From("unexplained.source")]
     scatter_of: Literal["arm", "undecided"] = "undecided"
-    targets_after_h: NotNegative | None = None
+    targets_after_h: Annotated[NotNegative | None, From("after")] = None
     trend_an_hour_later_mm: NotNegative | None = None
     limited: dict[str, Count]
     targets: tuple[Target, ...] = Field(min_length=1)
@@ -98,7 +93,8 @@ class CompensateRecord(Record):
     @property
     def error(self) -> BeforeAfter:
         """At the targets, by nominal commands and as expected by the corrected ones."""
-        return BeforeAfter(self.rms_mm.before, self.rms_mm.expected)
+        of = "RMS error at the targets, expected after correction"
+        return BeforeAfter(self.rms_mm.before, self.rms_mm.expected, of)
 
 
 def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:
@@ -113,44 +109,39 @@ def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) ->
         "trend": found.trend,
     }
     reasons = sorted({*found.limited_by} - {""})
-    later = None if found.an_hour_on is None else found.rms(found.an_hour_on) * _MM
-    return CompensateRecord(
+    over_all = {
+        "rms": {name: found.rms(own) for name, own in errors.items()},
+        "p95": {name: np.quantile(errors[name], 0.95) for name in TargetErrors.model_fields},
+        "max": {name: np.max(errors[name]) for name in TargetErrors.model_fields},
+        "trend_an_hour_later": None if found.an_hour_on is None else found.rms(found.an_hour_on),
+    }
+    return CompensateRecord.from_result(
+        over_all,
+        found,
         **made_from,
         warnings=found.notes,
         errors_at="markers" if found.at == "markers" else "tip",
-        rms_mm=Rms(**{name: found.rms(own) * _MM for name, own in errors.items()}),
-        p95_mm=_distances(found, 0.95),
-        max_mm=_distances(found, 1.0),
-        unexplained_from=found.unexplained.source,
         scatter_of="undecided" if found.rest_of == "undecided" else "arm",
-        targets_after_h=None if found.after is None else found.after / _HOUR,
-        trend_an_hour_later_mm=later,
         limited={reason: found.limited_by.count(reason) for reason in reasons},
-        targets=tuple(_targets(robot, found, errors)),
+        targets=Target.from_each(
+            _commands(robot, found),
+            pose=found.targets.names,
+            turn_before=found.turn_before,
+            turn_left=found.turn_left,
+            limited_by=[reason or None for reason in found.limited_by],
+            **errors,
+        ),
     )
 
 
-def _distances(found: Compensation, share: float) -> TargetErrors:
-    """A quantile over the targets."""
-    errors = {"before": found.before, "left": found.left, "expected": found.expected}
-    return TargetErrors(**{n: float(np.quantile(own, share)) * _MM for n, own in errors.items()})
-
-
-def _targets(robot: Robot, found: Compensation, errors: dict[str, Array]) -> Iterator[Target]:
-    turns = {"turn_before_mrad": found.turn_before, "turn_left_mrad": found.turn_left}
-    columns = {**{f"{name}_mm": own for name, own in errors.items()}, **turns}
-    for i, name in enumerate(found.targets.names):
-        lengths = {column: float(own[i]) * _MM for column, own in columns.items()}
-        yield Target.model_validate(
-            {
-                "pose": name,
-                **shown_joints(robot, found.q[i]),
-                **shown_joints(robot, found.targets.q[i], "nominal_"),
-                **shown_joints(robot, found.correction[i], "correction_"),
-                **lengths,
-                "limited_by": found.limited_by[i] or None,
-            }
-        )
+def _commands(robot: Robot, found: Compensation) -> Iterator[dict[str, dict[str, float]]]:
+    """Joints of each target as corrected, nominal, and their difference."""
+    for own, nominal, correction in zip(found.q, found.targets.q, found.correction, strict=True):
+        yield {
+            **shown_joints(robot, own),
+            **shown_joints(robot, nominal, "nominal_"),
+            **shown_joints(robot, correction, "correction_"),
+        }
 
 
 _MOST = 8  # targets that are worth a line each

@@ -170,8 +170,9 @@ def _sides(record: DiagnoseRecord) -> str:
 
 def _fell(record: DiagnoseRecord) -> str:
     """The error before and after, at poses held out where there are any."""
-    before, after, unit, heldout = record.error
-    where = "held-out poses" if heldout else "fitted poses"
+    error = record.error
+    before, after, unit = error.before, error.after, error.unit
+    where = error.where.removeprefix("the ")
     noise = _sides(record) or f"the instrument alone leaves {doc.MM(record.gap.floor_mm)} {unit}"
     if not record.effects:
         return f"Error at {where}: {doc.MM(before)} {unit}; {noise}."

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,21 +13,22 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
 from calib.diagnosis import Diagnosis
+from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import Cause
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.gap import Gap, side_of
+from calib.diagnosis.gap import side_of
 from calib.diagnosis.imitated import Imitated
 from calib.diagnosis.spectra import Spectrum, spectra
 from calib.effects import Effect
 from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
-from calib.instruments import Channels
 from calib.poses.moves import thinned
-from doe.ahead.next_poses import NextPoses, PairPrediction, next_poses
+from doe.ahead.next_poses import NextPoses, next_poses
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.diagnose import NEXT
 from studies.diagnose.record import (
+    CauseParameter,
     DiagnoseNoise,
     DiagnoseRecord,
     Findings,
@@ -36,21 +38,15 @@ from studies.diagnose.record import (
     LocatedPlace,
     NextPose,
     RefusedCause,
-    RemedyEntry,
-    RestEntry,
-    RivalPrediction,
-    SideEntry,
     SpectrumEntry,
     SpectrumLine,
-    Value,
 )
 from studies.diagnose.shown import DiagnosisShown, shown
-from studies.entries import Sought, shown_joints
+from studies.entries import DetectionLimit, shown_joints
 from studies.fitted import estimated
-from studies.noise import by_level, pixel_mm
+from studies.noise import noise_fields
 from studies.record import Envelope, Outlier, envelope
 
-_MM = 1e3
 _MOST_CYCLES = 800  # in a file: several at each pixel of a figure
 MOST = 4000
 """Readings of a table that are diagnosed: every candidate at each of them takes a megabyte."""
@@ -118,50 +114,38 @@ def diagnose_record(
     return DiagnoseRecord.from_result(
         findings(found, spectra),
         shown or DiagnosisShown(None, (), ()),
+        further,
         **made_from,
         warnings=warnings,
         holdout=holdout,
         next_poses=_next_poses(further, found.after.model.robot),
-        next_poses_predicted=map(_prediction, further.predictions),
-        next_poses_assume=further.assumptions,
         estimate=estimated(estimate_of(found)),
     )
 
 
 def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
     """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
-    noise, rest, tip, poses = found.noise, found.rest, found.after.model.robot.tip, found.data.poses
-    mm = found.after.model.footprint(found.after.values, found.data) * _MM
+    noise, model, poses = found.noise, found.after.model, found.data.poses
+    footprint, tip = model.footprint(found.after.values, found.data), model.robot.tip
+
+    def where(entries: Iterable[Any]) -> list[str]:
+        return [_at(entry.where, tip) for entry in entries]
+
     return Findings.from_result(
         found,
         noise=DiagnoseNoise.from_result(
             noise,
-            sigma_mm=noise.sigma * mm,
-            believed_sigma_mm=noise.believed * mm,
-            pixel_mm=pixel_mm(found.after.model, mm / _MM),
             grows_with_range=found.growth,
-            **by_level(found.after.levels, found.stage.scatter, found.after.model.robot.reach),
+            **noise_fields(noise, found.after.levels, found.stage.scatter, model, footprint),
         ),
         effects=[
             *(_effect(cause, spectra, tip) for cause in found.causes),
             *(_imitated(own) for own in found.imitated),
         ],
-        sides=[SideEntry(side=own.side, share_of_gap=own.share) for own in found.sides],
-        rest=RestEntry.from_result(rest, mm=rest.size * _MM, repeatability_source=rest.source),
-        located=[
-            LocatedPlace.from_result(p, where=_at(p.where, tip), share_of_gap=p.share)
-            for p in found.located
-        ],
-        gap=_gap(found.gap, found.after.model.readout.channels),
-        could_not_see=[
-            Sought.from_result(
-                entry,
-                where=_at(entry.where, tip),
-                minimum_detectable=entry.smallest / entry.scale,
-            )
-            for entry in found.hidden
-        ],
-        refused=[RefusedCause.from_result(own, where=_at(own.where, tip)) for own in found.refused],
+        located=LocatedPlace.from_each(found.located, where=where(found.located)),
+        gap=GapEntry.from_result(found.gap, model.readout.channels.shown),
+        could_not_see=DetectionLimit.from_each(found.hidden, where=where(found.hidden)),
+        refused=RefusedCause.from_each(found.refused, where=where(found.refused)),
         approach_derived=bool(poses.approach is not None and poses.approach_derived),
         not_fitted=[name for name, waits in zip(poses.names, found.waiting, strict=True) if waits],
         outliers=_outliers(found),
@@ -174,65 +158,39 @@ def _at(where: str, tip: str) -> str:
     return "tool" if where == tip else where
 
 
-def _gap(gap: Gap, channels: Channels) -> GapEntry:
-    """The errors, all in the unit of the readings."""
-    errors = {
-        key: getattr(gap, key)
-        for key in ("floor", "fit_before", "fit_after", "heldout_before", "heldout_after")
-    }
-    for key, pair in (("crossvalidated", gap.crossed), ("over_time", gap.over_time)):
-        errors[f"{key}_before"], errors[f"{key}_after"] = pair or (None, None)
-    shown = {
-        f"{key}_mm": None if error is None else error / channels.shown.scale
-        for key, error in errors.items()
-    }
-    return GapEntry.from_result(gap, unit=channels.shown.unit, **shown)
-
-
 def _effect(cause: Cause, spectra: Sequence[Spectrum], tip: str) -> FoundCause:
-
-    effect, doubt, evidence = cause.named.candidate.effect, cause.doubt, cause.evidence
-    values = zip(effect.parameters, cause.values, cause.std, strict=True)
+    parameters = cause.named.candidate.effect.parameters
     return FoundCause.from_result(
         cause,
-        effect=effect.kind,
-        where=_at(cause.named.candidate.where, tip),
-        probability=cause.members[0][1],
-        chosen_again=evidence.again,
-        curve_ratio=evidence.curve_ratio,
-        p_value=cause.p,
-        shape_p_value=doubt.p,
-        shape_power=doubt.power,
-        shape_tested=doubt.tested,
-        alike=[
-            LikelyCause(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
-            for own, probability in cause.members
-        ],
-        parameters=[
-            Value.from_result(p, value=value / p.scale, std=std / p.scale)
-            for p, value, std in values
-        ],
-        share_of_gap=cause.share,
+        effect=cause.name,
+        where=_at(cause.where, tip),
+        alike=_alike(cause.members, tip),
+        parameters=CauseParameter.from_each(parameters, value=cause.values, std=cause.std),
         aliases=_aliases(cause, spectra),
         decided_by=_decided_by([c.effect for c in cause.named.causes]),
         far_out=cause.far_out or None,
     )
 
 
+def _alike(members: Iterable[tuple[Candidate, float]], tip: str = "") -> tuple[LikelyCause, ...]:
+    """Causes that the data cannot tell apart, the likeliest first."""
+    return tuple(
+        LikelyCause(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
+        for own, probability in members
+    )
+
+
 def _imitated(own: Imitated) -> FoundCause:
     """A cause that the parameters of the user's model stand for."""
-    effect, (parameter,) = own.candidate.effect, own.candidate.effect.parameters
-    value, std = own.value / parameter.scale, own.std / parameter.scale
+    effect = own.candidate.effect
     return FoundCause(
         effect=effect.kind,
         where=own.where,
         probability=own.members[0][1],
         p_value=own.p,
         shape_p_value=None,
-        alike=tuple(
-            LikelyCause(effect=c.effect.kind, where=c.where, probability=p) for c, p in own.members
-        ),
-        parameters=(Value(name=parameter.name, value=value, std=std, unit=parameter.unit),),
+        alike=_alike(own.members),
+        parameters=CauseParameter.from_each(effect.parameters, value=[own.value], std=[own.std]),
         share_of_gap=None,
         standing="one_of",
         decided_by=_decided_by([c.effect for c, _ in own.members]),
@@ -269,7 +227,6 @@ def _rounded(values: Sequence[float] | Array) -> tuple[float, ...]:
 
 
 def _outliers(found: Diagnosis) -> Iterator[Outlier]:
-
     for i in np.flatnonzero(found.outlier):
         reason = f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
         yield Outlier(pose=found.data.poses.names[i], reason=reason)
@@ -284,29 +241,15 @@ def spectrum_entry(spectrum: Spectrum) -> SpectrumEntry:
         spectrum,
         cycles_1_turn=_rounded(cycles[kept]),
         fall=_rounded(fall[kept]),
-        lines=[
-            SpectrumLine.from_result(line, aliases=_rounded(line.aliases))
-            for line in spectrum.lines
-        ],
+        lines=SpectrumLine.from_each(
+            spectrum.lines, aliases=[_rounded(line.aliases) for line in spectrum.lines]
+        ),
     )
 
 
 def _next_poses(chosen: NextPoses, robot: Robot) -> Iterator[NextPose]:
-
     for name, q, splits in zip(chosen.poses.names, chosen.poses.q, chosen.splits, strict=True):
         yield NextPose(pose=name, **shown_joints(robot, q), splits=splits)
-
-
-def _prediction(predicted: PairPrediction) -> RivalPrediction:
-
-    return RivalPrediction.from_result(
-        predicted,
-        probability_now=predicted.now,
-        probability_after=predicted.after,
-        interventions=[
-            RemedyEntry.from_result(own, intervention=own.name) for own in predicted.remedies
-        ],
-    )
 
 
 def better_cell(cell: Cell, result: Diagnosis, target: Path) -> tuple[str, list[str]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.diagnose.record import CurvePanel, ErrorCurveEntry, Row, Steps
+from studies.diagnose.record import CurvePanel, ErrorCurveEntry, ErrorSteps, Row
 from studies.plots import style
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _TEXT = 0.16  # width of a number, over the longest bar
 
 
 @style.styled
-def waterfall(steps: Steps, floor_mm: float) -> style.Picture:
+def waterfall(steps: ErrorSteps, floor_mm: float) -> style.Picture:
     """RMS before, what each effect takes off it when it is added to those above, and what is left.
 
     floor_mm : RMS of the noise alone, above zero

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from studies.document import PROBABILITY, Rule, Shown
-from studies.entries import CauseEntry, JointValues, NotAskedEntry, Sought, check_same_joints
+from studies.entries import (
+    CauseEntry,
+    DetectionLimit,
+    JointValues,
+    NotAskedEntry,
+    check_same_joints,
+)
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
 from studies.record import (
+    OWN_UNIT,
     BeforeAfter,
     Entry,
+    From,
     Maybe,
     NotNegative,
     Number,
     Outlier,
+    Owner,
     Positive,
     Record,
 )
@@ -60,12 +70,12 @@ class LikelyCause(CauseEntry):
     probability: Maybe
 
 
-class Value(Entry):
+class CauseParameter(Entry):
     """A parameter of a cause; std is None where the data do not determine it."""
 
     name: Annotated[str, Shown("parameter")]
-    value: Number
-    std: Maybe
+    value: Annotated[Number, OWN_UNIT]
+    std: Annotated[Maybe, OWN_UNIT]
     unit: str
 
 
@@ -80,19 +90,19 @@ class FoundCause(LikelyCause):
     curve_ratio : evidence of the best curve at its place over its own
     """
 
-    p_value: Number
-    shape_p_value: Maybe
-    shape_power: Maybe = None
-    shape_tested: bool = True
+    p_value: Annotated[Number, From("p")]
+    shape_p_value: Annotated[Maybe, From("doubt.p")]
+    shape_power: Annotated[Maybe, From("doubt.power")] = None
+    shape_tested: Annotated[bool, From("doubt.tested")] = True
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
-    parameters: tuple[Value, ...]
-    share_of_gap: Maybe
+    parameters: tuple[CauseParameter, ...]
+    share_of_gap: Annotated[Maybe, From("share")]
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"] | None = None
     decided_by: str | None = Field(default=None, exclude_if=_absent)
-    chosen_again: Maybe = None
-    curve_ratio: Maybe = None
+    chosen_again: Annotated[Maybe, From("evidence.again")] = None
+    curve_ratio: Annotated[Maybe, From("evidence.curve_ratio")] = None
 
     @property
     def one_of(self) -> bool:
@@ -109,7 +119,7 @@ class SideEntry(Entry):
     """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
 
     side: Literal["camera", "board", "arm"]
-    share_of_gap: Number
+    share_of_gap: Annotated[Number, From("share")]
 
 
 class LocatedPlace(Entry):
@@ -117,12 +127,15 @@ class LocatedPlace(Entry):
 
     where: str
     depends_on: str
-    share_of_gap: Maybe
+    share_of_gap: Annotated[Maybe, From("share")]
 
     @property
     def unfollowed(self) -> bool:
         """Whether it is what differs from pose to pose and follows no column."""
         return self.depends_on == "pose"
+
+
+_crossed = partial(From, own_unit=True)
 
 
 class GapEntry(Entry):
@@ -137,16 +150,16 @@ class GapEntry(Entry):
     """
 
     unit: Literal["mm", "mrad", "px"] = "mm"
-    floor_mm: Positive
-    fit_before_mm: NotNegative
-    fit_after_mm: NotNegative
-    heldout_before_mm: NotNegative | None
-    heldout_after_mm: NotNegative | None
+    floor_mm: Annotated[Positive, OWN_UNIT]
+    fit_before_mm: Annotated[NotNegative, OWN_UNIT]
+    fit_after_mm: Annotated[NotNegative, OWN_UNIT]
+    heldout_before_mm: Annotated[NotNegative | None, OWN_UNIT]
+    heldout_after_mm: Annotated[NotNegative | None, OWN_UNIT]
     heldout_rose: bool | None = None
-    crossvalidated_before_mm: NotNegative | None = None
-    crossvalidated_after_mm: NotNegative | None = None
-    over_time_before_mm: NotNegative | None = None
-    over_time_after_mm: NotNegative | None = None
+    crossvalidated_before_mm: Annotated[NotNegative | None, _crossed("crossed.0")] = None
+    crossvalidated_after_mm: Annotated[NotNegative | None, _crossed("crossed.1")] = None
+    over_time_before_mm: Annotated[NotNegative | None, _crossed("over_time.0")] = None
+    over_time_after_mm: Annotated[NotNegative | None, _crossed("over_time.1")] = None
     closed: Maybe
     closed_ci95: tuple[Number, Number] | None
 
@@ -158,11 +171,11 @@ class RestEntry(Entry):
         assumed from data sheets of arms of its size
     """
 
-    mm: NotNegative
+    mm: Annotated[NotNegative, From("size")]
     kind: Literal["none", "scatter", "structure", "too_large"]
-    of: Literal["instrument", "arm", "model", "undecided"]
+    of: Owner
     repeatability_mm: NotNegative
-    repeatability_source: Literal["stated", "measured", "assumed"]
+    repeatability_source: Annotated[Literal["stated", "measured", "assumed"], From("source")]
 
 
 class RefusedCause(CauseEntry):
@@ -214,7 +227,7 @@ class NextPose(JointValues):
 class RemedyEntry(Entry):
     """What would tell two causes apart, and how likely then the true one is preferred."""
 
-    intervention: str
+    intervention: Annotated[str, From("name")]
     says: str
     probability: Number
 
@@ -223,13 +236,13 @@ class RivalPrediction(Entry):
     """Two causes in doubt, and how likely the true one is preferred, now and after the next poses."""
 
     rivals: tuple[str, str]
-    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY)]
-    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY)]
-    interventions: tuple[RemedyEntry, ...]
+    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY), From("now")]
+    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY), From("after")]
+    interventions: Annotated[tuple[RemedyEntry, ...], From("remedies")]
     inseparable: bool
 
 
-class Steps(Entry):
+class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
@@ -323,7 +336,7 @@ class Findings(Entry):
     sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
-    could_not_see: tuple[Sought, ...]
+    could_not_see: tuple[DetectionLimit, ...]
     refused: tuple[RefusedCause, ...] = ()
     not_asked: tuple[NotAskedEntry, ...]
     approach_derived: bool = False
@@ -338,10 +351,10 @@ class DiagnoseRecord(Findings, Record):
     command: Literal["diagnose"] = "diagnose"
     holdout: str | None
     next_poses: tuple[NextPose, ...] = ()
-    next_poses_predicted: tuple[RivalPrediction, ...] = ()
-    next_poses_assume: tuple[str, ...] = ()
+    next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")] = ()
+    next_poses_assume: Annotated[tuple[str, ...], From("assumptions")] = ()
     estimate: Estimated
-    steps: Steps | None = None
+    steps: ErrorSteps | None = None
     curves: tuple[ErrorCurveEntry, ...] = ()
     residuals: tuple[DiagnoseResidual, ...] = ()
 
@@ -368,10 +381,11 @@ class DiagnoseRecord(Findings, Record):
         before, after = gap.fit_before_mm, gap.fit_after_mm
         if heldout and gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
             before, after = gap.heldout_before_mm, gap.heldout_after_mm
-        return BeforeAfter(before, after, gap.unit, heldout)
+        of = "RMS error at {where}, with the model as given and with the causes found"
+        return BeforeAfter(before, after, of, gap.unit, heldout)
 
     @property
-    def worst_hidden(self) -> Sought | None:
+    def worst_hidden(self) -> DetectionLimit | None:
         """What would leave most of all that these data could not have shown; None in old files."""
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from calib.threads import one_blas_thread
-from studies.diagnose.record import CurvePanel, DiagnoseResidual, ErrorCurveEntry, Steps
+from studies.diagnose.record import CurvePanel, DiagnoseResidual, ErrorCurveEntry, ErrorSteps
 from studies.fitted import residual_fields
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 class DiagnosisShown(NamedTuple):
     """All of it, by the names that it has in the record."""
 
-    steps: Steps | None
+    steps: ErrorSteps | None
     curves: tuple[ErrorCurveEntry, ...]
     residuals: tuple[DiagnoseResidual, ...]
 
@@ -54,7 +54,7 @@ def shown(found: Diagnosis) -> DiagnosisShown:
     return DiagnosisShown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
 
 
-def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
+def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
     from calib.diagnosis.gap import rms, squared_errors
 
     stage = found.stage
@@ -63,7 +63,7 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> Steps:
     fits += [found.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
     fits += [found.after] if added else []
     shown = found.before.model.readout.channels.shown
-    return Steps(
+    return ErrorSteps(
         unit=shown.unit,
         of="fitted poses" if found.heldout is None else "held-out poses",
         added=tuple(map(label, added)),

@@ -11,6 +11,7 @@ from studies import document as doc
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
 from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import (
+    CauseParameter,
     DiagnoseRecord,
     FoundCause,
     GapEntry,
@@ -19,11 +20,10 @@ from studies.diagnose.record import (
     RivalPrediction,
     SpectrumEntry,
     SpectrumLine,
-    Value,
 )
 from studies.diagnose.spectra import spectra
 from studies.document import Shown, labelled, listed, mm
-from studies.entries import Sought, joint_columns, not_asked
+from studies.entries import DetectionLimit, joint_columns, not_asked
 from studies.noise import noise_words
 from studies.record import Outlier
 
@@ -63,7 +63,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[doc.Part]:
     yield doc.Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
     if record.refused:
         yield doc.Sentence("Found, but not sure enough to be named:")
-        yield doc.Table(_REFUSED, list(_refused(record.refused)), "RefusedCause")
+        yield doc.Table(_REFUSED, list(_refused(record.refused)), "Causes not named")
     yield doc.Table(
         _OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS
     )
@@ -114,7 +114,7 @@ def _closed(gap: GapEntry) -> str:
 
 
 _VALUES = doc.columns(
-    Value,
+    CauseParameter,
     "name",
     doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
     doc.Column(
@@ -210,10 +210,10 @@ def _notes(record: DiagnoseRecord) -> Iterator[doc.Sentence]:
 class _Kind:
     """Causes of one kind whose sizes have one unit, the smallest first, and those never seen."""
 
-    seen: list[Sought]
+    seen: list[DetectionLimit]
     blind: list[str]
 
-    def size(self, entry: Sought) -> str:
+    def size(self, entry: DetectionLimit) -> str:
         """Two digits, with the place where there is a choice of them."""
         choice = len(self.seen) + len(self.blind) > 1 and len(entry.where) <= _LONG
         return doc.TWO(entry.minimum_detectable) + f" ({entry.where})" * choice
@@ -232,7 +232,7 @@ _KINDS: tuple[doc.Column[_Kind], ...] = (
     doc.Column("not visible at", lambda row: ", ".join(row.blind)),
 )
 _EACH = doc.columns(
-    Sought,
+    DetectionLimit,
     "effect where",
     doc.Column(
         "smallest size", lambda row: row.minimum_detectable, doc.Rule(doc.FOUR.show, "not visible")
@@ -244,7 +244,7 @@ _EACH = doc.columns(
 def _unseen(record: DiagnoseRecord) -> Iterator[doc.Part]:
     """The smallest sizes that would have been found, over the places, and what no pose shows."""
     entries = record.could_not_see
-    groups: dict[tuple[str, str], list[Sought]] = {}
+    groups: dict[tuple[str, str], list[DetectionLimit]] = {}
     blind: dict[str, list[str]] = {}
     for entry in entries:
         if entry.minimum_detectable is None:

@@ -13,6 +13,7 @@ from studies.record import (
     Count,
     Entry,
     Envelope,
+    Judgement,
     Maybe,
     MaybePositive,
     NotNegative,
@@ -151,7 +152,20 @@ class EnoughRecord(Record):
     def error(self) -> BeforeAfter | None:
         """Expected at the targets now, and after all planned poses."""
         now, end = self.now.task_rms_mm, self.end.task_rms_mm
-        return None if now is None or end is None else BeforeAfter(now, end)
+        if now is None or end is None:
+            return None
+        judged = None
+        if self.goal_mm is not None:
+            goal, reached = f"goal {self.goal_mm:g} mm", self.poses_to_goal == 0
+            enough = Judgement("pass", goal, "Enough")
+            judged = enough if reached else Judgement("fail", goal, "Not enough yet")
+        return BeforeAfter(
+            now,
+            end,
+            "RMS error expected at the targets",
+            ends=("now", "after all planned poses"),
+            judged=judged,
+        )
 
     @property
     def gains(self) -> tuple[float | None, ...]:

@@ -15,7 +15,7 @@ from studies.command.deliver import check_outputs, deliver, output_file, progres
 from studies.command.options import PATH, engine_options, processes, result_options
 
 if TYPE_CHECKING:
-    from studies.fleet.tables import Done, FleetTask, Job
+    from studies.fleet.tables import FleetTask, TableJob, TableOutcome
     from studies.prior import PriorRecord
 
 AHEAD = 1000
@@ -68,7 +68,7 @@ def fleet(
     from studies.document import plural
     from studies.document.terminal import terminal
     from studies.engines import engine
-    from studies.fleet.record import fleet_record, results_of
+    from studies.fleet.make import fleet_record, results_of
     from studies.fleet.tables import VERBS, FleetTask, find, share
     from studies.kinds import tell
     from studies.record import envelope
@@ -110,16 +110,16 @@ def fleet(
     click.echo(said, err=json_path == "-")
 
 
-def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
+def _prior(done: Sequence[TableOutcome], fleet_folder: Path, seed: int) -> PriorRecord:
     """What the types know. Raises InputError where no robot says anything."""
     from calib.errors import InputError
-    from studies.fleet.record import results_of
+    from studies.fleet.make import results_of
     from studies.fleet.spread import latest
-    from studies.fleet.types import learnt
+    from studies.fleet.types import type_estimates
     from studies.prior import prior_record
     from studies.record import envelope
 
-    types = list(learnt(latest(done)))
+    types = list(type_estimates(latest(done)))
     if not types:
         raise InputError(
             fleet_folder, "", "no robot could be identified by itself, so no type is learnt",
@@ -133,16 +133,16 @@ def _prior(done: Sequence[Done], fleet_folder: Path, seed: int) -> PriorRecord:
 
 
 def _done(
-    jobs: Sequence[Job],
+    jobs: Sequence[TableJob],
     asked: FleetTask,
     executor: Executor | None,
     progress: Callable[[int], None],
-) -> list[Done]:
+) -> list[TableOutcome]:
     """What became of every table, in the order of the jobs, whoever was first."""
     from studies.engines import computed
     from studies.fleet.tables import do
 
-    done: dict[int, Done] = {}
+    done: dict[int, TableOutcome] = {}
     names: dict[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]] = {}
     try:
         with closing(computed(do, ((job, asked) for job in jobs), executor, AHEAD)) as coming:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import groupby
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -15,17 +13,12 @@ from studies.record import (
     BeforeAfter,
     Count,
     Entry,
-    Envelope,
-    InputFile,
     Maybe,
     NotNegative,
     Number,
     Positive,
     Record,
 )
-
-if TYPE_CHECKING:
-    from studies.fleet.tables import Done, FleetTask
 
 Status: TypeAlias = Literal["converged", "not_converged", "rank_deficient"]
 Verdict: TypeAlias = Literal["no_gap", "explained", "ambiguous", "unknown"]
@@ -95,7 +88,7 @@ class TypeEntry(Entry):
     causes: tuple[SharedEntry, ...]
 
 
-class OffEntry(Entry):
+class OutlyingFigure(Entry):
     """A figure by which a robot stands out of its type.
 
     deviation : from the typical value, in spreads; limit : what chance seldom exceeds in any of all
@@ -150,7 +143,7 @@ class FleetRecord(Record):
     holdout: str | None
     sessions: tuple[SessionEntry, ...] = Field(min_length=1)
     types: tuple[TypeEntry, ...]
-    off: tuple[OffEntry, ...]
+    off: tuple[OutlyingFigure, ...]
     trends: tuple[RobotTrend, ...]
 
     @model_validator(mode="after")
@@ -179,7 +172,8 @@ class FleetRecord(Record):
         known = [own for own in after if own is not None]
         if not before or len(known) < len(after):
             return None
-        return BeforeAfter(median(before), median(known), heldout=held)
+        of = f"RMS error at {{where}}, median of {len(last)} robots"
+        return BeforeAfter(median(before), median(known), of, heldout=held)
 
     @property
     def robots(self) -> int:
@@ -190,80 +184,3 @@ class FleetRecord(Record):
     def faults(self) -> tuple[SessionEntry, ...]:
         """Tables with which something could not be done."""
         return tuple(own for own in self.sessions if own.fault)
-
-
-def fleet_record(
-    done: Sequence[Done], folder: str, asked: FleetTask, made_from: Envelope
-) -> FleetRecord:
-    """The record of a fleet, its tables in any order."""
-    from studies.fleet import spread
-
-    ordered = _ordered(done)
-    groups = spread.by_type(spread.latest(ordered))
-    return FleetRecord(
-        **made_from,
-        folder=folder,
-        verbs=asked.verbs,
-        holdout=asked.holdout,
-        sessions=tuple(map(_session, ordered)),
-        types=tuple(_type(name, robots) for name, robots in groups.items()),
-        off=tuple(row for own in groups.values() for row in spread.off(own)),
-        trends=tuple(_trends(ordered)),
-    )
-
-
-def results_of(done: Sequence[Done]) -> tuple[InputFile, ...]:
-    """What a fleet's record is made from."""
-    return tuple(InputFile(file=f, sha256=h) for own in _ordered(done) for f, h in own.files)
-
-
-def _ordered(done: Sequence[Done]) -> list[Done]:
-    """By robot, the tables of each by day where all have one, else by name."""
-    dated = {own.robot: True for own in done}
-    for own in done:
-        dated[own.robot] &= own.day is not None
-    return sorted(done, key=lambda own: (own.robot, own.day if dated[own.robot] else "", own.table))
-
-
-def _session(own: Done) -> SessionEntry:
-    results = [file for file, _ in own.files]
-    return SessionEntry.from_result(own, rms_mm=FleetErrors(**own.rms_mm), results=results)
-
-
-def _type(name: str, robots: Sequence[Done]) -> TypeEntry:
-    from studies.fleet.spread import shared
-
-    verdicts = [own.verdict for own in robots if own.verdict is not None]
-    known = {key: _known(robots, key) for key in FleetErrors.model_fields}
-    return TypeEntry.from_result(
-        type=name,
-        robots=len(robots),
-        diagnosed=len(verdicts),
-        rms_mm=FleetErrors(**{key: median(own) if own else None for key, own in known.items()}),
-        verdicts={verdict: verdicts.count(verdict) for verdict in sorted({*verdicts})},
-        causes=shared(robots),
-    )
-
-
-def _known(robots: Sequence[Done], key: str) -> list[float]:
-    return [value for own in robots if (value := own.rms_mm.get(key)) is not None]
-
-
-def _trends(done: Sequence[Done]) -> Iterator[RobotTrend]:
-    """Of robots with several tables that could be identified."""
-    from studies.fleet.spread import days_of, trend_p
-
-    for robot, own_tables in groupby(done, lambda own: own.robot):
-        tables = [own for own in own_tables if own.status]
-        if len(tables) < 2:
-            continue
-        nominal, days = _known(tables, "nominal"), days_of(tables)
-        yield RobotTrend(
-            robot=robot,
-            type=tables[-1].type,
-            tables=tuple(own.table for own in tables),
-            days=None if days is None else tuple(days),
-            nominal_mm=tuple(nominal),
-            fitted_mm=tuple(_known(tables, "fitted")),
-            p=trend_p(nominal),
-        )

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 
 from calib.arrays import Array
-from studies.fleet.record import OffEntry, SharedEntry
-from studies.fleet.tables import Done
+from studies.fleet.record import OutlyingFigure, SharedEntry
+from studies.fleet.tables import TableOutcome
 
 _FEWEST = 6
 """Robots of a type by which one of them can stand out."""
@@ -22,22 +22,22 @@ _MOST = 4
 _EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
 
 
-def latest(done: Sequence[Done]) -> list[Done]:
+def latest(done: Sequence[TableOutcome]) -> list[TableOutcome]:
     """The last table of each robot that could be identified or diagnosed; the tables are in order."""
     last = {own.robot: own for own in done if own.status or own.verdict}
     return list(last.values())
 
 
-def by_type(done: Iterable[Done]) -> dict[str, list[Done]]:
+def by_type(done: Iterable[TableOutcome]) -> dict[str, list[TableOutcome]]:
     """Tables by the name of the robot's model."""
-    found: dict[str, list[Done]] = defaultdict(list)
+    found: dict[str, list[TableOutcome]] = defaultdict(list)
     for own in done:
         if own.type:
             found[own.type].append(own)
     return dict(sorted(found.items()))
 
 
-def off(robots: Sequence[Done]) -> list[OffEntry]:
+def off(robots: Sequence[TableOutcome]) -> list[OutlyingFigure]:
     """What stands out among robots of one type, the farthest first.
 
     Errors are compared by their logarithm, parameters with what their own standard deviations exceed
@@ -49,23 +49,23 @@ def off(robots: Sequence[Done]) -> list[OffEntry]:
     return sorted(found, key=lambda row: -row.deviation / row.limit)
 
 
-_Figure = tuple[list[Done], str, str, Array, Array]
+_Figure = tuple[list[TableOutcome], str, str, Array, Array]
 
 
-def _errors(robots: Sequence[Done]) -> Iterator[_Figure]:
+def _errors(robots: Sequence[TableOutcome]) -> Iterator[_Figure]:
     for key in ("nominal", "fitted", "heldout"):
         known = [own for own in robots if own.rms_mm.get(key)]
         values = np.array([own.rms_mm[key] for own in known], dtype=float)
         yield known, f"{key} RMS", "mm", values, np.zeros(0)
 
 
-def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
+def _parameters(robots: Sequence[TableOutcome]) -> Iterator[_Figure]:
     """Each over the robots that have it.
 
     Which of those that go together a model holds may differ from robot to robot: what one means then
     differs a little too, and its spread counts that.
     """
-    having: dict[tuple[str, str], list[tuple[Done, int]]] = defaultdict(list)
+    having: dict[tuple[str, str], list[tuple[TableOutcome, int]]] = defaultdict(list)
     for own in robots:
         if own.values is not None and own.status == "converged":
             for column, parameter in enumerate(own.values.names):
@@ -77,8 +77,8 @@ def _parameters(robots: Sequence[Done]) -> Iterator[_Figure]:
 
 
 def _beyond(
-    known: list[Done], what: str, unit: str, values: Array, std: Array, asked: int
-) -> Iterator[OffEntry]:
+    known: list[TableOutcome], what: str, unit: str, values: Array, std: Array, asked: int
+) -> Iterator[OutlyingFigure]:
     """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
 
     The farthest is taken out and compared with those that are left, then the next: all up to the last
@@ -96,7 +96,7 @@ def _beyond(
     for i in out:
         deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
         if deviation > limit:
-            yield OffEntry.from_result(
+            yield OutlyingFigure.from_result(
                 known[i],
                 what=what,
                 unit=unit,
@@ -136,7 +136,7 @@ def _limit(rest: int, asked: int) -> float:
     return float(t.isf(_ALARM / (2 * asked), rest - 1))
 
 
-def shared(robots: Sequence[Done]) -> list[SharedEntry]:
+def shared(robots: Sequence[TableOutcome]) -> list[SharedEntry]:
     """The causes named in robots of a type, the most frequent first."""
     from scipy.stats import binomtest
 
@@ -158,7 +158,7 @@ def shared(robots: Sequence[Done]) -> list[SharedEntry]:
     return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))
 
 
-def days_of(tables: Sequence[Done]) -> list[int] | None:
+def days_of(tables: Sequence[TableOutcome]) -> list[int] | None:
     """Days from a robot's first table to each, None where one has no date."""
     from datetime import date
 

@@ -34,7 +34,7 @@ _DATE = re.compile(r"(?<!\d)(20\d\d)([-_.]?)(\d\d)\2(\d\d)(?!\d)")
 
 
 @dataclass(frozen=True)
-class Job:
+class TableJob:
     """A table of a robot.
 
     robot : name of the robot, the place of its cell below the folder
@@ -56,7 +56,7 @@ class Job:
         return table.with_name(f"{stem}.{verb}.json")
 
 
-def find(folder: Path, without: str | None = None) -> list[Job]:
+def find(folder: Path, without: str | None = None) -> list[TableJob]:
     """Every cell below a folder with its tables, in the order of names.
 
     without : file name of tables that hold poses out and are no measurements of their own
@@ -106,15 +106,15 @@ def _assign(table: Path, cells: list[Path], tables: dict[Path, list[Path]]) -> N
         tables.setdefault(cell, []).append(table)
 
 
-def _jobs(folder: Path, cell: Path, tables: list[Path]) -> Iterator[Job]:
+def _jobs(folder: Path, cell: Path, tables: list[Path]) -> Iterator[TableJob]:
     place = cell.relative_to(folder)
     robot = place.parent if cell.stem == _CELL else place.with_suffix("")
     name = robot.as_posix() if robot.parts else folder.resolve().name
     if not tables:
-        yield Job(name, cell, None, "", None)
+        yield TableJob(name, cell, None, "", None)
     for table in sorted(tables):
         label = table.relative_to(folder).as_posix()
-        yield Job(name, cell, table, label, _day(table.relative_to(cell.parent).as_posix()))
+        yield TableJob(name, cell, table, label, _day(table.relative_to(cell.parent).as_posix()))
 
 
 def _day(name: str) -> str | None:
@@ -175,7 +175,7 @@ class Values:
 
 
 @dataclass
-class Done:
+class TableOutcome:
     """What became of a table: ``fault`` is a line where something could not be done.
 
     cell : its file; nominal : hashes of the files of its nominal model
@@ -201,12 +201,12 @@ class Done:
 
 
 @one_blas_thread
-def do(job: Job, asked: FleetTask) -> Done:
+def do(job: TableJob, asked: FleetTask) -> TableOutcome:
     """Identify and diagnose a table, or read what stands of it. A fault is a line of the answer.
 
     So is one of our own code: a run of hours does not end by it, and the command named shows it.
     """
-    done = Done(job.robot, job.label, str(job.cell), day=job.day)
+    done = TableOutcome(job.robot, job.label, str(job.cell), day=job.day)
     try:
         _do(job, asked, done)
     except CalibError as error:
@@ -220,7 +220,7 @@ def do(job: Job, asked: FleetTask) -> Done:
     return done
 
 
-def _do(job: Job, asked: FleetTask, done: Done) -> None:
+def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
     import calib
     from calib.files.read import sha256
     from calib.files.write import write_files
@@ -304,7 +304,7 @@ def _made(verb: Verb, session: MeasuredTable) -> Record:
     return identified(session)[1] if verb == "identify" else diagnosed(session)[1]
 
 
-def _identified(record: IdentifyRecord, done: Done) -> None:
+def _identified(record: IdentifyRecord, done: TableOutcome) -> None:
     rms = record.rms_mm
     done.status, done.poses, done.sigma_mm = record.status, record.poses, record.noise.sigma_mm
     done.rms_mm = {"nominal": rms.nominal, "fitted": rms.fitted_all, "heldout": rms.heldout}
@@ -316,7 +316,7 @@ def _identified(record: IdentifyRecord, done: Done) -> None:
     )
 
 
-def _diagnosed(record: DiagnoseRecord, done: Done) -> None:
+def _diagnosed(record: DiagnoseRecord, done: TableOutcome) -> None:
     done.verdict = record.verdict
     done.causes = tuple(
         NamedEntry.from_result(own, alike=dict.fromkeys((own.key, *(c.key for c in own.alike))))

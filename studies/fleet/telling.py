@@ -11,7 +11,7 @@ from studies import document as doc
 from studies.document import Shown, listed, mm, plural
 from studies.fleet.record import (
     FleetRecord,
-    OffEntry,
+    OutlyingFigure,
     RobotTrend,
     SessionEntry,
     SharedEntry,
@@ -101,7 +101,7 @@ def _off(record: FleetRecord) -> Iterator[doc.Part]:
     yield doc.Table(_OFF, record.off, "Figures that differ", most=_MOST)
 
 
-_OFF = doc.columns(OffEntry, "robot type what value typical spread unit deviation limit")
+_OFF = doc.columns(OutlyingFigure, "robot type what value typical spread unit deviation limit")
 
 
 def _types(record: FleetRecord) -> Iterator[doc.Part]:
@@ -175,7 +175,8 @@ def errors_by_robot(record: FleetRecord) -> style.Picture:
     """Errors of the last table of each robot, a panel a type, the worst nominal model to the right."""
     last = {own.robot: own for own in record.sessions if own.status}
     types = sorted({own.type for own in last.values()})
-    groups = [_sorted([own for own in last.values() if own.type == name]) for name in types]
+    ranked = sorted(last.values(), key=lambda own: (own.rms_mm.nominal or 0.0, own.robot))
+    groups = [[own for own in ranked if own.type == name] for name in types]
     figure, panels = _small(min(len(types), _PANELS))
     names: dict[Axes, list[str]] = {}
     for panel, name, group in zip(panels, types, groups, strict=False):
@@ -254,10 +255,6 @@ def _name(panel: Axes, robots: Sequence[str]) -> None:
     labels = [style.elided(name) for name in robots]
     upright = sum(map(len, labels)) > _LETTERS
     panel.set_xticks(range(1, len(robots) + 1), labels, rotation=90 if upright else 0, fontsize=9)
-
-
-def _sorted(robots: list[SessionEntry]) -> list[SessionEntry]:
-    return sorted(robots, key=lambda own: (own.rms_mm.nominal or 0.0, own.robot))
 
 
 def _at(own: RobotTrend, dated: bool) -> Sequence[int]:

@@ -22,7 +22,7 @@ from calib.model.reduction import carried_over
 from calib.population import Key, Population, population
 from calib.population.hierarchy import RobotEstimate
 from studies.changes.days import known_of_record
-from studies.fleet.tables import Done
+from studies.fleet.tables import TableOutcome
 from studies.identify.record import IdentifyRecord
 from studies.results import read_as
 
@@ -32,7 +32,7 @@ MOST = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Learnt:
+class TypeEstimate:
     """A type and what its robots have in common.
 
     nominal : hashes of the nominal model's files; parameters : tuple of Parameter, in the prior's order
@@ -46,12 +46,12 @@ class Learnt:
     leaning: tuple[str, ...]
 
 
-def learnt(robots: Sequence[Done]) -> Iterator[Learnt]:
+def type_estimates(robots: Sequence[TableOutcome]) -> Iterator[TypeEstimate]:
     """What each nominal model's robots have in common, by the last table of each.
 
     Raises InputError where a result or a cell is gone.
     """
-    groups: dict[tuple[str, tuple[str, ...]], list[Done]] = defaultdict(list)
+    groups: dict[tuple[str, tuple[str, ...]], list[TableOutcome]] = defaultdict(list)
     for own in robots:
         if own.status in ("converged", "rank_deficient"):
             groups[own.type, own.nominal].append(own)
@@ -62,7 +62,9 @@ def learnt(robots: Sequence[Done]) -> Iterator[Learnt]:
             yield one
 
 
-def _learnt(name: str, nominal: tuple[str, ...], members: Sequence[Done]) -> Learnt | None:
+def _learnt(
+    name: str, nominal: tuple[str, ...], members: Sequence[TableOutcome]
+) -> TypeEstimate | None:
     known, leaning = dict[str, DayEstimate](), list[str]()
     for own in members:
         record = read_as(_result(own), IdentifyRecord)
@@ -81,13 +83,13 @@ def _learnt(name: str, nominal: tuple[str, ...], members: Sequence[Done]) -> Lea
     sizes = np.array([p.size for p in parameters])
     robots = [_robot(robot, one, B) for robot, (one, B) in counted.items()]
     unlike = tuple(robot for robot in known if robot not in counted)
-    return Learnt(
+    return TypeEstimate(
         nominal, parameters, population(name, keys, sizes, robots), unlike, tuple(leaning)
     )
 
 
 def _terms(
-    same: Done, keys: tuple[Key, ...], lists: Iterable[tuple[Key, ...]]
+    same: TableOutcome, keys: tuple[Key, ...], lists: Iterable[tuple[Key, ...]]
 ) -> dict[tuple[Key, ...], Array]:
     """How the parameters follow those of every list that is as large, (k, k); others say less.
 
@@ -118,7 +120,7 @@ def _terms(
     return found
 
 
-def _result(own: Done) -> Path:
+def _result(own: TableOutcome) -> Path:
     (path,) = [Path(file) for file, _ in own.files if file.endswith(".identify.json")]
     return path
 
@@ -137,7 +139,7 @@ def _robot(name: str, known: DayEstimate, T: Array) -> RobotEstimate:
     )
 
 
-def _parameters(own: Done, keys: tuple[Key, ...]) -> tuple[Parameter, ...]:
+def _parameters(own: TableOutcome, keys: tuple[Key, ...]) -> tuple[Parameter, ...]:
     cell = load_cell(own.cell)
     by_key = {
         (p.effect, p.where, p.name): p for p in load_estimate(cell, _result(own)).model.parameters

@@ -16,6 +16,8 @@ from studies.record import (
     Count,
     Entry,
     Envelope,
+    From,
+    IntervalEntry,
     Maybe,
     MaybePositive,
     NotNegative,
@@ -23,14 +25,11 @@ from studies.record import (
     Positive,
     Record,
     Three,
-    three,
 )
 
 if TYPE_CHECKING:
     from calib import Cell, HandEye, Measurements
-    from calib.arrays import Array
     from calib.handeye.judge import Standing
-    from calib.uncertainty.expanded import Interval
     from doe import Enough
 
 _MM = 1e3
@@ -40,31 +39,23 @@ _SHOWN = 3  # poses to go to next
 _FIGURE = Rule(lambda own: FOUR(own.value))
 
 
-class MissedEntry(Entry):
-    """RMS error, and between what it lies at other poses like these, 19 times in 20."""
-
-    value: NotNegative
-    low: NotNegative
-    high: Maybe
-
-
 class MethodEntry(Entry):
     """What a method misses at the held-out poses; None in units that are not read, or without result.
 
-    px : distance of a point; mm, mrad : place and turn of the target as the image shows it
+    px : RMS distance of a point; mm, mrad : RMS of place and turn of the target as the image shows it
     used : whether this is the result to use
     better_p : probability by chance that it misses as much less than that
     """
 
-    camera: str
-    target: str
+    camera: Annotated[str, From("pair.camera")]
+    target: Annotated[str, From("pair.target")]
     method: Method
     used: bool
     images: Count
-    px: Annotated[MissedEntry | None, Shown("points", _FIGURE, "px")]
-    mm: Annotated[MissedEntry | None, Shown("place", _FIGURE, "mm")]
-    mrad: Annotated[MissedEntry | None, Shown("turn", _FIGURE, "mrad")]
-    better_p: Maybe
+    px: Annotated[IntervalEntry | None, Shown("points", _FIGURE, "px")]
+    mm: Annotated[IntervalEntry | None, Shown("place", _FIGURE, "mm")]
+    mrad: Annotated[IntervalEntry | None, Shown("turn", _FIGURE, "mrad")]
+    better_p: Annotated[Maybe, From("better")]
 
 
 class CameraEntry(Entry):
@@ -99,7 +90,7 @@ class AheadEntry(Entry):
     open: tuple[str, ...]
 
 
-class NextPose(JointValues):
+class PoseToMeasure(JointValues):
     """A pose to measure next."""
 
     pose: Annotated[str, Shown("next pose")]
@@ -120,20 +111,20 @@ class HandEyeRecord(Record):
     command: Literal["hand-eye"] = "hand-eye"
     poses: Count
     crossed: bool
-    arm_calibrated: bool
-    arm_p: Maybe
-    arm_untold: str
-    opencv: str
+    arm_calibrated: Annotated[bool, From("calibrated")]
+    arm_p: Annotated[Maybe, From("p")]
+    arm_untold: Annotated[str, From("why")]
+    opencv: Annotated[str, From("left_out")]
     methods: tuple[MethodEntry, ...] = Field(min_length=1)
     cameras: tuple[CameraEntry, ...] = Field(min_length=1)
-    targets: str
+    targets: Annotated[str, From("cell.targets_in_words")]
     goal_mm: Positive | None
     goal_beyond_reach: bool
     poses_to_goal: Count | None
-    lacking_mm: Maybe
+    lacking_mm: Annotated[Maybe, From("enough.lacking.rms")]
     ahead: tuple[AheadEntry, ...]
     ahead_untold: str
-    next_poses: tuple[NextPose, ...]
+    next_poses: tuple[PoseToMeasure, ...]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -191,27 +182,22 @@ def hand_eye_record(
     answer, robot = ahead.enough, found.cell.robot
     steps = () if answer is None else (answer.steps[0], *answer.fresh)
     q = np.zeros((0, robot.dof)) if answer is None else answer.fresh_q[:_SHOWN]
-    return HandEyeRecord(
+    return HandEyeRecord.from_result(
+        found,
+        ahead,
         **made_from,
         warnings=tuple(dict.fromkeys((*warnings, *found.found.warnings))),
-        poses=found.poses,
-        crossed=found.crossed,
-        arm_calibrated=found.calibrated,
-        arm_p=found.p,
-        arm_untold=found.why,
-        opencv=found.left_out,
-        methods=tuple(_methods(found)),
-        cameras=tuple(_camera(own, found) for own in found.standing),
-        targets=found.cell.targets_in_words,
+        methods=_methods(found),
+        cameras=[_camera(own, found) for own in found.standing],
         goal_mm=None if goal is None else goal * _MM,
         goal_beyond_reach=answer is not None and answer.beyond_reach,
         poses_to_goal=_to_goal(answer),
-        lacking_mm=None if answer is None else answer.lacking.rms * _MM,
-        ahead=tuple(AheadEntry.from_result(step) for step in steps),
+        ahead=steps,
         ahead_untold=ahead.why,
-        next_poses=tuple(
-            NextPose(pose=f"n{k:02d}", **shown_joints(robot, own)) for k, own in enumerate(q, 1)
-        ),
+        next_poses=[
+            PoseToMeasure(pose=f"n{k:02d}", **shown_joints(robot, own))
+            for k, own in enumerate(q, 1)
+        ],
     )
 
 
@@ -223,25 +209,12 @@ def _to_goal(answer: Enough | None) -> int | None:
 
 def _methods(found: HandEye) -> Iterator[MethodEntry]:
     for own in found.judged:
-        px, mm, mrad = (_missed(own.missed.rms(unit)) for unit in ("px", "mm", "mrad"))
-        yield MethodEntry(
-            camera=own.pair.camera,
-            target=own.pair.target,
-            method=own.method,
+        yield MethodEntry.from_result(
+            own,
             used=own.method == found.used,
             images=len(own.missed.group),
-            px=px,
-            mm=mm,
-            mrad=mrad,
-            better_p=own.better,
+            **{unit: own.missed.rms(unit) for unit in ("px", "mm", "mrad")},
         )
-
-
-def _missed(rms: Interval | None) -> MissedEntry | None:
-    if rms is None:
-        return None
-    high = rms.high if np.isfinite(rms.high) else None
-    return MissedEntry(value=rms.value, low=rms.low, high=high)
 
 
 def _camera(own: Standing, found: HandEye) -> CameraEntry:
@@ -250,22 +223,16 @@ def _camera(own: Standing, found: HandEye) -> CameraEntry:
     from calib.arm.se3 import rpy_from_rotation
 
     robot = found.cell.robot
-    x, y, z, w = Rotation.from_matrix(own.T[:3, :3]).as_quat().tolist()
+    R = own.T[:3, :3]
     std, half = own.std * _MM, own.half * _MM
-    return CameraEntry(
-        camera=own.camera,
+    return CameraEntry.from_result(
+        own,
+        {"position": own.T[:3, 3], "rpy": rpy_from_rotation(R)},
         on=robot.tip if own.carrier == "tip" else robot.base,
-        position_mm=three(own.T[:3, 3] * _MM),
-        rpy_deg=three(np.degrees(rpy_from_rotation(own.T[:3, :3]))),
-        quaternion_xyzw=(x, y, z, w),
-        std_mm=_three_or_none(std[:3]),
-        std_mrad=_three_or_none(std[3:]),
-        ci95_mm=_three_or_none(half[:3]),
-        ci95_mrad=_three_or_none(half[3:]),
+        quaternion_xyzw=Rotation.from_matrix(R).as_quat(),
+        std_mm=std[:3],
+        std_mrad=std[3:],
+        ci95_mm=half[:3],
+        ci95_mrad=half[3:],
         image_px=found.alone.get(own.camera),
     )
-
-
-def _three_or_none(values: Array) -> tuple[float | None, float | None, float | None]:
-    x, y, z = (own if np.isfinite(own) else None for own in values.tolist())
-    return x, y, z

@@ -9,7 +9,8 @@ from typing import Any
 from studies import document as doc
 from studies.document import FOUR, STD, Shown, mm, plural
 from studies.entries import joint_columns
-from studies.hand_eye.record import CameraEntry, HandEyeRecord, MethodEntry, MissedEntry, NextPose
+from studies.hand_eye.record import CameraEntry, HandEyeRecord, MethodEntry, PoseToMeasure
+from studies.record import IntervalEntry
 
 _OURS = ("arm as it is", "arm calibrated")
 _ONE_OF_MANY = 0.01  # by chance: of five methods one is better at one in twenty
@@ -26,7 +27,7 @@ def told(record: HandEyeRecord) -> doc.Document:
     return doc.Document(tuple(chain.from_iterable(say(record) for say in sentences)), (section,))
 
 
-def _figure(entry: MethodEntry) -> tuple[MissedEntry, str] | None:
+def _figure(entry: MethodEntry) -> tuple[IntervalEntry, str] | None:
     """By what it is judged: pixels where a camera reads, else lengths."""
     if entry.px is not None:
         return entry.px, "px"
@@ -199,7 +200,7 @@ def _parts(record: HandEyeRecord) -> Iterator[doc.Part]:
         yield doc.Lines(_lines(camera))
     joints = joint_columns(record.next_poses, detail=False)
     yield doc.Table(
-        doc.columns(NextPose, "pose", *joints), record.next_poses, "Poses to measure next"
+        doc.columns(PoseToMeasure, "pose", *joints), record.next_poses, "Poses to measure next"
     )
 
 

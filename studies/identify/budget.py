@@ -10,7 +10,7 @@ from pydantic import Field
 
 from studies import document as doc
 from studies.document import STD, WHOLE, Mood, Rule, Sentence, Shown, labelled, listed, mm, plural
-from studies.record import Count, Entry, Maybe, NotNegative, Positive
+from studies.record import OWN_UNIT, Count, Entry, From, Judgement, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
     from calib.uncertainty.acceptance import ConformityTest
@@ -39,22 +39,24 @@ class BudgetRow(Entry):
     source: str
     instrument: Annotated[str, Shown("of")]
     evaluation: Annotated[Literal["A", "B"], Shown("type")]
-    part_of: Literal["calibration", "arm", "model", "trend"]
+    part_of: Annotated[Literal["calibration", "arm", "model", "trend"], From("of")]
     distribution: str
     divisor: Positive
-    stated: Annotated[Maybe, Shown(rule=_OWN)]
-    standard_uncertainty: Annotated[Maybe, Shown("u", _OWN)]
+    stated: Annotated[Maybe, Shown(rule=_OWN), OWN_UNIT]
+    standard_uncertainty: Annotated[Maybe, Shown("u", _OWN), From("std", own_unit=True)]
     unit: Annotated[str, Shown(rule=Rule(str, absent=""))]
     sensitivity_mm: Annotated[Maybe, Shown(rule=_OWN, unit="mm/unit")]
-    degrees_of_freedom: Annotated[Maybe, Shown("degrees of\nfreedom", Rule(WHOLE.show, "known"))]
-    at_one_reading_mm: Annotated[Maybe, Shown("one reading")]
+    degrees_of_freedom: Annotated[
+        Maybe, Shown("degrees of\nfreedom", Rule(WHOLE.show, "known")), From("freedom")
+    ]
+    at_one_reading_mm: Annotated[Maybe, Shown("one reading"), From("at_reading")]
     at_targets_mm: Annotated[NotNegative, Shown("targets")]
     base_placed_anew_mm: Annotated[NotNegative, Shown("base measured\nagain")]
     share: NotNegative
     poses: Literal["average", "base", "stays"] | None
 
 
-class Expanded(Entry):
+class ExpandedUncertainty(Entry):
     """A combined standard uncertainty, and the distance within which 95 % of errors stay.
 
     Errors in space: the factor is Student's t where they lie along one line, less where not.
@@ -71,8 +73,8 @@ class BudgetEntry(Entry):
     """All sources; what the parameters' uncertainty leaves, and with what the arm itself adds."""
 
     rows: tuple[BudgetRow, ...] = Field(min_length=1)
-    calibration: Expanded
-    total: Expanded
+    calibration: ExpandedUncertainty
+    total: ExpandedUncertainty
     probability: Positive
 
     def of(self, part: str) -> float:
@@ -93,12 +95,12 @@ def budget_entry(budget: Budget) -> BudgetEntry:
     )
 
 
-def _expanded(budget: Budget, parts: Sequence[Source]) -> Expanded:
+def _expanded(budget: Budget, parts: Sequence[Source]) -> ExpandedUncertainty:
     from calib.uncertainty.budget import combined
 
     found = combined(parts, budget.weights)
     u, most = budget.rms(found.errors), budget.rms(found.expanded)
-    return Expanded(
+    return ExpandedUncertainty(
         standard_uncertainty_mm=u * _MM,
         coverage_factor=most / u if u else 1.0,
         expanded_mm=most * _MM,
@@ -119,13 +121,8 @@ def _row(budget: Budget, part: Source, total: float) -> BudgetRow:
             fate = "average"
     return BudgetRow.from_result(
         part,
-        part_of=part.of,
-        stated=None if part.stated is None else part.stated / part.scale,
-        standard_uncertainty=own,
         unit=part.unit if own is not None else "",
         sensitivity_mm=at_targets / own if own else None,
-        degrees_of_freedom=part.freedom,
-        at_one_reading_mm=at_reading,
         at_targets_mm=at_targets,
         base_placed_anew_mm=placed,
         share=at_targets**2 / total if total else 0.0,
@@ -193,7 +190,7 @@ def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[doc.Par
         )  # fmt: skip
 
 
-def _covered(found: Expanded) -> str:
+def _covered(found: ExpandedUncertainty) -> str:
     """Both figures with their factor, as a certificate gives them."""
     nu = found.degrees_of_freedom
     behind = "" if nu is None else f", {nu:.0f} degrees of freedom"
@@ -221,6 +218,16 @@ class AcceptanceEntry(Entry):
     undecided: Count
     largest_mm: NotNegative
     expanded_mm: NotNegative
+
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict and what it rests on."""
+        tolerance = f"tolerance {self.tolerance_mm:g} mm"
+        if self.verdict is None:
+            return Judgement("undecided", f"{tolerance}: not judged without held-out poses")
+        counts = f"{self.passed} of {self.points} held-out points are within it"
+        largest = f"the largest error is {self.largest_mm:.3g} mm"
+        return Judgement(self.verdict, f"{tolerance}: {counts}, {largest}")
 
     @property
     def stated(self) -> str:

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from studies import document as doc
 from studies.document import Shown
-from studies.record import Count, Entry, Maybe, NotNegative, Number, Three
+from studies.record import Count, Entry, From, Maybe, NotNegative, Number, Three
 
 if TYPE_CHECKING:
     from calib.drift import DriftTest, Motion, Series
-    from studies.identify.record import IdentifyRecord
-
-_HOUR = 3600.0
 
 
 class MotionEntry(Entry):
     """How the markers stood at a later reading against the first; turns None where they show none."""
 
     pose: str
-    hours: Maybe
+    hours: Annotated[Maybe, From("time")]
     translation_um: Three
     translation_std_um: Three
     rotation_urad: Three | None
@@ -31,7 +28,7 @@ class MotionEntry(Entry):
     length_um: NotNegative
     markers: Count
     rank: Count
-    p_value: Number
+    p_value: Annotated[Number, From("p")]
 
 
 class RepeatedPose(Entry):
@@ -58,8 +55,8 @@ class DriftEntry(Entry):
     """Whether repeated readings moved, and whether steadily."""
 
     verdict: Literal["steady", "drift", "moved"]
-    p_value: Number
-    degrees_of_freedom: Count
+    p_value: Annotated[Number, From("p")]
+    degrees_of_freedom: Annotated[Count, From("dof")]
     trend_p: Maybe
     noise_factor: Number
     one_side: bool
@@ -71,9 +68,7 @@ def drift_entry(found: DriftTest) -> DriftEntry:
     """The entry of what was found."""
     return DriftEntry.from_result(
         found,
-        p_value=found.p,
-        degrees_of_freedom=found.dof,
-        rates=[DriftRate.from_result(rate, station=name) for name, rate in found.rates.items()],
+        rates=DriftRate.from_each(found.rates.values(), station=found.rates),
         references=map(_reference, found.series),
     )
 
@@ -91,7 +86,7 @@ def _reference(series: Series) -> RepeatedPose:
 
 def _motion(motion: Motion) -> MotionEntry:
     turns = {} if motion.rank > 3 else {"rotation_urad": None, "rotation_std_urad": None}
-    return MotionEntry.from_result(motion, hours=motion.time / _HOUR, p_value=motion.p, **turns)
+    return MotionEntry.from_result(motion, **turns)
 
 
 _MOST = 8  # readings that the terminal shows
@@ -109,9 +104,11 @@ _AGAIN = doc.heads(
 )
 
 
-def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
-    """How far poses that were read again had moved; nothing without them."""
-    drift = record.drift
+def drift_section(drift: DriftEntry | None, effects: Collection[str]) -> Iterator[doc.Section]:
+    """How far poses that were read again had moved; nothing without them.
+
+    effects : of the model
+    """
     if drift is None:
         return
     rows = [
@@ -121,11 +118,11 @@ def drift_section(record: IdentifyRecord) -> Iterator[doc.Section]:
     ]  # fmt: skip
     table = doc.Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
     yield doc.Section(
-        "drift", "Did the setup move between repeated poses?", (table, *_moved(record, drift))
+        "drift", "Did the setup move between repeated poses?", (table, *_moved(drift, effects))
     )
 
 
-def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
+def _moved(drift: DriftEntry, effects: Collection[str]) -> Iterator[doc.Sentence]:
     count, p = len(drift.references), doc.P(drift.p_value)
     of = f", {count} repeated poses together" if count > 1 else ""
     if drift.verdict == "steady":
@@ -142,7 +139,7 @@ def _moved(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
             f"single points scatter by {doc.TENTH(drift.noise_factor)} times the noise of the cell"
         )
     if drift.verdict != "steady":
-        yield from _to_do(record, drift)
+        yield from _to_do(drift, effects)
 
 
 def _rate(rate: DriftRate) -> doc.Sentence:
@@ -161,12 +158,12 @@ def _rms(values: Three | None) -> float | None:
     return None if values is None else float(np.sqrt(np.mean(np.square(values))))
 
 
-def _to_do(record: IdentifyRecord, drift: DriftEntry) -> Iterator[doc.Sentence]:
+def _to_do(drift: DriftEntry, effects: Collection[str]) -> Iterator[doc.Sentence]:
     if not drift.one_side:
         yield doc.Sentence(
             "the approach directions differ, so it may be backlash. Come from one side each time"
         )
-    modelled = [p.effect for p in record.parameters if p.effect in _MODELLED]
+    modelled = [effect for effect in _MODELLED if effect in effects]
     if drift.verdict == "moved":
         yield doc.Sentence(
             "something was knocked or is loose, or the readings are too few for a trend. If one row "

@@ -1,31 +1,22 @@
-"""The errors that the nominal and the identified model leave: their entries, and how they are told."""
+"""The errors that the nominal and the identified model leave, and the poses that stand out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import computed_field, model_validator
 
-from studies import document as doc
-from studies.document import MRAD, Shown, mm
+from studies.document import MRAD, Detail, Part, Sentence, Shown, Table, heads
 from studies.fitted import Angles, Lengths, Pixels, ResidualEntry, residual_fields
-from studies.identify.outliers import told_outliers
-from studies.identify.pictures import (
-    distances,
-    errors_by_pose,
-    errors_over_image,
-    point_errors,
-    residuals_by_pose,
-)
-from studies.record import Count, Entry, Maybe, NotNegative, Three
+from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Outlier, Three
 
 if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array
     from calib.identification import Residuals
-    from studies.identify.record import IdentifyRecord
+    from calib.identification.pattern import Shared
 
 _MM = 1e3
 
@@ -75,7 +66,7 @@ class OfInstrument(Entry):
 Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
-class Pairs(Entry):
+class PairErrors(Entry):
     """Errors of the distances between points of two poses, mm."""
 
     rms: NotNegative
@@ -127,7 +118,7 @@ def instrument_entries(found: Identification) -> tuple[OfInstrument, ...]:
     )
 
 
-def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
+def pair_entries(found: Identification) -> Iterator[tuple[Model, PairErrors]]:
     """The entries of the errors between points of two poses, by model."""
     from calib.identification.residuals import pair_errors
     from calib.instruments import Tracker
@@ -144,15 +135,9 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, Pairs]]:
         parts.append(("heldout", pair_errors(held.data, held.data.points - held.vectors[..., :3])))
     for key, errors in parts:
         if len(errors):
-            yield (
-                key,
-                Pairs(
-                    rms=float(np.sqrt(np.mean(errors**2))) * _MM,
-                    p95=float(np.quantile(np.abs(errors), 0.95)) * _MM,
-                    max=float(np.abs(errors).max()) * _MM,
-                    pairs=len(errors),
-                ),
-            )
+            mm = np.abs(errors) * _MM
+            p95, most = np.quantile(mm, (0.95, 1.0)).tolist()
+            yield key, PairErrors(rms=rms_of(mm), p95=p95, max=most, pairs=len(mm))
 
 
 def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
@@ -163,83 +148,76 @@ def residual_entries(found: Identification, part: Residuals) -> Iterator[Identif
     yield from (IdentifyResidual(**fields) for fields in every)
 
 
-_MODELS: dict[Model, str] = {
-    "nominal": "fitted poses, nominal model",
-    "fitted_all": "fitted poses, identified",
-    "fitted": "fitted poses without outliers, identified",
-    "heldout": "held-out poses, identified",
-    "heldout_trimmed": "held-out poses without outliers, identified",
-}
-_FIGURES = ("RMS [mm]", "p95 [mm]", "max [mm]")
-_ERRORS = doc.heads("distance measured - predicted", *_FIGURES)
-_PAIRS = doc.heads("distance between two poses", *_FIGURES, Shown("pairs", doc.COUNT))
-_OF_INSTRUMENTS = doc.columns(OfInstrument, "instrument unit nominal fitted_all heldout")
+# -- poses that stand out -----------------------------------------------------------------------
+
+_MOST = 8  # outliers that the terminal shows
 
 
-def told_errors(record: IdentifyRecord) -> Iterator[doc.Part]:
-    """How far the readings were off and are now, by model, by instrument and pose by pose."""
-    floor = mm(3.0**0.5 * record.noise.instrument_mm)
-    caption = f"Distances in space; the instrument alone would leave {floor} RMS"
-    if rows := list(_models(record)):
-        yield doc.Table(_ERRORS, rows, "Errors by model", caption)
-        yield doc.Figure(lambda: distances(record))
-    if len(record.instruments) > 1 or not rows:
-        caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
-        yield doc.Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
-    every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
-    pairs = [
-        (every[key], own.rms, own.p95, own.max, own.pairs)
-        for key, own in record.pair_distances_mm.items()
-    ]
-    caption = (
-        "Distances between points of two poses, measured minus predicted: a check that depends on no "
-        "frame, since distances are the same wherever the instrument stands"
-    )
-    yield doc.Detail(
-        (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
-    )
-    yield from told_outliers(record)
-    if any(row.at_px is not None for row in record.residuals):
-        yield doc.Figure(lambda: errors_over_image(record))
+class OutliersTogether(Entry):
+    """What the outliers have in common, in the unit that it names."""
+
+    variable: str
+    low: Annotated[Number, OWN_UNIT]
+    high: Annotated[Number, OWN_UNIT]
+    unit: str
+    poses: Annotated[Count, From("inside")]
+    of_poses: Annotated[Count, From("poses")]
+    outliers: Count
+    of_outliers: Annotated[Count, From("of")]
+    p: Number
+    beyond_all_others: Maybe
+
+
+def outlier_entries(part: Residuals, footprint: float) -> Iterator[Outlier]:
+    """The entries of the outliers among the poses fitted or held out."""
+    for i in np.flatnonzero(part.outlier):
+        errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
+        largest = float(np.linalg.norm(errors, axis=-1).max()) * footprint * _MM
+        allowed = ", and the other poses leave nothing"
+        if part.limit > 0.0:
+            ratio = float(np.sqrt(part.statistic[i] / part.limit))
+            allowed = f", {ratio:.1f} times what the other poses allow"
+        name = part.data.poses.names[i]
+        yield Outlier(pose=name, reason=f"residual up to {largest:.3f} mm{allowed}")
+
+
+def together_entry(common: Shared) -> OutliersTogether:
+    """The entry of what outliers share."""
+    beyond = common.alone / common.scale if common.alone else None
+    return OutliersTogether.from_result(common, beyond_all_others=beyond)
+
+
+_OUTLIERS = heads("pose", "what became of it", "reason")
+
+
+def told_outliers(
+    fitted: Sequence[Outlier], heldout: Sequence[Outlier], share: OutliersTogether | None
+) -> Iterator[Part]:
+    """The outliers with what became of them, and where they stand together."""
+    rows = [(own.pose, "left out of the fit", own.reason) for own in fitted]
+    rows += [(own.pose, "held out", own.reason) for own in heldout]
     if not rows:
+        yield Detail((Sentence("No pose was rejected.", "good"),))
         return
-    yield doc.Figure(lambda: errors_by_pose(record))
-    yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
-    if record.rms_mm.heldout is not None:
-        yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
-    yield doc.Detail(
-        (doc.Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
+    yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", True, _MOST)
+    if share is not None:
+        yield Detail((Sentence(_shared(share), "warn"),))
+
+
+def _shared(share: OutliersTogether) -> str:
+    """What outliers have in common, and what that means."""
+    name = share.variable.removeprefix("q:")
+    low, high = f"{share.low:.4g}", f"{share.high:.4g}"
+    if share.beyond_all_others is not None:
+        return (
+            f"An outlier is the only pose at {name} = {high} {share.unit}, "
+            f"{share.beyond_all_others:.3g} {share.unit} beyond every other: the model is extrapolated "
+            "there, and may be at fault."
+        )
+    span = f"{low} to {high}" if low != high else low
+    return (
+        f"Outliers with something in common are a signal, not a fault: {share.outliers} of "
+        f"{share.of_outliers} have {name} in {span} {share.unit}, where {share.poses} of "
+        f"{share.of_poses} poses are (by chance {share.p:.1g}). Believe the figures over all poses, "
+        "and look for what the model lacks there."
     )
-
-
-def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
-    trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
-    for key, label in _MODELS.items():
-        if key == "heldout":
-            yield from _nominal_at_heldout(record)
-        row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
-        if row[0] is not None and trimmed.get(key, True):
-            yield label, *row
-
-
-def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
-    """RMS, 95th percentile and largest distance, mm, where anything is held out."""
-    rows = [row for row in record.residuals if row.heldout and row.metric]
-    if rows:
-        lengths = np.array([np.linalg.norm(row.before) for row in rows])
-        rms = float(np.sqrt(np.mean(lengths**2)))
-        p95 = float(np.quantile(lengths, 0.95))
-        yield "held-out poses, nominal model", rms, p95, float(lengths.max())
-
-
-_POSES = doc.heads(
-    "pose", "RMS before [mm]", "RMS after [mm]", Shown("markers seen", doc.COUNT), "use"
-)
-
-
-def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
-    found = point_errors(record)
-    before, after = (1e3 * found.by_pose(errors) for errors in (found.before, found.after))
-    use = ["held out" if held else "fitted" for held in found.heldout]
-    seen = found.seen.sum(axis=1).tolist()
-    return list(zip(found.poses, before, after, seen, use, strict=True))

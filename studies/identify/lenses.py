@@ -9,7 +9,7 @@ import numpy as np
 
 from studies import document as doc
 from studies.document import MRAD, Shown, mm
-from studies.record import Entry, MaybePositive, NotNegative, Number
+from studies.record import Entry, From, MaybePositive, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -36,9 +36,9 @@ class UnfitLensEntry(Entry):
 
     camera: str
     free: tuple[str, ...]
-    rms_px: NotNegative
-    with_it_free_px: NotNegative
-    pixel_mm: MaybePositive
+    rms_px: Annotated[NotNegative, From("left_px")]
+    with_it_free_px: Annotated[NotNegative, From("freed_px")]
+    pixel_mm: Annotated[MaybePositive, From("pixel_m")]
 
     @property
     def said(self) -> str:
@@ -53,20 +53,6 @@ class UnfitLensEntry(Entry):
         )
 
 
-def unfit_entries(found: Identification) -> Iterator[UnfitLensEntry]:
-    """All of them, the worst first."""
-    from calib.identification.lenses import unfit_lenses
-
-    for own in sorted(unfit_lenses(found), key=lambda own: -own.left_px):
-        yield UnfitLensEntry(
-            camera=own.camera,
-            free=own.free,
-            rms_px=own.left_px,
-            with_it_free_px=own.freed_px,
-            pixel_mm=None if own.pixel_m is None else own.pixel_m * 1e3,
-        )
-
-
 def lens_entries(found: Identification) -> Iterator[LensValue]:
     """All values of the lenses of which anything was found."""
     from calib.identification.lenses import lens_of
@@ -78,15 +64,14 @@ def lens_entries(found: Identification) -> Iterator[LensValue]:
         values, covariance, asked = lens_of(found, camera)
         std = np.sqrt(np.diag(covariance))
         if asked.any():
-            for i, name in enumerate(camera.lens.names):
-                yield LensValue(
-                    camera=camera.name,
-                    name=name,
-                    nominal=float(camera.lens.values[i]),
-                    value=float(values[i]),
-                    std=float(std[i]) if std[i] > 0.0 else None,
-                    unit="px" if i < _IN_PIXELS else "1",
-                )
+            yield from LensValue.from_each(
+                [{"camera": camera.name}] * len(std),
+                name=camera.lens.names,
+                nominal=camera.lens.values,
+                value=values,
+                std=np.where(std > 0.0, std, np.nan),
+                unit=["px" if i < _IN_PIXELS else "1" for i in range(len(std))],
+            )
 
 
 _LENSES = doc.columns(

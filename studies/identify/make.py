@@ -10,15 +10,16 @@ import calib
 from calib import Identification
 from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
-from calib.compensation.estimate import Estimate, estimate_of
-from calib.drift import DriftTest, drift_in
+from calib.compensation.estimate import estimate_of
+from calib.drift import drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
+from calib.identification.unfit_lens import unfit_lenses
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.uncertainty.acceptance import ConformityTest, judged
-from calib.uncertainty.budget import Budget, accuracy_at_targets
+from calib.uncertainty.acceptance import judged
+from calib.uncertainty.budget import accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.entries import at_targets
@@ -28,17 +29,22 @@ from studies.identify.drift import drift_entry
 from studies.identify.errors import (
     distances_entry,
     instrument_entries,
+    outlier_entries,
     pair_entries,
     residual_entries,
     rms_of,
+    together_entry,
 )
-from studies.identify.lenses import lens_entries, unfit_entries
-from studies.identify.of_type import of_type_entry
-from studies.identify.outliers import outlier_entries, together_entry
-from studies.identify.parameters import absorbed_entries, parameter_entries, sizes_entry
+from studies.identify.lenses import lens_entries
+from studies.identify.parameters import (
+    absorbed_entries,
+    of_type_entry,
+    parameter_entries,
+    sizes_entry,
+)
 from studies.identify.record import IdentifyNoise, IdentifyRecord, Placement, Placements
-from studies.noise import by_level, pixel_mm
-from studies.record import Envelope, envelope
+from studies.noise import noise_fields
+from studies.record import envelope
 
 _MM = 1e3
 MOST = 200_000
@@ -75,55 +81,38 @@ def identified(
             weighting=weighting, length=length_mm * 1e-3, differences=differences,
         )  # fmt: skip
     of_pose = approach == "pose"
-    estimate = estimate_of(found)
-    record = identify_record(
+    record = _record(
+        session,
         found,
-        accuracy_at_targets(cell, found, estimate),
-        drift_in(cell, found, session.whole),
-        estimate,
-        judged(cell, found),
-        envelope(cell.name, inputs_of(session), session.seed, cell.about),
         warnings=(*held.warnings, *said, *found.warnings),
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
         differences=differences,
-        holdout=session.holdout,
     )
     return found, record
 
 
-def identify_record(
-    found: Identification,
-    accuracy: Budget,
-    drift: DriftTest | None,
-    estimate: Estimate,
-    judged: ConformityTest | None,
-    made_from: Envelope,
-    **asked: object,
-) -> IdentifyRecord:
-    """The record of an identification.
-
-    accuracy : to expect at the targets; drift : what readings that were repeated say
-    judged : the held-out points against the cell's tolerance
-    asked : warnings, and what the caller chose beside approach and method
-    """
-    fit, held = found.fit, found.heldout
+def _record(session: MeasuredTable, found: Identification, **asked: object) -> IdentifyRecord:
+    """The record of an identification; asked : warnings, and what the caller chose."""
+    cell, fit, held = session.cell, found.fit, found.heldout
+    estimate = estimate_of(found)
+    accuracy = accuracy_at_targets(cell, found, estimate)
+    drift, acceptance = drift_in(cell, found, session.whole), judged(cell, found)
     parts = [part for part in (fit, held) if part is not None]
     return IdentifyRecord.from_result(
         found,
-        **made_from,
+        **envelope(cell.name, inputs_of(session), session.seed, cell.about),
         **asked,
+        holdout=session.holdout,
         advice=ADVICE[found.status],
         noise=_noise(found),
         poses=len(fit.data),
         points=int(fit.data.seen.sum()),
-        degrees_of_freedom=found.dof,
         parameters=parameter_entries(found),
         unused_poses=(*found.unused, *found.waiting),
-        before_the_first_move=found.waiting,
         absorbed=absorbed_entries(found),
         outliers=outlier_entries(fit, found.footprint),
-        outliers_share=together_entry(found.shared) if found.shared is not None else None,
+        outliers_share=found.shared and together_entry(found.shared),
         heldout_outliers=() if held is None else outlier_entries(held, found.footprint),
         rms_mm=distances_entry(found, rms_of),
         max_mm=distances_entry(found, lambda d: float(d.max())),
@@ -144,28 +133,23 @@ def identify_record(
             accuracy.expected.expanded,
         ),
         budget=budget_entry(accuracy),
-        acceptance=None if judged is None else acceptance_entry(judged),
-        drift=None if drift is None else drift_entry(drift),
-        of_type=None if found.of_type is None else of_type_entry(found, found.of_type),
-        sizes=None if found.sizes is None else sizes_entry(found.sizes),
-        lenses=tuple(lens_entries(found)),
-        unfit_lenses=tuple(unfit_entries(found)),
+        acceptance=acceptance and acceptance_entry(acceptance),
+        drift=drift and drift_entry(drift),
+        of_type=found.of_type and of_type_entry(found, found.of_type),
+        sizes=found.sizes and sizes_entry(found.sizes),
+        lenses=lens_entries(found),
+        unfit_lenses=sorted(unfit_lenses(found), key=lambda own: -own.left_px),
         estimate=estimated(estimate),
     )
 
 
 def _noise(found: Identification) -> IdentifyNoise:
-
-    noise, mm = found.noise, found.footprint * _MM
-    again = noise.replicate_factor
+    noise, again = found.noise, found.noise.replicate_factor
+    believed_mm = noise.believed * found.footprint * _MM
     return IdentifyNoise.from_result(
         noise,
-        sigma_mm=noise.sigma * mm,
-        believed_sigma_mm=noise.believed * mm,
-        pixel_mm=pixel_mm(found.model, found.footprint),
-        replicate_sigma_mm=None if again is None else again * noise.believed * mm,
-        degrees_of_freedom=float(noise.dof),
-        **by_level(found.levels, found.scatter, found.model.robot.reach),
+        replicate_sigma_mm=None if again is None else again * believed_mm,
+        **noise_fields(noise, found.levels, found.scatter, found.model, found.footprint),
     )
 
 

@@ -1,34 +1,32 @@
-"""What ``posecal identify`` finds, and what it says: how far the robot was off, and each parameter."""
+"""What ``posecal identify`` finds: how far the robot was off, and each parameter."""
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.document import MRAD, Document, Figure, Section, Sentence, mm
-from studies.entries import TargetAccuracy, over_the_workspace
+from studies.entries import TargetAccuracy
 from studies.fitted import Estimated
-from studies.identify.budget import AcceptanceEntry, BudgetEntry, accepted, budget_section
-from studies.identify.drift import DriftEntry, drift_section
+from studies.identify.budget import AcceptanceEntry, BudgetEntry
+from studies.identify.drift import DriftEntry
 from studies.identify.errors import (
     ErrorFigures,
     IdentifyResidual,
     Model,
     OfInstrument,
-    Pairs,
-    told_errors,
+    OutliersTogether,
+    PairErrors,
 )
-from studies.identify.lenses import LensValue, UnfitLensEntry, told_lenses
-from studies.identify.of_type import OfType, told_of_type
-from studies.identify.outliers import OutliersTogether
-from studies.identify.parameters import Absorbed, IdentifiedParameter, SizesEntry, told_parameters
-from studies.noise import NoiseEntry, lacks, unusual
+from studies.identify.lenses import LensValue, UnfitLensEntry
+from studies.identify.parameters import IdentifiedParameter, OfType, RedundantParameter, SizePrior
+from studies.noise import NoiseEntry
 from studies.record import (
     BeforeAfter,
     Count,
     Entry,
+    From,
     Maybe,
     NotNegative,
     Number,
@@ -46,7 +44,7 @@ class IdentifyNoise(NoiseEntry):
 
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
-    degrees_of_freedom: Maybe = None
+    degrees_of_freedom: Annotated[Maybe, From("dof")] = None
 
 
 class Placement(Entry):
@@ -78,14 +76,14 @@ class IdentifyRecord(Record):
     poses: Count
     points: Count
     rank: Count
-    degrees_of_freedom: Count
+    degrees_of_freedom: Annotated[Count, From("dof")]
     iterations: Count
     parameters: tuple[IdentifiedParameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
-    before_the_first_move: tuple[str, ...] = ()
+    before_the_first_move: Annotated[tuple[str, ...], From("waiting")] = ()
     unidentifiable: tuple[UnidentifiableEntry, ...]
-    absorbed: tuple[Absorbed, ...]
+    absorbed: tuple[RedundantParameter, ...]
     outliers: tuple[Outlier, ...]
     outliers_share: OutliersTogether | None = None
     heldout_outliers: tuple[Outlier, ...]
@@ -93,7 +91,7 @@ class IdentifyRecord(Record):
     max_mm: ErrorFigures
     p95_mm: ErrorFigures
     instruments: tuple[OfInstrument, ...] = ()
-    pair_distances_mm: dict[Model, Pairs]
+    pair_distances_mm: dict[Model, PairErrors]
     rms_of_residuals_mm: NotNegative | None
     base: Placements
     markers_mm: dict[str, Three]
@@ -108,7 +106,7 @@ class IdentifyRecord(Record):
     acceptance: AcceptanceEntry | None = None
     drift: DriftEntry | None = None
     of_type: OfType | None = None
-    sizes: SizesEntry | None = None
+    sizes: SizePrior | None = None
     lenses: tuple[LensValue, ...] = ()
     unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)
     estimate: Estimated
@@ -155,82 +153,5 @@ class IdentifyRecord(Record):
             float(np.sqrt(np.mean([np.square(vector).sum() for vector in vectors])))
             for vectors in ([row.before for row in rows], [row.vector for row in rows])
         )
-        return BeforeAfter(before, after, unit, heldout)
-
-
-_WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
-_OF_TYPE = "Is it as others of its type?"
-_WRONG_TABLE = (
-    "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
-    "the rows."
-)
-
-
-def told(record: IdentifyRecord) -> Document:
-    """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
-    kin, lenses = record.of_type, tuple(told_lenses(record.lenses))
-    workspace = Figure(lambda: over_the_workspace(record.at_targets))
-    return Document(
-        (_fell(record), *accepted(record.acceptance), _next(record)),
-        (
-            Section("errors", "Errors before and after", tuple(told_errors(record))),
-            *drift_section(record),
-            Section("parameters", "What was identified", tuple(told_parameters(record))),
-            *([Section("lenses", "Lenses", lenses)] if record.lenses else []),
-            *([] if kin is None else [Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
-            Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
-            *budget_section(record.budget, record.targets, record.noise.missing),
-        ),
-    )
-
-
-def _fell(record: IdentifyRecord) -> Sentence:
-    before, after, unit, _ = record.error
-    where = "at held-out poses" if record.held_out else "at the fitted poses"
-    old, new = (mm(own) if unit == "mm" else f"{MRAD(own)} {unit}" for own in (before, after))
-    if after >= before:
-        return Sentence(f"The error {where} did not fall: {old} before, {new} after.", "warn")
-    converged = record.status == "converged"
-    praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
-    ratio = before / after if praised else 1.0
-    times = f", {ratio:.{int(ratio < 10.0)}f} times better" * praised
-    said = f"The error {where} fell from {old} to {new}{times}."
-    return Sentence(said, "good" if converged else "warn")
-
-
-def _next(record: IdentifyRecord) -> Sentence:
-    """What speaks against the result first, else the accuracy to expect."""
-    before, after, unit, _ = record.error
-    if unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
-        return Sentence(_WRONG_TABLE, "warn")
-    if record.unfit_lenses:
-        return Sentence(record.unfit_lenses[0].said, "warn")
-    noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
-    if record.status != "converged":
-        status = record.status.replace("_", " ").capitalize()
-        return Sentence(f"{status}: {record.advice}.", "warn")
-    if lacking:
-        said = lacks(lacking)
-        return Sentence(f"{said[0].upper()}{said[1:]}.", "warn")
-    if after >= before and not record.noise.lacks and record.lenses:
-        return Sentence(
-            "The nominal arm is as good: the lens that was found is the result.", "good"
-        )
-    if after >= before and not record.noise.lacks:
-        return Sentence("The nominal model is as good: there is nothing to correct.")
-    if after >= before:
-        said = "Do not use this model. Measure more poses, or identify fewer parameters."
-        return Sentence(said, "warn")
-    if noise.louder and not noise.scatters:
-        return Sentence(
-            f"{mm(noise.sigma_mm)} remains in each coordinate; the cell states "
-            f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
-            "warn",
-        )
-    if (scatters := unusual(noise)) is not None:
-        return Sentence(scatters, "warn")
-    rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
-    only = ", if the model lacks nothing" if noise.missing else ""
-    return Sentence(
-        f"The parameters' uncertainty leaves {rms} RMS at the targets, {worst} at worst{only}."
-    )
+        judged = None if self.acceptance is None else self.acceptance.judgement
+        return BeforeAfter(before, after, "RMS error at {where}", unit, heldout, judged=judged)

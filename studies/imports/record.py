@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
 from calib.files.exports.join import some
 from calib.files.exports.joints import UNITS
 from studies.document import Document, Part, Section, Table, heads, labelled
-from studies.record import Count, Entry, Envelope, Record
+from studies.record import Count, Entry, Envelope, From, Record
 
 if TYPE_CHECKING:
     from calib.files.csv_table import CsvTable
@@ -31,7 +31,7 @@ class ReadList(Entry):
     columns: tuple[str, ...]
     unit: str
     unit_from: str
-    ignored_columns: tuple[str, ...]
+    ignored_columns: Annotated[tuple[str, ...], From("ignored")]
 
 
 class ImportRecord(Record):
@@ -44,8 +44,8 @@ class ImportRecord(Record):
 
     of_one_cell: ClassVar[bool] = False
     command: Literal["import"] = "import"
-    names: str
-    names_tried: dict[str, Count]
+    names: Annotated[str, From("pattern")]
+    names_tried: Annotated[dict[str, Count], From("tried")]
     poses: Count
     points: Count
     markers: dict[str, Count]
@@ -54,11 +54,11 @@ class ImportRecord(Record):
     joint_file: str = ""
     joint_rows: Count = 0
     joints: tuple[str, ...]
-    carried_columns: tuple[str, ...] = ()
-    ignored_joint_columns: tuple[str, ...]
-    poses_without_points: tuple[str, ...]
-    poses_without_joints: dict[str, Count]
-    points_left_out: tuple[str, ...]
+    carried_columns: Annotated[tuple[str, ...], From("carried")] = ()
+    ignored_joint_columns: Annotated[tuple[str, ...], From("ignored")]
+    poses_without_points: Annotated[tuple[str, ...], From("without_points")]
+    poses_without_joints: Annotated[dict[str, Count], From("without_joints")]
+    points_left_out: Annotated[tuple[str, ...], From("strays")]
     notes: tuple[str, ...]
 
 
@@ -73,25 +73,16 @@ def import_record(
 
     warnings : of the table as it reads back
     """
-    return ImportRecord(
+    return ImportRecord.from_result(
+        joined,
+        joints,
         **made_from,
         warnings=warnings,
-        names=joined.pattern,
-        names_tried=joined.tried,
         poses=len(joined.poses),
         points=len(joined.rows),
-        markers=joined.markers,
-        columns=joined.columns,
-        lists=tuple(map(_list, lists)),
+        lists=map(_list, lists),
         joint_file=str(joints.path),
         joint_rows=len(joints.rows),
-        joints=joints.joints,
-        carried_columns=joints.carried,
-        ignored_joint_columns=joints.ignored,
-        poses_without_points=joined.without_points,
-        poses_without_joints=joined.without_joints,
-        points_left_out=joined.strays,
-        notes=joined.notes,
     )
 
 
@@ -132,15 +123,8 @@ def whole_record(whole: CsvTable, warnings: tuple[str, ...], made_from: Envelope
 
 def _list(own: PointList) -> ReadList:
     points = own.written[0] == "x_mm" and len(own.written) == 3
-    return ReadList(
-        file=str(own.path),
-        points=len(own.points),
-        reads="points" if points else "readings",
-        columns=own.columns,
-        unit=own.unit,
-        unit_from=own.unit_from,
-        ignored_columns=own.ignored,
-    )
+    reads = "points" if points else "readings"
+    return ReadList.from_result(own, file=str(own.path), points=len(own.points), reads=reads)
 
 
 _SHOWN = 3  # names in one line

@@ -10,16 +10,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import MM, MRAD, Column, Rule, Shown
-from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Record, Three, three
+from studies.record import Count, Entry, Envelope, From, IntervalEntry, NotNegative, Record, Three
 
 if TYPE_CHECKING:
     from calib import Cell, Measurements
     from calib.arrays import IntArray
     from calib.compensation.estimate import Estimate
-    from calib.iso9283 import MarkerReadings, MeasuredCriteria, PredictedCriteria
-    from calib.iso9283.measured import Cycles
+    from calib.iso9283 import MarkerReadings, MeasuredCriteria
     from calib.iso9283.predicted import PredictedPose as Expected
-    from calib.uncertainty.expanded import Interval as Found
 
 
 _MM = 1e3  # and milliradians
@@ -32,14 +30,6 @@ _ANGLES = Rule(lambda values: " ".join(MRAD(value) for value in values))
 How = Literal["measured", "predicted"]
 
 
-class CriterionEntry(Entry):
-    """A value with its 95 % interval; None where that is open."""
-
-    value: Number
-    low: Maybe
-    high: Maybe
-
-
 class PoseEntry(Entry):
     """One pose from one side.
 
@@ -49,20 +39,20 @@ class PoseEntry(Entry):
     drift : dAP; None where fewer than twice ten cycles
     """
 
-    pose: str
+    pose: Annotated[str, From("name")]
     approach: Annotated[str, Shown("from")]
     how: How
     cycles: Count
-    ap_mm: CriterionEntry
-    ap_xyz_mm: Three
-    ap_identified_mm: Annotated[CriterionEntry | None, Shown("AP identified", FIGURE)]
-    rp_mm: CriterionEntry | None
-    ap_angles_mrad: Annotated[Three | None, Shown("AP a, b, c", _ANGLES)]
-    rp_angles_mrad: Annotated[Three | None, Shown("RP a, b, c", _ANGLES)]
+    ap_mm: Annotated[IntervalEntry, From("accuracy.0")]
+    ap_xyz_mm: Annotated[Three, From("accuracy.1")]
+    ap_identified_mm: Annotated[IntervalEntry | None, Shown("AP identified", FIGURE), From("left")]
+    rp_mm: Annotated[IntervalEntry | None, From("repeatability")]
+    ap_angles_mrad: Annotated[Three | None, Shown("AP a, b, c", _ANGLES), From("angles.0")]
+    rp_angles_mrad: Annotated[Three | None, Shown("RP a, b, c", _ANGLES), From("angles.1")]
     drift_mm: Annotated[NotNegative | None, Shown("dAP")]
 
 
-class Several(Entry):
+class DirectionVariation(Entry):
     """vAP: the largest distance between the mean points of several ways of coming."""
 
     pose: str
@@ -77,18 +67,18 @@ class DistanceEntry(Entry):
     second: Annotated[str, Shown("to")]
     cycles: Count
     commanded_mm: NotNegative
-    ad_mm: CriterionEntry
-    rd_mm: CriterionEntry
+    ad_mm: Annotated[IntervalEntry, From("accuracy")]
+    rd_mm: Annotated[IntervalEntry, From("repeatability")]
 
 
 class ComplianceEntry(Entry):
     """Displacement along a force of the base's axes, by that force."""
 
-    pose: str
+    pose: Annotated[str, From("name")]
     direction: Annotated[str, Shown("force along")]
     how: How
     readings: Count
-    mm_per_n: CriterionEntry = Field(alias="mm_per_N")
+    mm_per_n: Annotated[IntervalEntry, From("figure")] = Field(alias="mm_per_N")
 
 
 def interval_columns(title: str, of: str) -> tuple[Column[PoseEntry | DistanceEntry], ...]:
@@ -109,7 +99,7 @@ class Iso9283Record(Record):
     same_data: bool
     instrument_rp_mm: NotNegative
     poses: tuple[PoseEntry, ...] = Field(min_length=1)
-    several: tuple[Several, ...]
+    several: tuple[DirectionVariation, ...]
     distances: tuple[DistanceEntry, ...]
     compliance: tuple[ComplianceEntry, ...]
 
@@ -122,86 +112,6 @@ class Iso9283Record(Record):
     def of(self, how: How) -> list[PoseEntry]:
         """The poses that were repeated, or those that were not."""
         return [own for own in self.poses if own.how == how]
-
-
-def iso9283_record(
-    marker: str,
-    found: MeasuredCriteria,
-    expected: PredictedCriteria,
-    same_data: bool,
-    instrument: float,
-    made_from: Envelope,
-    warnings: tuple[str, ...] = (),
-) -> Iso9283Record:
-    """The record of both; instrument : m, the RP of its noise alone."""
-    return Iso9283Record(
-        **made_from,
-        warnings=warnings,
-        marker=marker,
-        same_data=same_data,
-        instrument_rp_mm=instrument * _MM,
-        poses=(*map(_measured, found.cycles), *map(_predicted, expected.poses)),
-        several=tuple(
-            Several(pose=name, ways=ways, vap_mm=value * _MM)
-            for name, (value, ways) in found.several.items()
-        ),
-        distances=tuple(
-            DistanceEntry.from_result(
-                own, ad_mm=_figure(own.accuracy), rd_mm=_figure(own.repeatability)
-            )
-            for own in found.distances
-        ),
-        compliance=tuple(
-            ComplianceEntry.from_result(own, pose=own.name, how=how, mm_per_n=_figure(own.figure))
-            for how, every in (("measured", found.compliance), ("predicted", expected.compliance))
-            for own in every
-        ),
-    )
-
-
-def _figure(found: Found) -> CriterionEntry:
-    return CriterionEntry(value=found.value * _MM, low=found.low * _MM, high=found.high * _MM)
-
-
-def _measured(own: Cycles) -> PoseEntry:
-    accuracy, off = own.accuracy
-    ap_angles, rp_angles = (None, None) if own.angles is None else own.angles
-    return PoseEntry.from_result(
-        own,
-        pose=own.name,
-        how="measured",
-        cycles=len(own.points),
-        ap_mm=_figure(accuracy),
-        ap_xyz_mm=off * _MM,
-        ap_identified_mm=_figure(own.left),
-        rp_mm=_figure(own.repeatability),
-        ap_angles_mrad=None if ap_angles is None else ap_angles * _MM,
-        rp_angles_mrad=None if rp_angles is None else rp_angles * _MM,
-    )
-
-
-def _predicted(own: Expected) -> PoseEntry:
-    return PoseEntry(
-        pose=own.name,
-        approach="",
-        how="predicted",
-        cycles=0,
-        ap_mm=_figure(own.accuracy),
-        ap_xyz_mm=three(np.asarray(own.off) * _MM),
-        ap_identified_mm=None,
-        rp_mm=None if own.repeatability is None else _figure(own.repeatability),
-        ap_angles_mrad=None,
-        rp_angles_mrad=None,
-        drift_mm=None,
-    )
-
-
-class _EstimateOfTable(NamedTuple):
-    """An estimate, degrees of freedom behind it, and whether it was fitted to the table in hand."""
-
-    estimate: Estimate
-    freedom: float
-    same_data: bool
 
 
 def criteria(
@@ -225,16 +135,40 @@ def criteria(
     session = session_of(known.estimate, data, marker)
     found = measured(session)
     expected = predicted(cell, session, _once(session, found), known.freedom)
-    noise = np.eye(3) * session.sigma**2
-    return iso9283_record(
-        session.model.marker_names[session.marker],
+    return Iso9283Record.from_result(
         found,
-        expected,
-        known.same_data,
-        repeatability_of(noise),
-        made_from,
-        (*data.warnings, *known.estimate.notes),
+        **made_from,
+        warnings=(*data.warnings, *known.estimate.notes),
+        marker=session.model.marker_names[session.marker],
+        same_data=known.same_data,
+        instrument_rp_mm=repeatability_of(np.eye(3) * session.sigma**2) * _MM,
+        poses=(
+            *(PoseEntry.from_result(c, how="measured", cycles=len(c.points)) for c in found.cycles),
+            *map(_predicted, expected.poses),
+        ),
+        several=[
+            DirectionVariation(pose=name, ways=ways, vap_mm=value * _MM)
+            for name, (value, ways) in found.several.items()
+        ],
+        compliance=[
+            ComplianceEntry.from_result(own, how=how)
+            for how, every in (("measured", found.compliance), ("predicted", expected.compliance))
+            for own in every
+        ],
     )
+
+
+def _predicted(own: Expected) -> PoseEntry:
+    found = {"accuracy": (own.accuracy, own.off), "left": None, "angles": None, "drift": None}
+    return PoseEntry.from_result(found, own, approach="", how="predicted", cycles=0)
+
+
+class _EstimateOfTable(NamedTuple):
+    """An estimate, degrees of freedom behind it, and whether it was fitted to the table in hand."""
+
+    estimate: Estimate
+    freedom: float
+    same_data: bool
 
 
 def _fitted(cell: Cell, data: Measurements) -> _EstimateOfTable:

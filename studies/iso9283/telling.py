@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,18 +11,15 @@ from studies import document as doc
 from studies.document import mm, plural
 from studies.iso9283.record import (
     ComplianceEntry,
+    DirectionVariation,
     DistanceEntry,
     Iso9283Record,
     PoseEntry,
-    Several,
     interval_columns,
 )
 from studies.plots import style
 from studies.plots.errors import over_poses
-
-if TYPE_CHECKING:
-    from studies.iso9283.record import CriterionEntry, interval_columns
-
+from studies.record import ends, intervals
 
 _MOST = 8
 _CYCLES = 30  # that the standard asks for
@@ -45,7 +42,7 @@ _DISTANCES = doc.columns(
     *interval_columns("AD", "ad_mm"),
     *interval_columns("RD", "rd_mm"),
 )
-_SEVERAL = doc.columns(Several, "pose ways vap_mm")
+_SEVERAL = doc.columns(DirectionVariation, "pose ways vap_mm")
 _COMPLIANCE = doc.columns(
     ComplianceEntry,
     "pose direction how readings",
@@ -135,7 +132,7 @@ def accuracy_and_repeatability(record: Iso9283Record) -> style.Picture:
         (panels[0], "AP", style.VERMILLION, "^", [pose.ap_mm for pose in record.poses]),
         (panels[1], "RP", style.BLUE, "o", [pose.rp_mm for pose in record.poses]),
     ):
-        values = np.array([_numbers(own) for own in found], dtype=float).T
+        values = intervals(found)
         values[1:] = np.where(np.isnan(values[1:]), values[0], values[1:])  # an open end
         series = []
         for how, face in (("measured", color), ("predicted", "none")):
@@ -151,7 +148,7 @@ def accuracy_and_repeatability(record: Iso9283Record) -> style.Picture:
         "identified arm where not."
     )
     rows: tuple[tuple[style.Cell, ...], ...] = tuple(
-        (pose.pose, pose.approach, pose.how, *_numbers(pose.ap_mm), *_numbers(pose.rp_mm))
+        (pose.pose, pose.approach, pose.how, *ends(pose.ap_mm), *ends(pose.rp_mm))
         for pose in record.poses
     )
     header = ("pose", "from", "how", "AP [mm]", "low", "high", "RP [mm]", "low", "high")
@@ -163,7 +160,3 @@ def accuracy_and_repeatability(record: Iso9283Record) -> style.Picture:
         header,
         rows,
     )
-
-
-def _numbers(found: CriterionEntry | None) -> tuple[float | None, float | None, float | None]:
-    return (None, None, None) if found is None else (found.value, found.low, found.high)

@@ -76,7 +76,9 @@ def by_pose_and_axis(
             aside = 0.55 * ((place + 0.5) / len(marker_names) - 0.5)
             at: Array = np.arange(m, dtype=np.float64) + aside
             mark: Any = {"color": look[marker].color, "marker": look[marker].marker}
-            dots(panel, pose_names, at, of_axis[:, place], markersize=_size(m), **mark)
+            dots(
+                panel, pose_names, at, of_axis[:, place], markersize=4.5 if m <= 40 else 3.0, **mark
+            )
             _flag(panel, at, of_axis[:, place], flagged[:, place], limit)
     pose_ticks(panels[-1], pose_names)
     panels[-1].set_xlabel("pose")
@@ -125,10 +127,6 @@ def _limit(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:
     held = np.abs(values[~flagged])
     largest = float(np.nanmax(held)) if np.isfinite(held).any() else 0.0
     return 1.12 * (max(3.0 * sigma, largest) or 1.0)
-
-
-def _size(m: int) -> float:
-    return 4.5 if m <= 40 else 3.0
 
 
 def _flag(panel: Axes, at: Array, values: Array, flagged: NDArray[np.bool_], limit: float) -> None:

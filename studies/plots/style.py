@@ -15,7 +15,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
@@ -155,13 +155,9 @@ def looks(keys: Iterable[str], solid: bool = False) -> dict[str, Look]:
     free = [look for look in SERIES if look.color not in taken][solid:]
     others = [key for key in keys if key not in APPROACHES]
     return {key: APPROACHES[key] for key in known} | {
-        key: Look(elided(key, _PARAMETER), *_parts(free[i % len(free)]))
+        key: replace(free[i % len(free)], label=elided(key, _PARAMETER))
         for i, key in enumerate(others)
     }
-
-
-def _parts(look: Look) -> tuple[str, str, str, str, str]:
-    return look.color, look.marker, look.linestyle, look.hatch, look.sign
 
 
 # -- drawing -----------------------------------------------------------------------------------

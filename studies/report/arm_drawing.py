@@ -53,14 +53,12 @@ class DrawnPart:
     """What stands at some points, under the class or classes ``css``.
 
     at : tuple of Run
-    lowest : bool, only at the run that begins lowest in the drawing; of several, the widest (to a px)
     when : (marker, bool), only at the poses at which this marker is lost, or only where it is not
     """
 
     css: str
     at: tuple[Run, ...]
     _: KW_ONLY
-    lowest: bool = False
     when: tuple[int, bool] | None = None
 
 
@@ -174,12 +172,7 @@ class DrawingPlane:
 
     def runs(self, part: DrawnPart) -> list[Array]:
         """Where a part stands: an array (k, 2) px for each of its runs."""
-        places = [self.places[list(run)] for run in part.at]
-        return [max(places, key=_low_and_wide)] if part.lowest else places
-
-
-def _low_and_wide(places: Array) -> tuple[int, int]:
-    return round(places[0, 1]), round(abs(places[-1, 0] - places[0, 0]))
+        return [self.places[list(run)] for run in part.at]
 
 
 def _elements(part: DrawnPart, sheet: DrawingPlane) -> Iterator[Markup]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from calib.arrays import IntArray
 from studies.report.arm_drawing import ArmPicture, Dot, DrawnPart, Rods, Run, Stroke, Text
 from studies.report.arm_instruments import DROPPED
 from studies.report.arm_scene import ArmScene
-from studies.report.surroundings import ArmSurroundings, SceneObject
+from studies.report.surroundings import SceneObject
 
 CROSS = "m-6 -6l12 12m-12 0l12 -12"
 MARKER = 4.5  # px, radius
@@ -85,15 +84,6 @@ def _description(scene: ArmScene) -> str:
     )
 
 
-def _ruler(around: ArmSurroundings) -> IntArray:
-    """Both sides of the floor cell at each corner of the floor, both from the corner, (8, 2, 3) mm."""
-    low, high = around.floor.min(axis=(0, 1)), around.floor.max(axis=(0, 1))
-    corners = np.array([(x, y, 0) for x, y in product((low[0], high[0]), (low[1], high[1]))])
-    inward = np.where(corners == low, around.step, -around.step)
-    ends = corners[:, None] + np.eye(3, dtype=int)[:2] * inward[:, None]
-    return np.stack([np.broadcast_to(corners[:, None], ends.shape), ends], axis=2).reshape(-1, 2, 3)
-
-
 def _sights(scene: ArmScene, instrument: IntArray) -> IntArray:
     """Ends of the lines of sight to a far instrument, (m, M, 3) mm."""
     away = instrument - scene.marker_points
@@ -102,13 +92,10 @@ def _sights(scene: ArmScene, instrument: IntArray) -> IntArray:
 
 
 def _stage(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
-    """Floor with its scale, and obstacles."""
+    """Floor and obstacles."""
     around = scene.around
     yield Stroke("arm-floor", canvas.runs(around.floor))
     yield Stroke("arm-foot", (canvas.run(around.foot),))
-    ruler = canvas.runs(_ruler(around))
-    yield Stroke("arm-scale", ruler, lowest=True)
-    yield Text("arm-label", ruler, f"{around.step} mm", down=15, lowest=True)
     for own in around.obstacles:
         yield from _lines(own, canvas)
         yield from _dots(own, canvas)

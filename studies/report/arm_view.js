@@ -1,4 +1,4 @@
-// Draws a picture at any pose and from anywhere: the parts are those that arm_picture.py describes.
+// Draws a picture at any pose and from anywhere: the parts are those that arm_parts.py describes.
 // Figures speak with the page by the event `posecal:pose` on document, detail {pose, source, pinned}.
 (() => {
   "use strict";
@@ -16,7 +16,6 @@
   const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
   const dotted = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const mean = (all) => all.reduce((a, b) => plus(a, b)).map((v) => v / all.length);
-  const last = (list) => list[list.length - 1];
 
   // What each kind of part is made of, at the picked pose of a view.
   const DRAWN = {
@@ -107,24 +106,7 @@
       const i = this.number.get(pose) ?? null;
       if (pinned && i !== null) this.chosen = i;
       this.peeked = pinned ? null : i;
-      this.float(i !== null && !pinned);
       this.shown();
-    }
-
-    // A pose that is highlighted elsewhere on the page while the figure is out of sight: the drawing comes along.
-    float(wanted) {
-      clearTimeout(this.landing);
-      const box = this.figure.getBoundingClientRect();
-      const away = box.bottom < 80 || box.top > document.documentElement.clientHeight - 80;
-      if (wanted && away) {
-        if (!this.figure.style.minHeight) this.figure.style.minHeight = `${box.height}px`;
-        this.stage.classList.add("arm-afloat");
-      } else {
-        this.landing = setTimeout(() => {
-          this.stage.classList.remove("arm-afloat");
-          this.figure.style.minHeight = "";
-        }, wanted ? 0 : 250);
-      }
     }
 
     shown() {
@@ -206,12 +188,9 @@
     places(run, pose = this.pose) { return run.map((c) => this.at(this.point(c, pose))); }
 
     // Where a part stands, run by run.
-    runs({ at, every, lowest }) {
+    runs({ at, every }) {
       if (every) return at.flatMap((run) => this.data.poses.map((_, i) => this.places(run, i)));
-      const runs = at.map((run) => this.places(run));
-      const low = (places) => Math.round(places[0][1]);
-      const wide = (places) => Math.round(Math.abs(last(places)[0] - places[0][0]));
-      return lowest ? runs.sort((a, b) => low(b) - low(a) || wide(b) - wide(a)).slice(0, 1) : runs;
+      return at.map((run) => this.places(run));
     }
 
     depth(run) { return dotted(this.near, mean(run.map((c) => this.point(c, this.pose)))); }

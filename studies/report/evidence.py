@@ -12,7 +12,6 @@ import numpy as np
 
 from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
-from calib.files.read import sha256
 from calib.poses import Poses, poses_at
 from studies.design.record import DesignRecord
 from studies.diagnose.record import DiagnoseRecord
@@ -20,7 +19,7 @@ from studies.identify.pictures import HELD_OUT
 from studies.identify.record import IdentifyRecord
 from studies.kinds import tell
 from studies.record import Record
-from studies.results import read
+from studies.results import Input, located, read
 
 if TYPE_CHECKING:
     from studies.document import Document
@@ -28,16 +27,6 @@ if TYPE_CHECKING:
 _SAME_JOINTS = 1e-6  # rad or m
 _ANEW = "write it anew with this version"
 _LARGEST_JOINT = 1e6  # rad or m
-
-
-@dataclass(frozen=True)
-class Input:
-    """A file that a result was made from; state: "unchanged", "changed since" or "not found"."""
-
-    file: str
-    sha256: str
-    state: str
-    path: Path | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +140,11 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
     cell, notes = _cell(of_cell) if of_cell else (None, [])
     data, plans = {}, {}
     for result in of_cell:
-        if cell is None or not result.inputs or result.inputs[0].sha256 != _digest(of_cell):
+        if (
+            cell is None
+            or not result.inputs
+            or result.inputs[0].sha256 != of_cell[0].inputs[0].sha256
+        ):
             continue
         if isinstance(result.record, DesignRecord):
             plans[result.path] = plan_poses(cell, result.record, result.path)
@@ -166,11 +159,6 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
 def _of_one_cell(results: tuple[ReportedResult, ...]) -> tuple[ReportedResult, ...]:
     """Those that begin with a cell: a fleet's inputs are results of many."""
     return tuple(result for result in results if result.record.of_one_cell)
-
-
-def _digest(results: tuple[ReportedResult, ...]) -> str:
-    """The hash of the cell of the first result."""
-    return results[0].inputs[0].sha256
 
 
 def _measured(cell: Cell, result: ReportedResult) -> tuple[MeasuredTables | None, list[str]]:
@@ -199,21 +187,6 @@ def _result(path: Path) -> ReportedResult:
     record = read(path)
     inputs = tuple(located(path, entry.file, entry.sha256) for entry in record.inputs)
     return ReportedResult(path, record, inputs)
-
-
-def located(result: Path, file: str, digest: str) -> Input:
-    """The file where it was, or beside the result."""
-    state = "not found"
-    for path in (Path(file), result.parent / Path(file).name):
-        try:
-            if not path.is_file():
-                continue
-            if sha256(path) == digest:
-                return Input(file, digest, "unchanged", path)
-        except (OSError, ValueError):
-            continue
-        state = "changed since"
-    return Input(file, digest, state, None)
 
 
 def _cell(results: tuple[ReportedResult, ...]) -> tuple[Cell | None, list[str]]:

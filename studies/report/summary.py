@@ -17,8 +17,8 @@ from studies.identify.record import IdentifyRecord
 from studies.kinds import KINDS
 from studies.noise import NoiseEntry
 from studies.plots.style import short
+from studies.record import BeforeAfter
 from studies.report.evidence import ReportedResult, ReportEvidence
-from studies.report.fall import FALLING, Fall, fall
 
 _BELOW = 2.0  # the scale begins at so much less than the least
 _SHORTEST = 0.4  # percent
@@ -80,6 +80,8 @@ def _powers(low: float, high: float) -> list[float]:
     return [tick for tick in found if low < tick < high]
 
 
+_MATTERS = ("fleet", "identify", "compensate", "diagnose", "changes", "enough")
+"""Kinds of results with an error before and after, what a reader asks for first."""
 _WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
 _EPOCH = 1e9  # s: times beyond count from 1970
 _KEYS: dict[str, tuple[str, ...]] = {
@@ -96,18 +98,16 @@ def verdict(evidence: ReportEvidence, told: Mapping[str, str]) -> Raw | None:
 
     told : what the user tells of the measurement, by label; it outweighs the cell's [report]
     """
-    for kind in FALLING:
+    for kind in _MATTERS:
         for result in evidence.of(kind):
-            found = fall(result.record)
-            if found is not None:
-                return _box(found, dict(_facts(evidence, result, told)))
+            if result.record.error is not None:
+                return _box(result.record.error, dict(_facts(evidence, result, told)))
     return None
 
 
-def _box(found: Fall, facts: Mapping[str, str]) -> Raw:
+def _box(found: BeforeAfter, facts: Mapping[str, str]) -> Raw:
     word, by = Markup(), Markup()
-    before, after, unit, _ = found.error
-    look = "fell" if after < before else "fail"
+    look = "fell" if found.after < found.before else "fail"
     if (judged := found.judged) is not None:
         look = judged.outcome
         word = Markup("<p class=outcome>{}</p>").format(judged.word or _WORDS[judged.outcome])
@@ -116,14 +116,14 @@ def _box(found: Fall, facts: Mapping[str, str]) -> Raw:
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(label, text)
         for label, text in facts.items()
     )
-    was, now = (f"{short(value)} {unit}" for value in (before, after))
+    was, now = (f"{short(value)} {found.unit}" for value in (found.before, found.after))
     return Raw(
         Markup(
             '<div class="verdict {}">{}<p class=fell><span class=visually-hidden>from </span>'
             "<span class=was>{}</span> <span aria-hidden=true>\N{RIGHTWARDS ARROW}</span> "
             "<span class=visually-hidden>to </span><strong>{}</strong></p>"
             "<p class=of>{}, {} \N{RIGHTWARDS ARROW} {}.{}</p><dl class=facts>{}</dl></div>"
-        ).format(look, word, was, now, found.of, *found.ends, by, rows)
+        ).format(look, word, was, now, found.name, *found.ends, by, rows)
     )
 
 

@@ -298,6 +298,8 @@ def _identify() -> list[Record]:
     }
     of_type = {"type": "kr270", "robots": 12, "statistic": 90.0, "rows": 2, "p": 1e-18,
                "of_the_type": False, "widened": 1.0, "parameters": [still, left]}  # fmt: skip
+    width = {"effect": "geometry", "width": 90.0, "unit": "um"}
+    sizes = {"parameters": 2.5, "widths": [width]}
     good_type = {**of_type, "of_the_type": True, "p": 0.3, "parameters": [still]}
     return [
         changed("identify"),
@@ -315,7 +317,7 @@ def _identify() -> list[Record]:
         changed("identify", drift=rated, noise={**told, "instrument_seen": None}, absorbed=[],
                 parameters=[{**p, "std": 2e-3 if p["std"] else None} for p in old["parameters"]]),
         changed("identify", of_type=of_type),
-        changed("identify", of_type=good_type),
+        changed("identify", of_type=good_type, sizes=sizes),
     ]  # fmt: skip
 
 

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
 from pydantic import Field, ValidationError
 
-from studies.record import Count, Entry, Maybe, Number, Three
+from calib.uncertainty.expanded import Interval
+from studies.record import (
+    OWN_UNIT,
+    Count,
+    Entry,
+    From,
+    IntervalEntry,
+    Maybe,
+    Number,
+    Three,
+    intervals,
+)
 
 
 class Inner(Entry):
@@ -69,3 +80,36 @@ def test_what_no_result_tells_is_an_error_and_not_a_default() -> None:
         Outer.from_result(RESULT, colour="red")
     with pytest.raises(ValidationError, match="shift_um_per_h"):
         Outer.from_result(RESULT, shift_um_per_h=np.zeros(4))
+
+
+class Placed(Entry):
+    name: str
+    value: Annotated[Number, OWN_UNIT]
+    after_um: Annotated[Maybe, From("moves.1")]
+    of: Annotated[str | None, From("owner.name")]
+    within_mm: Annotated[IntervalEntry | None, From("span")]
+
+
+SCALED = SimpleNamespace(name="rz", scale=1e-3, owner=SimpleNamespace(name="base"))
+SPAN = Interval(1e-3, 0.0, np.inf)
+
+
+def test_a_field_says_where_it_comes_from() -> None:
+    """By a path, in the unit that the result names, and an interval in the unit of its field."""
+    found = {"value": 0.25, "moves": (0.0, 2e-6), "span": SPAN}
+    made = Placed.from_result(found, SCALED)
+    assert (made.value, made.after_um, made.of) == (250.0, 2.0, "base")
+    assert made.within_mm == IntervalEntry(value=1.0, low=0.0, high=None)
+    nothing = Placed.from_result({**found, "moves": None, "span": None, "owner": None}, SCALED)
+    assert (nothing.after_um, nothing.within_mm, nothing.of) == (None, None, None)
+
+
+def test_columns_fill_an_entry_for_each() -> None:
+    moves, spans = np.array([[0.0, 1e-6], [0.0, np.nan]]), [None, SPAN]
+    made = Placed.from_each([SCALED] * 2, value=np.array([1.0, 2.0]), moves=moves, span=spans)
+    assert [(own.value, own.after_um) for own in made] == [(1000.0, 1.0), (2000.0, None)]
+    assert np.isnan(intervals(own.within_mm for own in made)).tolist() == [
+        [True, False], [True, False], [True, True]
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="shorter"):
+        Placed.from_each([SCALED], value=[], moves=moves, span=spans)

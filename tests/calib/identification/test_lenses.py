@@ -8,7 +8,7 @@ import pytest
 
 import calib
 from calib.identification.lenses import unfit_lenses
-from studies.identify.lenses import unfit_entries
+from studies.identify.lenses import UnfitLensEntry
 from studies.research.bench import data_folder
 from studies.research.benchmarks.lenses import written
 
@@ -33,7 +33,7 @@ def test_a_wrong_lens_is_refused_and_nothing_else(tmp_path: Path, case: str, wro
     judged = list(unfit_lenses(found))
     assert bool(judged) is wrong
     if case == "E":
-        (own,) = unfit_entries(found)
+        (own,) = UnfitLensEntry.from_each(judged)
         assert own.free == ("focal", "center", "distortion")
         assert own.rms_px > 1.5 * own.with_it_free_px > 0.1
         assert "The readings do not fit the lens of camera: 0." in own.said

@@ -7,7 +7,7 @@ from typing import Any
 
 from calib import Cell
 from studies.compare.compare import PlanComparison
-from studies.compare.record import compare_record
+from studies.compare.make import compare_record
 from tests.helpers import MADE_FROM
 
 

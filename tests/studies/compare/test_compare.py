@@ -20,9 +20,8 @@ from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from studies.compare.agreement import agreement, band
-from studies.compare.compare import compare
+from studies.compare.compare import compare, reason
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
-from studies.compare.judgement import reason
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import by_markers, by_poses, influence, influence_by_effect, predict
 from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects

@@ -13,7 +13,7 @@ from calib.diagnosis import Diagnosis
 from doe.ahead.likeness import SURE
 from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
 from studies.diagnose.pictures import waterfall
-from studies.diagnose.record import SpectrumEntry, SpectrumLine, Steps
+from studies.diagnose.record import ErrorSteps, SpectrumEntry, SpectrumLine
 from studies.diagnose.shown import shown
 from studies.diagnose.spectra import families, spectra
 from studies.document import pictures_of
@@ -71,14 +71,14 @@ def test_the_curve_has_a_row_for_each_pose(result: Diagnosis, drawn: dict[str, P
 
 def test_what_makes_it_worse_is_marked() -> None:
     picture = waterfall(
-        Steps(of="fitted poses", added=("a:A1", "b:A2"), rms_mm=(0.3, 0.1, 0.2)), 0.05
+        ErrorSteps(of="fitted poses", added=("a:A1", "b:A2"), rms_mm=(0.3, 0.1, 0.2)), 0.05
     )
     labels = [text.get_text() for text in picture.figure.axes[0].texts]
     assert labels == ["0.300", "\N{MINUS SIGN}0.200", "+0.100", "0.200"]
     keys = [text.get_text() for text in picture.figure.legends[0].get_texts()]
     assert keys == ["floor: noise alone, 0.0500 mm", "taken off by an effect", "added by an effect"]
     assert "4.00 times the floor" in picture.caption
-    alone = waterfall(Steps(of="held-out poses", added=(), rms_mm=(0.2,)), 0.2)
+    alone = waterfall(ErrorSteps(of="held-out poses", added=(), rms_mm=(0.2,)), 0.2)
     assert [row[0] for row in alone.rows] == ["before: model as given"]
     assert "No effect was found" in alone.caption
 

@@ -9,15 +9,15 @@ import pytest
 
 from studies.fleet.record import NamedEntry
 from studies.fleet.spread import latest, off, shared, trend_p
-from studies.fleet.tables import Done, Job, Values, find
+from studies.fleet.tables import TableJob, TableOutcome, Values, find
 
 NAMES = tuple((f"geometry:A{k}.x", "um") for k in range(12))
 
 
-def fleet(rng: np.random.Generator, robots: int, std: float = 0.3) -> list[Done]:
+def fleet(rng: np.random.Generator, robots: int, std: float = 0.3) -> list[TableOutcome]:
     """Robots of one type that differ as robots do, each known as well as another."""
     return [
-        Done(
+        TableOutcome(
             f"r{i}", "m.csv", "arm", status="converged",
             rms_mm={"nominal": float(np.exp(0.3 * rng.normal())), "fitted": 0.02, "heldout": None},
             values=Values(NAMES, rng.normal(size=12) * np.arange(1, 13), np.full(12, std)),
@@ -26,7 +26,7 @@ def fleet(rng: np.random.Generator, robots: int, std: float = 0.3) -> list[Done]
     ]  # fmt: skip
 
 
-def figures_of(robot: str, robots: list[Done]) -> set[str]:
+def figures_of(robot: str, robots: list[TableOutcome]) -> set[str]:
     return {row.what for row in off(robots) if row.robot == robot}
 
 
@@ -81,8 +81,8 @@ def test_too_few_to_say_and_the_last_table_of_each(rng: np.random.Generator) -> 
     robots = fleet(rng, 5)
     robots[0].rms_mm["nominal"] = 1e3
     assert not off(robots)
-    again = Done("r0", "n.csv", "arm", status="converged")
-    failed = Done("r0", "o.csv", "arm", fault="line 3: what is this")
+    again = TableOutcome("r0", "n.csv", "arm", status="converged")
+    failed = TableOutcome("r0", "o.csv", "arm", fault="line 3: what is this")
     assert latest([*robots, again, failed])[0] is again
 
 
@@ -91,9 +91,12 @@ def test_causes_are_counted_by_robot() -> None:
         NamedEntry(effect="backlash", where="A3", alike=("backlash:A3", "sag:A3")),
         NamedEntry(effect="sag", where="A3", alike=("sag:A3",)),
     )
-    robots = [Done(f"r{i}", "", verdict="explained", causes=(lag,)) for i in range(6)]
-    robots += [Done("s", "", verdict="explained", causes=(sag,)), Done("t", "", verdict="no_gap")]
-    robots += [Done("u", "", status="converged")]  # nobody asked
+    robots = [TableOutcome(f"r{i}", "", verdict="explained", causes=(lag,)) for i in range(6)]
+    robots += [
+        TableOutcome("s", "", verdict="explained", causes=(sag,)),
+        TableOutcome("t", "", verdict="no_gap"),
+    ]
+    robots += [TableOutcome("u", "", status="converged")]  # nobody asked
     first, second = shared(robots)
     assert (first.effect, first.robots, first.possible) == ("backlash", 6, 6)
     assert (second.effect, second.robots, second.possible) == ("sag", 1, 7)
@@ -117,7 +120,7 @@ def files(folder: Path, *names: str) -> Path:
     return folder
 
 
-def told(jobs: list[Job]) -> list[tuple[str, str, str | None]]:
+def told(jobs: list[TableJob]) -> list[tuple[str, str, str | None]]:
     return [(job.robot, job.label, job.day) for job in jobs]
 
 

@@ -184,7 +184,7 @@ def test_structure_of_the_drawing(drawn: ArmScene) -> None:
     assert len(of_class(svg, "arm-blocked")) == hidden
     assert len(of_class(svg, "arm-sight")) == 3 - hidden
     texts = {e.text for e in svg.iter("text")}
-    assert {"X", "Y", "Z", "m1", "m2", "m3", "instrument", "500 mm"} <= texts
+    assert {"X", "Y", "Z", "m1", "m2", "m3", "instrument"} <= texts
     assert len(texts & {"obstacle 1 (box)", "obstacle 2 (sphere)", "obstacle 4 (halfspace)"}) == 3
 
 

@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli import main
-from studies.report.fall import FALLING, Fall, fall
 from studies.results import read
 from tests.studies.examples import OLD, changed, old_fields
 
@@ -97,24 +96,26 @@ def test_the_day_is_that_of_readings_that_count_from_1970(
     assert "measured 2026-03-04" in reported(result, tmp_path / "p.html")
 
 
-@pytest.mark.parametrize("kind", FALLING)
+@pytest.mark.parametrize(
+    "kind", ["fleet", "identify", "compensate", "diagnose", "changes", "enough"]
+)
 def test_every_kind_with_errors_before_and_after(kind: str, tmp_path: Path) -> None:
-    found = fall(read(OLD / f"{kind}.json"))
-    assert isinstance(found, Fall)
+    found = read(OLD / f"{kind}.json").error
+    assert found is not None
     said = reported(OLD / f"{kind}.json", tmp_path / "p.html")
-    assert found.of in said
+    assert found.name in said
     assert all(end in said for end in found.ends)
 
 
 def test_what_the_tolerance_of_changes_and_the_goal_of_enough_say() -> None:
-    moved = fall(read(OLD / "changes.json"))
+    moved = read(OLD / "changes.json").error
     assert moved is not None
     assert old_fields("changes")["verdict"] == "does_not"
     assert moved.judged is not None
     assert moved.judged.outcome == "fail"
-    assert moved.error.before == old_fields("changes")["kept_rms_mm"]["value"]
-    enough = fall(read(OLD / "enough.json"))
-    short = fall(changed("enough", poses_to_goal=3))
+    assert moved.before == old_fields("changes")["kept_rms_mm"]["value"]
+    enough = read(OLD / "enough.json").error
+    short = changed("enough", poses_to_goal=3).error
     for found, outcome in ((enough, "pass"), (short, "fail")):
         assert found is not None
         assert found.judged is not None

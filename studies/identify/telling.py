@@ -1,0 +1,326 @@
+"""What an identification says: errors before and after, the parameters, what to believe of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from studies import document as doc
+from studies.document import MRAD, Shown, listed, mm, plural
+from studies.entries import over_the_workspace
+from studies.identify.budget import accepted, budget_section
+from studies.identify.drift import drift_section
+from studies.identify.errors import Model, OfInstrument, rms_of, told_outliers
+from studies.identify.lenses import told_lenses
+from studies.identify.parameters import (
+    IdentifiedParameter,
+    RedundantParameter,
+    SizePrior,
+    told_of_type,
+)
+from studies.identify.pictures import (
+    correlation,
+    distances,
+    errors_by_pose,
+    errors_over_image,
+    point_errors,
+    residuals_by_pose,
+)
+from studies.identify.record import IdentifyRecord
+from studies.noise import lacks, noise_words, unusual
+
+_WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
+_OF_TYPE = "Is it as others of its type?"
+_WRONG_TABLE = (
+    "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
+    "the rows."
+)
+
+
+def told(record: IdentifyRecord) -> doc.Document:
+    """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
+    kin, lenses = record.of_type, tuple(told_lenses(record.lenses))
+    workspace = doc.Figure(lambda: over_the_workspace(record.at_targets))
+    return doc.Document(
+        (_fell(record), *accepted(record.acceptance), _next(record)),
+        (
+            doc.Section("errors", "Errors before and after", tuple(_errors(record))),
+            *drift_section(record.drift, [p.effect for p in record.parameters]),
+            doc.Section("parameters", "What was identified", tuple(_parameters(record))),
+            *([doc.Section("lenses", "Lenses", lenses)] if record.lenses else []),
+            *([] if kin is None else [doc.Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
+            doc.Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
+            *budget_section(record.budget, record.targets, record.noise.missing),
+        ),
+    )
+
+
+def _fell(record: IdentifyRecord) -> doc.Sentence:
+    error = record.error
+    before, after, where = error.before, error.after, f"at {error.where}"
+    old, new = (
+        mm(own) if error.unit == "mm" else f"{MRAD(own)} {error.unit}" for own in (before, after)
+    )
+    if after >= before:
+        return doc.Sentence(f"The error {where} did not fall: {old} before, {new} after.", "warn")
+    converged = record.status == "converged"
+    praised = record.status != "not_converged" and before >= 2.0 * after > 0.0
+    ratio = before / after if praised else 1.0
+    times = f", {ratio:.{int(ratio < 10.0)}f} times better" * praised
+    said = f"The error {where} fell from {old} to {new}{times}."
+    return doc.Sentence(said, "good" if converged else "warn")
+
+
+def _next(record: IdentifyRecord) -> doc.Sentence:
+    """What speaks against the result first, else the accuracy to expect."""
+    before, after = record.error.before, record.error.after
+    if record.error.unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
+        return doc.Sentence(_WRONG_TABLE, "warn")
+    if record.unfit_lenses:
+        return doc.Sentence(record.unfit_lenses[0].said, "warn")
+    noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
+    if record.status != "converged":
+        status = record.status.replace("_", " ").capitalize()
+        return doc.Sentence(f"{status}: {record.advice}.", "warn")
+    if lacking:
+        said = lacks(lacking)
+        return doc.Sentence(f"{said[0].upper()}{said[1:]}.", "warn")
+    if after >= before and not record.noise.lacks and record.lenses:
+        return doc.Sentence(
+            "The nominal arm is as good: the lens that was found is the result.", "good"
+        )
+    if after >= before and not record.noise.lacks:
+        return doc.Sentence("The nominal model is as good: there is nothing to correct.")
+    if after >= before:
+        said = "Do not use this model. Measure more poses, or identify fewer parameters."
+        return doc.Sentence(said, "warn")
+    if noise.louder and not noise.scatters:
+        return doc.Sentence(
+            f"{mm(noise.sigma_mm)} remains in each coordinate; the cell states "
+            f"{mm(noise.believed_sigma_mm)}. Run `posecal diagnose`.",
+            "warn",
+        )
+    if (scatters := unusual(noise)) is not None:
+        return doc.Sentence(scatters, "warn")
+    rms, worst = mm(record.task_rms_mm), mm(record.task_worst_mm)
+    only = ", if the model lacks nothing" if noise.missing else ""
+    return doc.Sentence(
+        f"The parameters' uncertainty leaves {rms} RMS at the targets, {worst} at worst{only}."
+    )
+
+
+# -- errors ------------------------------------------------------------------------------------
+
+
+_MODELS: dict[Model, str] = {
+    "nominal": "fitted poses, nominal model",
+    "fitted_all": "fitted poses, identified",
+    "fitted": "fitted poses without outliers, identified",
+    "heldout": "held-out poses, identified",
+    "heldout_trimmed": "held-out poses without outliers, identified",
+}
+_FIGURES = ("RMS [mm]", "p95 [mm]", "max [mm]")
+_ERRORS = doc.heads("distance measured - predicted", *_FIGURES)
+_PAIRS = doc.heads("distance between two poses", *_FIGURES, Shown("pairs", doc.COUNT))
+_OF_INSTRUMENTS = doc.columns(OfInstrument, "instrument unit nominal fitted_all heldout")
+
+
+def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
+    """How far the readings were off and are now, by model, by instrument and pose by pose."""
+    floor = mm(3.0**0.5 * record.noise.instrument_mm)
+    caption = f"Distances in space; the instrument alone would leave {floor} RMS"
+    if rows := list(_models(record)):
+        yield doc.Table(_ERRORS, rows, "Errors by model", caption)
+        yield doc.Figure(lambda: distances(record))
+    if len(record.instruments) > 1 or not rows:
+        caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
+        yield doc.Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
+    every = {**_MODELS, "fitted": _MODELS["fitted_all"]}
+    pairs = [
+        (every[key], own.rms, own.p95, own.max, own.pairs)
+        for key, own in record.pair_distances_mm.items()
+    ]
+    caption = (
+        "Distances between points of two poses, measured minus predicted: a check that depends on no "
+        "frame, since distances are the same wherever the instrument stands"
+    )
+    yield doc.Detail(
+        (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
+    )
+    yield from told_outliers(record.outliers, record.heldout_outliers, record.outliers_share)
+    if any(row.at_px is not None for row in record.residuals):
+        yield doc.Figure(lambda: errors_over_image(record))
+    if not rows:
+        return
+    yield doc.Figure(lambda: errors_by_pose(record))
+    yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
+    if record.rms_mm.heldout is not None:
+        yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
+    yield doc.Detail(
+        (doc.Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
+    )
+
+
+def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
+    for key, label in _MODELS.items():
+        if key == "heldout":
+            yield from _nominal_at_heldout(record)
+        row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
+        if row[0] is not None and trimmed.get(key, True):
+            yield label, *row
+
+
+def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    """RMS, 95th percentile and largest distance, mm, where anything is held out."""
+    rows = [row for row in record.residuals if row.heldout and row.metric]
+    if rows:
+        lengths = np.array([np.linalg.norm(row.before) for row in rows])
+        p95, most = np.quantile(lengths, (0.95, 1.0)).tolist()
+        yield "held-out poses, nominal model", rms_of(lengths), p95, most
+
+
+_POSES = doc.heads(
+    "pose", "RMS before [mm]", "RMS after [mm]", Shown("markers seen", doc.COUNT), "use"
+)
+
+
+def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
+    found = point_errors(record)
+    before, after = (1e3 * found.by_pose(errors) for errors in (found.before, found.after))
+    use = ["held out" if held else "fitted" for held in found.heldout]
+    seen = found.seen.sum(axis=1).tolist()
+    return list(zip(found.poses, before, after, seen, use, strict=True))
+
+
+# -- parameters --------------------------------------------------------------------------------
+
+
+_APPROACHES = {"points": "marker points", "pose": "full poses from the marker points"}
+_METHODS = {"joint": "all parameters at once", "two-step": "base and tool in turn with the rest"}
+_TOGETHER = 0.9  # correlation worth a line
+_BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
+_INTERVAL = doc.Rule(doc.TO_STD.show, absent="")
+_PARAMETERS = doc.columns(
+    IdentifiedParameter,
+    "effect where name",
+    doc.Column("value", lambda row: (row.value, row.std), doc.TO_STD),
+    doc.Column("standard\ndeviation", lambda row: row.std and (row.std, row.std), doc.TO_STD),
+    doc.Column(
+        "95 % interval", lambda row: row.ci95 and (*row.ci95, row.std), _INTERVAL, detail=True
+    ),
+    "unit",
+)
+_CORRELATED = doc.heads("parameter", "parameter", Shown("correlation", doc.CORRELATION))
+_ABSORBED = doc.columns(
+    RedundantParameter, "id", doc.Column("does the same as", lambda row: ", ".join(row.absorbed_by))
+)
+
+
+def _parameters(record: IdentifyRecord) -> Iterator[doc.Part]:
+    """The values, how sure they are, and what a reader should know of them."""
+    yield doc.Sentence(
+        f"{record.rank} of {plural(len(record.parameters), 'parameter')} from "
+        f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}",
+        label="identified",
+    )
+    how = ", elastic parameters from differences" * record.differences
+    yield doc.Sentence(
+        f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}{how}", label="method"
+    )
+    for k, words in enumerate(noise_words(record.noise)):
+        yield doc.Sentence(words, label="" if k else "noise")
+    caption = (
+        "Parameters of the robot. Base and tool are estimated with them, and their uncertainty is "
+        "counted; 95 of 100 such intervals hold the true value, if the model is right. The factor is "
+        "Student's t at the effective degrees of freedom"
+    )
+    robot, placed = ([p for p in record.parameters if p.placed is own] for own in (False, True))
+    yield doc.Table(_PARAMETERS, robot, "Parameters of the robot", caption, fold=False)
+    where = doc.Table(_PARAMETERS, placed, "Where base and markers are", fold=True, paper=True)
+    yield doc.Detail((where,) if placed else ())
+    yield from _doubts(record)
+    caption = (
+        f"Pairs whose correlation is above {_TOGETHER}: their sum or difference is known better than "
+        "each"
+    )
+    pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
+    table = doc.Table(_CORRELATED, pairs, "Correlated pairs", caption)
+    yield doc.Detail((table,) if pairs else ())
+    yield doc.Detail((doc.Figure(lambda: correlation(record)),), "Correlation of all parameters")
+    absorbed = doc.Table(_ABSORBED, record.absorbed, "Redundant parameters",
+                     fold=True)  # fmt: skip
+    yield doc.Detail((absorbed,) if record.absorbed else ())
+
+
+def _doubts(record: IdentifyRecord) -> Iterator[doc.Sentence]:
+    """What a reader of the values should know."""
+    if record.noise.missing:
+        said = "they hold only if the model lacks nothing. Run `posecal diagnose`"
+        yield doc.Sentence(said, "warn", "intervals")
+    for entry in record.unidentifiable:
+        yield doc.Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
+    if record.sizes is not None:
+        yield _told_sizes(record.sizes)
+    if record.weak:
+        said = f"{listed(record.weak)}: the uncertainty is larger than such errors usually are"
+        yield doc.Sentence(said, "warn", "weak")
+    if any(p.effect == "backlash" for p in record.parameters):
+        yield doc.Sentence(
+            "half_width below zero is lost motion: the joint stops short. Above zero it overshoots",
+            "note",
+            "sign",
+        )
+    few = [name for name in record.unused_poses if name not in record.before_the_first_move]
+    if few:
+        yield doc.Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
+    together = _common_error(record)
+    if together > _BY_POSE:
+        yield doc.Sentence(
+            "the points of one pose err together. Counted by pose, the standard deviations are "
+            f"{doc.TENTH(together)} times these (median; JSON: std_by_pose)",
+            "note", "by pose",
+        )  # fmt: skip
+    worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
+    if worst > _OPTIMISM:
+        yield doc.Sentence(
+            "these uncertainties include those of base and tool. If both were known, they would be up "
+            f"to {doc.TENTH(worst)} times smaller",
+            label="include",
+        )
+    if record.absorbed:
+        count = plural(len(record.absorbed), "redundant parameter")
+        merged = "was" if len(record.absorbed) == 1 else "were"
+        yield doc.Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
+
+
+def _common_error(record: IdentifyRecord) -> float:
+    """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
+    ratios = [p.std_by_pose / p.std for p in record.parameters if p.std and p.std_by_pose]
+    if not ratios or record.noise.source != "residual" or record.noise.scatters:
+        return 1.0
+    return float(np.median(ratios))
+
+
+def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
+    """Pairs of the robot's parameters that the data hardly tell apart."""
+    own = [i for i, p in enumerate(record.parameters) if not p.placed and p.std]
+    for n, a in enumerate(own):
+        for b in own[n + 1 :]:
+            r = record.correlation[a][b]
+            if r is not None and abs(r) > _TOGETHER:
+                yield record.parameters[a].id, record.parameters[b].id, r
+
+
+def _told_sizes(sizes: SizePrior) -> doc.Sentence:
+    """That sizes decided, and which."""
+    widths = [f"{own.effect} {doc.TWO(own.width)} {own.unit}" for own in sizes.widths]
+    return doc.Sentence(
+        f"the readings barely determine about {doc.TENTH(sizes.parameters)} combinations of "
+        f"parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
+        '[model] size_prior = "off" switches it off',
+        "note",
+        "sizes",
+    )

@@ -8,14 +8,13 @@ from typing import Self
 
 import numpy as np
 
-from studies.research.withheld.effects import AXES, CATALOGUE, EFFECTS, segment
-from studies.research.withheld.outside import BEYOND, OUTSIDE, outside_here
+from studies.research.withheld.effects import AXES, BEYOND, EFFECTS, outside_here, segment
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.truth import Action, State
 
 Values = dict[str, float]
-_ACTS = {**CATALOGUE, **EFFECTS, **OUTSIDE, **BEYOND}
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class Cause:
         if self.shape is not None:
             joint, phase = self.shape
             factor *= 1.0 + 0.35 * np.sin(2.0 * scene.session.q[:, joint] + phase)
-        action.add(_ACTS[self.effect](scene, state, self.where, self.values), factor)
+        action.add(EFFECTS[self.effect](scene, state, self.where, self.values), factor)
 
 
 @dataclass(frozen=True, eq=False)

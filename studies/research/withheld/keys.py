@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from studies.research.withheld.causes import Cause, Foreign, fitted_clock
 from studies.research.withheld.draw import Case
-from studies.research.withheld.effects import TUNED
+from studies.research.withheld.effects import BEYOND, OUTSIDE, TUNED
 from studies.research.withheld.judge import SI, unit
-from studies.research.withheld.outside import BEYOND, OUTSIDE
 from studies.research.withheld.real_arms import RealConditions
 from studies.research.withheld.scene import Noise, Scene
 from studies.research.withheld.truth import urdf
@@ -165,7 +164,6 @@ def _near(cause: Cause, name: str, shown: str, tolerance: float) -> dict[str, An
 
 
 # What the answer parametrises in its own way: the total or the change, the frame of the drift.
-_BEYOND_CATALOGUE = {**OUTSIDE, **BEYOND}
 UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
 
 
@@ -259,7 +257,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str,
         "beside": beside,
         "parameters": [],
     }
-    if cause.effect in _BEYOND_CATALOGUE:
+    if cause.effect in (*OUTSIDE, *BEYOND):
         entry["size"] = {n: v * cause.size for n, v in cause.values.items()}
         return entry
     if cause.shape is not None:

@@ -16,7 +16,6 @@ from studies.research.withheld.truth import Action, State
 Values = dict[str, float]
 
 
-
 @dataclass(frozen=True, eq=False)
 class Cause:
     """Linear in its size.

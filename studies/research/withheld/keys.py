@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -19,6 +17,7 @@ from studies.research.withheld.effects import BEYOND, OUTSIDE, TUNED
 from studies.research.withheld.judge import SI, unit
 from studies.research.withheld.real_arms import RealConditions
 from studies.research.withheld.scene import Noise, Scene
+from studies.research.withheld.tables import csv_text
 from studies.research.withheld.truth import urdf
 
 
@@ -103,9 +102,7 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
     header += ["temperature_degC"] if "temperature" in scene.columns else []
     header += ["time_s"] if "time" in scene.columns else []
     header += [f"approach_{n}" for n in arm.names] if "approach" in scene.columns else []
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    rows = [header]
     for i in poses:
         state = [f"{v:.4f}" for v in scene.wrench[i]]
         if scene.measured is not None:
@@ -117,8 +114,8 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
         for marker in np.flatnonzero(case.seen[i]):
             point = [f"{v:.5f}" for v in case.noisy[i, marker] * 1e3]
             angles = [f"{v:.6f}" for v in shown[i]]
-            writer.writerow([session.names[i], f"m{marker + 1}", *angles, *point, *state])
-    return stream.getvalue()
+            rows.append([session.names[i], f"m{marker + 1}", *angles, *point, *state])
+    return csv_text(rows)
 
 
 def _noise(believed: Noise) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
@@ -126,6 +127,14 @@ def rms_3d(vectors: ArrayLike) -> float:
 def data_folder(name: str) -> Path:
     """Where a set of real measurements is, or would be: in POSECAL_DATA, or beside the project."""
     return Path(os.environ.get("POSECAL_DATA", _BESIDE)) / name
+
+
+def cell_from(text: str, urdf: str) -> calib.Cell:
+    """The cell of a text that calls its robot's file ``robot.urdf``."""
+    with tempfile.TemporaryDirectory() as name:
+        (Path(name) / "robot.urdf").write_text(urdf, encoding="utf-8")
+        (Path(name) / "cell.toml").write_text(text, encoding="utf-8")
+        return calib.load_cell(Path(name) / "cell.toml")
 
 
 def real_data(name: str) -> tuple[calib.Cell, calib.Measurements]:

@@ -2,58 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import io
 import re
+import shlex
 import shutil
-import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
-from unittest import mock
 
-from studies.cli import run
+from studies.research.command_line import Heard, heard
 from tests.bad_inputs.faults import FAULTS, Fault
 from tests.helpers import measured_cell
 
 
-@dataclass(frozen=True)
-class Heard:
-    """How a call ended: its status, and what it wrote where."""
-
-    status: object
-    out: str
-    err: str
-
-
 def posecal(*words: str) -> Heard:
-    """The command line in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        mock.patch.object(sys, "argv", ["posecal", *words]),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-    ):
-        try:
-            run()
-            status: object = None
-        except SystemExit as end:
-            status = end.code
-    return Heard(status, out.getvalue(), err.getvalue())
+    """The command line here."""
+    return heard(shlex.join(words), Path())
 
 
 def prepare(folder: Path) -> None:
     """A cell, a plan, measurements and results, an instrument's exports, and an empty folder."""
     folder.mkdir(exist_ok=True)
     measured_cell(folder)
-    with contextlib.chdir(folder):
-        heard = posecal("identify", "cell.toml", "measurements.csv", "--json", "result.json")
-        assert not heard.status, heard.err
-        heard = posecal(
-            "fleet", ".", "--only", "identify", "--workers", "1", "--prior", "type.json"
-        )
-    assert not heard.status, heard.err
+    for call in (
+        "identify cell.toml measurements.csv --json result.json",
+        "fleet . --only identify --workers 1 --prior type.json",
+    ):
+        said = heard(call, folder)
+        assert not said.status, said.err
     (folder / "measurements.identify.json").unlink()
     typed = '\n[model.prior]\nfile = "type.json"\n'
     (folder / "typed.toml").write_text((folder / "cell.toml").read_text() + typed)
@@ -78,8 +53,7 @@ def committed(fault: Fault, good: Path, folder: Path) -> Heard:
         if fault.file == "targets.csv":
             cell = folder / "cell.toml"
             cell.write_text(cell.read_text().replace('# targets = "', 'targets = "'))
-    with contextlib.chdir(folder):
-        return posecal(*fault.call.split())
+    return heard(fault.call, folder)
 
 
 def listed() -> str:
@@ -96,8 +70,8 @@ line that `posecal` says to each before it ends with status 2. Made by `python -
             text += f"\n## {section}\n\n| wrong | call | said |\n|---|---|---|\n"
             for fault in faults:
                 with tempfile.TemporaryDirectory(dir=folder) as own:
-                    heard = committed(fault, good, Path(own) / "cell")
-                text += row(fault, heard.err.strip())
+                    said = committed(fault, good, Path(own) / "cell")
+                text += row(fault, said.err.strip())
     return text
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from studies.research.fuzz_days.__main__ import one_day
+from studies.research.fuzz_days.play import one_day
 
-QUICK = (1, 2, 3, 4, 5, 7, 8, 9, 10, 12, 13, 14, 15, 17, 18, 19, 21, 22, 23, 24)
+QUICK = (2, 3, 4, 5, 7, 8, 9, 10, 12, 13, 14, 15, 17, 18, 19, 21, 22, 23, 24, 1)  # 1 is slow
 FAILED = {
     1000: "a series of whole poses was taken for one of points",
     1003: "degrees of freedom beyond all bounds",

@@ -5,7 +5,7 @@
 A set-up is drawn: an arm (Panda, UR5e, MA1400 on a turntable, SO-101), cameras (one fixed, two fixed,
 one on the hand), a target (chessboard, AprilTag, twenty points in space, single points), few poses or
 many, an arm that is right or wrong by degrees, extrinsics that are absent, guessed (20 cm, 30 deg off)
-or right, and a focal length that is right, or 20 % off, free or not. The arm's chain is of this file,
+or right, and a focal length that is right, or 20 % off, free or not. The arm is NumPy's,
 pixels are OpenCV's ``projectPoints``: nothing of it is shared with posecal.
 
 ``right`` ends at the noise, or where the same fit from the truth ends; ``said`` ends elsewhere
@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, cast
 
 import click
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arm.se3 import inverse
@@ -36,6 +37,8 @@ from calib.instruments import Camera
 from calib.observations import Points
 from calib.solver import levenberg_marquardt
 from studies.research.bench import Output, Row, bench, each, table
+from studies.research.withheld.robots import LIGHT, Arm, Joint, Triple
+from studies.research.withheld.truth import tip_in_numpy, urdf
 
 _IMAGE, _NOISE = np.array([1280.0, 960.0]), 0.2  # px
 _DRAWN = 4000
@@ -44,91 +47,65 @@ _GUESS_M, _GUESS_DEG = 0.2, 30.0
 _H = np.pi / 2.0
 
 
-@dataclass(frozen=True)
-class Arm:
-    """Origins (xyz, rpy) of joints that turn about z, the tip's last, and where poses are about."""
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """An arm whose joints turn about z, and the angles, deg, about which it is measured."""
 
-    links: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
+    arm: Arm
     home_deg: tuple[float, ...]
 
     def tips(self, q: Array) -> Array:
         """Tip frames (m, 4, 4) at joint angles (m, dof), rad."""
         T = np.tile(np.eye(4), (len(q), 1, 1))
-        for k, (xyz, rpy) in enumerate(self.links):
-            T = T @ _frame(xyz, _rpy(rpy))
-            if k < q.shape[1]:
-                turned = np.tile(np.eye(4), (len(q), 1, 1))
-                c, s = np.cos(q[:, k]), np.sin(q[:, k])
-                turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
-                T = T @ turned
+        T[:, :3, :3], T[:, :3, 3] = tip_in_numpy(self.arm, q, np.zeros((self.arm.dof + 2, 6)))
         return T
 
-    def urdf(self) -> str:
-        """The same arm as a file; joints are called j1, j2 and so on."""
-        parts, parent = ['<robot name="arm"><link name="base"/>'], "base"
-        for k, (xyz, rpy) in enumerate(self.links):
-            last = k == len(self.home_deg)
-            child = "tip" if last else f"l{k + 1}"
-            name, moves = ("mount", "fixed") if last else (f"j{k + 1}", "revolute")
-            parts.append(
-                f'<joint name="{name}" type="{moves}">'
-                f'<origin xyz="{_text(xyz)}" rpy="{_text(rpy)}"/><parent link="{parent}"/>'
-                f'<child link="{child}"/><axis xyz="0 0 1"/>'
-                '<limit lower="-6.3" upper="6.3" effort="0" velocity="0"/></joint>'
-                f'<link name="{child}"/>'
-            )
-            parent = child
-        return "".join([*parts, "</robot>"])
+
+def _arm(home_deg: tuple[float, ...], *links: tuple[Triple, Triple]) -> Placed:
+    """An arm by the origins (xyz, rpy) of its joints, the tip's last."""
+    *joints, (tip_xyz, tip_rpy) = links
+    turning = tuple(
+        Joint(f"j{k + 1}", xyz, (0, 0, 1), -6.3, 6.3, 0.0, (0, 0, 0), rpy=rpy)
+        for k, (xyz, rpy) in enumerate(joints)
+    )
+    arm = replace(
+        LIGHT, name="arm", base="base", tip="tip", joints=turning, tip_xyz=tip_xyz, tip_rpy=tip_rpy
+    )
+    return Placed(arm, home_deg)
 
 
 ARMS = {
-    "panda": Arm(
-        (((0, 0, 0.333), (0, 0, 0)), ((0, 0, 0), (-_H, 0, 0)), ((0, -0.316, 0), (_H, 0, 0)),
-         ((0.0825, 0, 0), (_H, 0, 0)), ((-0.0825, 0.384, 0), (-_H, 0, 0)), ((0, 0, 0), (_H, 0, 0)),
-         ((0.088, 0, 0), (_H, 0, 0)), ((0, 0, 0.107), (0, 0, 0))),
+    "panda": _arm(
         (0, 0, 0, -110, 0, 110, 45),
+        ((0, 0, 0.333), (0, 0, 0)), ((0, 0, 0), (-_H, 0, 0)), ((0, -0.316, 0), (_H, 0, 0)),
+         ((0.0825, 0, 0), (_H, 0, 0)), ((-0.0825, 0.384, 0), (-_H, 0, 0)), ((0, 0, 0), (_H, 0, 0)),
+         ((0.088, 0, 0), (_H, 0, 0)), ((0, 0, 0.107), (0, 0, 0)),
     ),
-    "ur5e": Arm(
-        (((0, 0, 0.1625), (0, 0, 0)), ((0, 0, 0), (_H, 0, 0)), ((-0.425, 0, 0), (0, 0, 0)),
-         ((-0.3922, 0, 0.1333), (0, 0, 0)), ((0, -0.0997, 0), (_H, 0, 0)),
-         ((0, 0.0996, 0), (_H, np.pi, np.pi)), ((0, 0, 0.05), (0, 0, 0))),
+    "ur5e": _arm(
         (10, -80, 100, -110, -90, 20),
+        ((0, 0, 0.1625), (0, 0, 0)), ((0, 0, 0), (_H, 0, 0)), ((-0.425, 0, 0), (0, 0, 0)),
+         ((-0.3922, 0, 0.1333), (0, 0, 0)), ((0, -0.0997, 0), (_H, 0, 0)),
+         ((0, 0.0996, 0), (_H, np.pi, np.pi)), ((0, 0, 0.05), (0, 0, 0)),
     ),
-    "ma1400": Arm(
-        (((0, 0, 0), (0, 0, -_H)), ((0, 0, -0.263), (0.2618, 0, 0)),
+    "ma1400": _arm(
+        (0, -20, 30, -30, -60, 15, -70),
+        ((0, 0, 0), (0, 0, -_H)), ((0, 0, -0.263), (0.2618, 0, 0)),
          ((0.15, 0, 1.4159), (-_H, -_H, 0)), ((0.614, 0, 0), (np.pi, 0, 0)),
          ((0.2, 0, 0), (-_H, 0, 0)), ((0, 0, -0.64), (_H, _H, 0)), ((0.03, 0, 0), (_H, 0, 0)),
-         ((0, 0, 0.2), (0, 0, 0))),
-        (0, -20, 30, -30, -60, 15, -70),
+         ((0, 0, 0.2), (0, 0, 0)),
     ),
-    "so101": Arm(
-        (((0.0388, 0, 0.0624), (np.pi, 0, -np.pi)), ((-0.0304, -0.0183, -0.0542), (-_H, -_H, 0)),
-         ((-0.1126, -0.028, 0), (0, 0, _H)), ((-0.1349, 0.0052, 0), (0, 0, -_H)),
-         ((0, -0.0611, 0.0181), (_H, 0.0487, np.pi)), ((-0.0079, -0.0002, -0.0981), (0, np.pi, 0))),
+    "so101": _arm(
         (0, -20, 20, 40, 10),
+        ((0.0388, 0, 0.0624), (np.pi, 0, -np.pi)), ((-0.0304, -0.0183, -0.0542), (-_H, -_H, 0)),
+         ((-0.1126, -0.028, 0), (0, 0, _H)), ((-0.1349, 0.0052, 0), (0, 0, -_H)),
+         ((0, -0.0611, 0.0181), (_H, 0.0487, np.pi)), ((-0.0079, -0.0002, -0.0981), (0, np.pi, 0)),
     ),
 }  # fmt: skip
 _FIRST_FIXED = {"ma1400"}  # a turntable that stands
 
 
-def _text(values: Sequence[float] | Array) -> str:
-    return " ".join(f"{float(v):.12g}" for v in values)
-
-
-def _about(axis: int, angle: float) -> Array:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R, c, s = np.eye(3), np.cos(angle), np.sin(angle)
-    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
-    return R
-
-
-def _rpy(rpy: Sequence[float]) -> Array:
-    return np.asarray(_about(2, rpy[2]) @ _about(1, rpy[1]) @ _about(0, rpy[0]))
-
-
-def _rpy_of(R: Array) -> Array:
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
+def _about_z(angle: float) -> Array:
+    return np.asarray(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix())
 
 
 def _frame(xyz: Sequence[float] | Array, R: Array) -> Array:
@@ -139,10 +116,9 @@ def _frame(xyz: Sequence[float] | Array, R: Array) -> Array:
 
 def _turn(rng: np.random.Generator, degrees: float) -> Array:
     """A turn by so much about an axis drawn at random."""
-    import cv2
-
     axis = rng.normal(size=3)
-    return np.asarray(cv2.Rodrigues(axis / np.linalg.norm(axis) * np.radians(degrees))[0])
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(degrees))
+    return np.asarray(turn.as_matrix())
 
 
 # -- targets -------------------------------------------------------------------------------------
@@ -260,10 +236,10 @@ def _drawn(rng: np.random.Generator, only: Sequence[str]) -> SetUp | None:
     if where == "hand":
         away = float(rng.uniform(0.25, 0.6)) * size
         there = rng.uniform(-0.08, 0.08, 3) * size
-        turned = _turn(rng, rng.uniform(0.0, 30.0)) @ _about(2, rng.uniform(-3, 3))
+        turned = _turn(rng, rng.uniform(0.0, 30.0)) @ _about_z(rng.uniform(-3, 3))
         cameras["eye"] = _frame(there, turned)
         C = tip @ cameras["eye"]
-        facing = C[:3, :3] @ _turn(rng, rng.uniform(0.0, 35.0)) @ _about(2, rng.uniform(-3, 3))
+        facing = C[:3, :3] @ _turn(rng, rng.uniform(0.0, 35.0)) @ _about_z(rng.uniform(-3, 3))
         at = _frame(C[:3, 3] + away * C[:3, 2] - facing @ middle, facing)
     else:
         at = _frame(rng.uniform(-0.1, 0.1, 3) * size, _turn(rng, rng.uniform(0.0, 180.0)))
@@ -271,7 +247,7 @@ def _drawn(rng: np.random.Generator, only: Sequence[str]) -> SetUp | None:
         centre = X[:3, :3] @ middle + X[:3, 3]
         for k in range(2 if where == "two fixed" else 1):
             away = float(rng.uniform(0.9, 1.6)) * size
-            to = X[:3, :3] @ _turn(rng, rng.uniform(5.0, 35.0)) @ _about(2, rng.uniform(-3, 3))
+            to = X[:3, :3] @ _turn(rng, rng.uniform(5.0, 35.0)) @ _about_z(rng.uniform(-3, 3))
             cameras[f"cam{k + 1}"] = _frame(centre - away * to[:, 2], to)
     wanted = int(rng.integers(4, 11) if few else rng.integers(20, 41))
     if shape == "singles":  # four images of one point tell nothing
@@ -302,7 +278,9 @@ def _drawn(rng: np.random.Generator, only: Sequence[str]) -> SetUp | None:
                 rows.append(f"p{i:03d},{camera},{name},{shared},{u:.4f},{v:.4f}")
     off = 1.0 if kind["focal"] == "f right" else float(rng.choice([0.8, 1.25]))
     cell = _cell(kind, own, cameras, at, focal * off, rng)
-    return SetUp(kind, cell, arm.urdf(), tuple(rows), own, cameras, at, focal, offsets)
+    return SetUp(
+        kind, cell, urdf(arm.arm, masses=False), tuple(rows), own, cameras, at, focal, offsets
+    )
 
 
 def _views(
@@ -349,7 +327,10 @@ def _cell(
             T = _frame(T[:3, 3] + shift, T[:3, :3] @ _turn(rng, _GUESS_DEG))
         listed = [
             ", ".join(f"{v:.6f}" for v in own)
-            for own in (1e3 * T[:3, 3], np.degrees(_rpy_of(T[:3, :3])))
+            for own in (
+                1e3 * T[:3, 3],
+                Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True),
+            )
         ]
         return f"position_mm = [{listed[0]}]\nrpy_deg = [{listed[1]}]\n"
 
@@ -386,10 +367,9 @@ def written(folder: Path, setup: SetUp) -> tuple[calib.Cell, calib.Measurements]
 
 def truth_values(setup: SetUp, model: Any) -> Array:
     """The values (p,) of the truth, as far as the model has them."""
-    import cv2
 
     def vector(T: Array) -> Array:
-        return np.concatenate([T[:3, 3], cv2.Rodrigues(T[:3, :3])[0][:, 0]])
+        return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
 
     values, hand = model.initial.copy(), setup.kind["cameras"] == "hand"
     for effect, part in zip(model.effects, model.slices, strict=True):

@@ -209,8 +209,7 @@ def pair(cell: Cell, seed: int, full: bool) -> dict[str, Any]:
         None if cause is None else float(((D.half @ cause.columns @ np.asarray(size)) ** 2).sum())
     )
     return {"full": full, "noncentrality": shown,
-            "scatters": arm is not None, "elsewhere": moved, **_told(found, cause),
-            "holds": _holds(found, cell, model, truth, later, cause, size)}  # fmt: skip
+            "scatters": arm is not None, "elsewhere": moved, **_told(found, cause)}  # fmt: skip
 
 
 def _told(found: Changes, cause: ChangeCause | None) -> dict[str, Any]:
@@ -228,30 +227,6 @@ def _told(found: Changes, cause: ChangeCause | None) -> dict[str, Any]:
         "exact": true is not None and keys[:1] == [true],
         "class": true in keys,
     }
-
-
-def _holds(
-    found: Changes, cell: Cell, model: Model, truth: Array, later: Array, cause: ChangeCause | None,
-    size: Array | None,
-) -> bool | None:  # fmt: skip
-    """Whether the interval of the change at the targets holds the true one.
-
-    Known where nothing but compared parameters moved: nothing, or a base, a tool, a marker or a joint.
-    """
-    keys = [(p.effect, p.where, p.name) for p in model.parameters]
-    rows = [keys.index(key) for key in found.difference.keys]
-    true = (later - truth)[rows]
-    if cause is not None and cause.kind != "marker":
-        if cause.kind not in ("base", "tool", "joint_offset", "link_geometry"):
-            return None
-        true = true + cause.columns @ np.asarray(size)
-    from calib.cell.targets import targets_of
-    from calib.change.comparison import rows_at
-
-    _, weights = targets_of(cell)
-    shown = rows_at(model, later, found.targets, found.difference, weights) @ true
-    rms = float(np.sqrt(weights @ (shown**2).sum(axis=1) / weights.sum()))
-    return found.change.rms.low <= rms + 1e-12 and rms <= found.change.rms.high
 
 
 def rows(pairs: list[Row]) -> Iterator[Row]:
@@ -275,7 +250,6 @@ def rows(pairs: list[Row]) -> Iterator[Row]:
             "seen": _share(changed, "moved"),
             "exact": _share(changed, "exact"),
             "class": _share(changed, "class"),
-            "interval holds": _share([one for one in own if one["holds"] is not None], "holds"),
             "below 60": str(len(below) or ""),
             "below 60, seen": _share(below, "moved"),
             "fit worse: no change": _share(still, "grown"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.arrays import Array
-from studies.research.withheld.robots import LIGHT, Arm, Joint
+from studies.research.withheld import robots
+from studies.research.withheld.robots import LIGHT, Arm
 from studies.research.withheld.scene import Scatter, scatter_of
+from studies.research.withheld.tables import csv_text
 from studies.research.withheld.truth import Action, Mechanism, State, urdf
 
 _NEAR_HALF_A_TURN = 3.0  # rad: beyond, one placement has two rotation vectors
@@ -32,52 +33,21 @@ SIGMA = 10e-6  # m, of one coordinate of the instrument
 TARGETS = 200
 
 
-def _turning(
-    name: str, xyz: tuple[float, float, float], axis: tuple[float, float, float], degrees: float
-) -> Joint:
-    limit = float(np.radians(degrees))
-    return Joint(name, xyz, axis, -limit, limit, 3.0, (0.0, 0.0, 0.1))
+def _limited(arm: Arm, *degrees: float, tool: float) -> Arm:
+    """The arm with limits of its own for each joint that turns, light and without drives that yield."""
+    own, joints = iter(np.radians(degrees).tolist()), []
+    for joint in arm.joints:
+        if not joint.slides:
+            limit = next(own)
+            joint = replace(joint, low=-limit, high=limit, mass=3.0, com=(0.0, 0.0, 0.1))
+        joints.append(replace(joint, compliance=0.0))
+    return replace(
+        arm, joints=tuple(joints), sigma=SIGMA, load=0.0, tool=tool, largest=1e-3, payload=0.0
+    )
 
 
-SEVEN = Arm(
-    "seven",
-    "base",
-    "flange",
-    (
-        _turning("s1", (0, 0, 0.16), (0, 0, 1), 170),
-        _turning("s2", (0, 0, 0.20), (0, 1, 0), 120),
-        _turning("s3", (0, 0, 0.21), (0, 0, 1), 170),
-        _turning("e1", (0, 0, 0.21), (0, -1, 0), 120),
-        _turning("w1", (0, 0, 0.21), (0, 0, 1), 170),
-        _turning("w2", (0, 0, 0.19), (0, 1, 0), 120),
-        _turning("w3", (0, 0, 0.08), (0, 0, 1), 175),
-    ),
-    (0, 0, 0.05),
-    (0, 0, 0),
-    sigma=SIGMA,
-    load=0.0,
-    tool=0.15,
-    largest=1e-3,
-    payload=0.0,
-)
-SCARA = Arm(
-    "scara",
-    "base",
-    "flange",
-    (
-        _turning("J1", (0, 0, 0.34), (0, 0, 1), 130),
-        _turning("J2", (0.325, 0, 0), (0, 0, 1), 140),
-        Joint("Z", (0.275, 0, 0), (0, 0, 1), -0.21, 0.0, 1.5, (0, 0, 0), slides=True),
-        _turning("J4", (0, 0, 0), (0, 0, 1), 360),
-    ),
-    (0, 0, -0.05),
-    (3.141593, 0, 0),
-    sigma=SIGMA,
-    load=0.0,
-    tool=0.10,
-    largest=1e-3,
-    payload=0.0,
-)
+SEVEN = _limited(robots.SEVEN, 170, 120, 170, 120, 170, 120, 175, tool=0.15)
+SCARA = _limited(robots.SCARA, 130, 140, 360, tool=0.10)
 ARMS = {"6R": LIGHT, "7R": SEVEN, "SCARA": SCARA}
 
 
@@ -308,5 +278,4 @@ def _digits(values: Array) -> list[str]:
 
 
 def _table(path: Path, head: list[str], rows: list[list[str]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        csv.writer(stream, lineterminator="\n").writerows([head, *rows])
+    path.write_text(csv_text([head, *rows]), encoding="utf-8")

@@ -33,7 +33,7 @@ import psutil
 from calib.arrays import Array
 from studies.research.bench import Output, bench, count
 from studies.research.benchmarks.day import ARMS, Setting, draw_day, write_day
-from studies.research.withheld.tables import shown
+from studies.research.withheld.tables import csv_text, shown
 
 FAULTY = 20
 """One robot in so many has a table that cannot be read."""
@@ -82,8 +82,7 @@ def _spoil(table: Path) -> None:
     with table.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.reader(stream))
     rows[3][-1] = "beam broken"
-    with table.open("w", encoding="utf-8", newline="") as stream:
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+    table.write_text(csv_text(rows), encoding="utf-8")
 
 
 RUN = [

@@ -11,7 +11,6 @@ and largest memory.
 from __future__ import annotations
 
 import resource
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, count, data_folder, each, table
+from studies.research.bench import Output, Row, bench, cell_from, count, data_folder, each, table
 
 HELD_OUT = 0.3
 SETS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -94,12 +93,8 @@ _MOST = 4  # instruments of one set that are shown: a socket is one
 
 def simulated_images(count: int) -> str:
     """Seconds and memory of one identification of a KR 270 from simulated images."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-        head = 'schema = 1\n[robot]\nurdf = "kr270.urdf"\nbase = "base_link"\ntip = "tool0"\n'
-        (folder / "cell.toml").write_text(head + _CAMERA)
-        cell = calib.load_cell(folder / "cell.toml")
+    head = 'schema = 1\n[robot]\nurdf = "robot.urdf"\nbase = "base_link"\ntip = "tool0"\n'
+    cell = cell_from(head + _CAMERA, embedded_text("kr270.urdf"))
     rng = np.random.default_rng(0)
     home = np.radians([0.0, -60.0, 80.0, 0.0, 30.0, 0.0])
     poses = poses_at(home + rng.uniform(-0.6, 0.6, (count, 6)))

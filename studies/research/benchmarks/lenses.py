@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from defusedxml import ElementTree
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arrays import Array
@@ -272,10 +273,8 @@ class Chain:
             xyz, rpy = (
                 np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy")
             )
-            T = np.eye(4)
-            T[:3, :3] = _about(2, rpy[2]) @ _about(1, rpy[1]) @ _about(0, rpy[0])
-            T[:3, 3] = xyz
-            self.links.append((T, joint.get("type") == "revolute"))
+            turns = joint.get("type") == "revolute"
+            self.links.append((_frame(xyz, Rotation.from_euler("xyz", rpy)), turns))
 
     def frames(self, q: Array) -> list[Array]:
         """Frames of the joints, which turn about z, and of the tip last, for one pose (dof,)."""
@@ -284,17 +283,9 @@ class Chain:
             T = T @ link
             if turns:
                 found.append(T)
-                turned = np.eye(4)
-                turned[:3, :3] = _about(2, next(angles))
-                T = T @ turned
+                about_z = Rotation.from_rotvec([0.0, 0.0, next(angles)])
+                T = T @ _frame(np.zeros(3), about_z)
         return [*found, T]
-
-
-def _about(axis: int, angle: float) -> Array:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R, c, s = np.eye(3), np.cos(angle), np.sin(angle)
-    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
-    return R
 
 
 def pixels(chain: Chain, q: Array, truth: Truth, on: str = "tip") -> Array:
@@ -305,10 +296,10 @@ def pixels(chain: Chain, q: Array, truth: Truth, on: str = "tip") -> Array:
     grid = np.array([[x, y, 0.0] for y in range(1, 9) for x in range(1, 12)]) * 0.02 * truth.size
     across = (grid[:, 0] - grid[:, 0].mean()) / np.ptp(grid[:, 0]) * 2.0
     grid[:, 2] = truth.bow * (1.0 - across**2)
-    camera, board = (_frame(*place) for place in _PLACES[on])
-    slipped = np.eye(4)
-    slipped[:3, :3] = cv2.Rodrigues(np.array(truth.slip[3:]))[0]
-    slipped[:3, 3] = truth.slip[:3]
+    camera, board = (
+        _frame(at, Rotation.from_euler("xyz", rpy, degrees=True)) for at, rpy in _PLACES[on]
+    )
+    slipped = _frame(truth.slip[:3], Rotation.from_rotvec(truth.slip[3:]))
     found = []
     for k, own in enumerate(q):
         tip = bent_tip(chain, own, truth.arm)
@@ -323,10 +314,9 @@ def pixels(chain: Chain, q: Array, truth: Truth, on: str = "tip") -> Array:
     return np.array(found)
 
 
-def _frame(position: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
-    T, (roll, pitch, yaw) = np.eye(4), np.radians(rpy)
-    T[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-    T[:3, 3] = position
+def _frame(at: Sequence[float] | Array, turn: Rotation) -> Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn.as_matrix(), at
     return T
 
 

@@ -12,10 +12,8 @@ Panda is that of ``panda_sockets_2`` under ``POSECAL_DATA``.
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import click
 import numpy as np
@@ -29,7 +27,7 @@ from calib.poses import Measurements, Poses
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, count, data_folder, table
+from studies.research.bench import Output, Row, bench, cell_from, count, data_folder, table
 from studies.research.withheld.robots import LIGHT, Joint
 from studies.research.withheld.truth import tip_in_numpy
 
@@ -192,10 +190,7 @@ def day(place: Place, name: str, poses: int, refits: int, task: float | None) ->
     """
     from scipy.stats import chi2
 
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "robot.urdf").write_text(place.urdf())
-        (Path(folder) / "cell.toml").write_text(place.cell(name))
-        cell = calib.load_cell(Path(folder) / "cell.toml")
+    cell = cell_from(place.cell(name), place.urdf())
     begun = time.perf_counter()
     found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False, reapproach=0)
     seconds = time.perf_counter() - begun

@@ -14,9 +14,7 @@ geometric mean.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -29,7 +27,7 @@ from calib.poses import Measurements, Poses
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, bench, count, table
+from studies.research.bench import Output, bench, cell_from, count, table
 from studies.research.benchmarks.planned_days import Arm
 
 PROBE = (
@@ -41,7 +39,7 @@ _STANDS = np.array([4.0, -1.0, 1.2])  # the tracker, base axes, m
 _HEAD = """
 schema = 1
 [robot]
-urdf = "kr270.urdf"
+urdf = "robot.urdf"
 base = "base_link"
 tip = "tool0"
 [robot.limits_deg]
@@ -116,10 +114,7 @@ def read(arm: Arm, q: Array, days: int, rng: np.random.Generator) -> Read:
 
 def cell_of(text: str) -> calib.Cell:
     """The arm with an instrument."""
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-        (Path(folder) / "cell.toml").write_text(_HEAD + text)
-        return calib.load_cell(Path(folder) / "cell.toml")
+    return cell_from(_HEAD + text, embedded_text("kr270.urdf"))
 
 
 def point_cell() -> calib.Cell:

@@ -11,17 +11,14 @@ import json
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.causes import NameEvidence
-from studies.command.deliver import console_for
-from studies.command.options import one_line_faults
+from studies.research.bench import Output, Row, bench, table
 from studies.research.withheld.judge import is_listed, is_true, name_of
-from studies.research.withheld.tables import table
 
 _RIDGE = 0.5  # weights of a few rare words stay finite
 _SIZES = (0.0, 1.0, 0.2, 0.1, 1.0, 1.0, 1.0)  # of what speaks, by which the ridge holds its weights
@@ -29,7 +26,6 @@ _ROUNDS = 50
 _BINS = (0.0, 0.5, 0.8, 0.9, 1.0)
 WORDS = ("sure", "form", "curve", "again", "company", "pliable", "moment")
 
-Row = dict[str, Any]
 Named = tuple[NameEvidence, bool]
 """What speaks for and against a name, and whether it is right."""
 
@@ -78,22 +74,21 @@ def chance(A: Array, weights: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-A @ weights)))
 
 
-@click.command()
-@click.argument("folders", nargs=-1, type=click.Path(path_type=Path, exists=True))
-@one_line_faults
-def main(folders: tuple[Path, ...]) -> None:
+@bench(click.argument("folders", nargs=-1, type=click.Path(path_type=Path, exists=True)))
+def main(folders: tuple[Path, ...], seed: int) -> Output:
     """Fit the weights, and count how often names with such a probability are right."""
+    del seed
     names, oks = zip(*(n for folder in folders for n in sealed_names(folder)), strict=True)
     A, right = np.array([(1.0, *own.against) for own in names]), np.array(oks, dtype=float)
-    weights, console = fitted(A, right, _SIZES), console_for(None)
-    told = zip(WORDS, weights.tolist(), strict=True)
-    console.print(table({"word": word, "weight": f"{weight:.2f}"} for word, weight in told))
+    weights = fitted(A, right, _SIZES)
+    told = dict(zip(WORDS, weights.tolist(), strict=True))
+    words = [{"word": word, "weight": f"{weight:.2f}"} for word, weight in told.items()]
     p, bins = chance(A, weights), []
     for low, high in pairwise(_BINS):
         own = right[(p > low) & (p <= high)]
         share = f"{100 * own.mean():.0f}" if len(own) else None
         bins.append({"probability": f"{low:g} to {high:g}", "names": len(own), "right [%]": share})
-    console.print(table(bins))
+    return [table(words), table(bins)], {"weights": told, "bins": bins}
 
 
 if __name__ == "__main__":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from studies.research.fuzz_days.readers import READERS, Row, Scene
 from studies.research.withheld.robots import HEAVY, LIGHT, RAIL, Arm, Array, Joint
+from studies.research.withheld.tables import csv_text
 from studies.research.withheld.truth import tip_in_numpy, urdf
 
 KINDS = ("light", "heavy", "rail", "seven", "scara", "gantry", "random")
@@ -231,12 +230,10 @@ def _table(arm: Arm, q: Array, rows: list[Row], known: dict[str, list[str]]) -> 
     own = list(dict.fromkeys(name for _, row in rows for name in row))
     joints = [f"{j.name}_{'mm' if j.slides else 'deg'}" for j in arm.joints]
     shown = np.where(arm.slides, 1e3, 180.0 / np.pi) * q
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["pose", *joints, *known, *own])
+    table = [["pose", *joints, *known, *own]]
     for i, row in rows:
         given = [f"{x:.10g}" for x in shown[i]]
-        writer.writerow(
+        table.append(
             [f"p{i}", *given, *(v[i] for v in known.values()), *(row.get(c, "") for c in own)]
         )
-    return stream.getvalue()
+    return csv_text(table)

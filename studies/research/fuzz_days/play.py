@@ -17,7 +17,7 @@ import click
 import numpy as np
 
 from studies.cli import main
-from studies.research.fuzz_days.day import Day
+from studies.research.fuzz_days.day import Day, draw_day
 
 _LONGEST = 1100  # characters of a line that says what is wrong
 _SECONDS = 90  # that a command of a small day may take
@@ -77,6 +77,13 @@ def _calls(rng: np.random.Generator, plain: bool) -> Iterator[list[str]]:
     for (verb, rest), drawn in zip(further.items(), chance, strict=True):
         if drawn < _RARELY[verb]:
             yield [verb, *rest]
+
+
+def one_day(seed: int, folder: Path) -> tuple[Day, list[tuple[str, Ended, Fault | None]]]:
+    """The day of a seed, its files in a folder, and what became of its commands."""
+    rng = np.random.default_rng(seed)
+    day = draw_day(rng, folder)
+    return day, list(played(rng, day, folder))
 
 
 def played(

@@ -8,14 +8,12 @@ from typing import Self
 
 import numpy as np
 
-from studies.research.withheld.effects import AXES, CATALOGUE, EFFECTS, segment
-from studies.research.withheld.outside import BEYOND, OUTSIDE, outside_here
+from studies.research.withheld.effects import AXES, BEYOND, EFFECTS, outside_here, segment
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.truth import Action, State
 
 Values = dict[str, float]
-_ACTS = {**CATALOGUE, **EFFECTS, **OUTSIDE, **BEYOND}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Cause:
         if self.shape is not None:
             joint, phase = self.shape
             factor *= 1.0 + 0.35 * np.sin(2.0 * scene.session.q[:, joint] + phase)
-        action.add(_ACTS[self.effect](scene, state, self.where, self.values), factor)
+        action.add(EFFECTS[self.effect](scene, state, self.where, self.values), factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +115,7 @@ def draw_cause(rng: np.random.Generator, scene: Scene) -> Cause:
     weight *= [3.0 if kind in _RARE else 1.0 for kind in kinds]
     kind = str(rng.choice(kinds, p=weight / weight.sum()))
     where = str(rng.choice(found[kind]))
-    return Cause(kind, where, _UNIT.get(kind, _one)(rng, scene, where, kind))
+    return cause_at(rng, scene, kind, where)
 
 
 def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:
@@ -198,6 +196,8 @@ _SINGLE = {
     "base_compliance": ("tilt", 0.01, True),
     "thermal_expansion": ("growth", 1e-5, True),
     "tracker_scale": ("scale", 1e-5, False),
+    "friction_windup": ("torque", 10.0, True),
+    "measured_torque": ("compliance", 0.1, True),
 }
 
 
@@ -246,19 +246,6 @@ def _payload(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> V
     return direction(rng, ("com_x", "com_y", "com_z"), 0.01)
 
 
-_UNIT: dict[str, Unit] = {
-    "link_geometry": _any_six,
-    "stiffness_vs_angle": _stiffness,
-    "gravity_compensator": _spring,
-    "payload": _payload,
-    "transmission_harmonic": _harmonic,
-    "joint_coupling": _coupling,
-    "base_drift": _any_six,
-    "tool_compliance": _tool,
-    "tracker_drift": _any_six,
-}
-
-
 RATIO = (50, 160)
 TAU = (0.05, 0.6)
 """Time constants of a warm-up in lengths of the session."""
@@ -295,8 +282,8 @@ def draw_real(rng: np.random.Generator, scene: Scene) -> Cause:
 
 
 def cause_at(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Cause:
-    """One of a new kind at a place."""
-    return Cause(kind, where, _DRAWN[kind](rng, scene, where))
+    """One of a kind at a place."""
+    return Cause(kind, where, _UNIT.get(kind, _one)(rng, scene, where, kind))
 
 
 def draw_beyond(rng: np.random.Generator, scene: Scene) -> Cause:
@@ -334,20 +321,20 @@ def _possible(scene: Scene, kind: str) -> bool:
     return not kind.startswith("marker") or len(scene.markers) > 1
 
 
-def _ripple(rng: np.random.Generator, scene: Scene, where: str) -> Values:
+def _ripple(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     found = {"cycles": 2.0 * scene.ratios[where], **direction(rng, ("cos_1", "sin_1"))}
     if rng.random() < _SECOND:
         found |= direction(rng, ("cos_2", "sin_2"), float(rng.uniform(3e-5, 6e-5)))
     return found
 
 
-def _warm_up(rng: np.random.Generator, scene: Scene, where: str) -> Values:
+def _warm_up(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     low, high = np.log(TAU)
     tau = float(np.exp(rng.uniform(low, high))) * float(fitted_clock(scene)[-1])
     return {**_displacement(rng, scene, where), "tau": tau}
 
 
-def _step(rng: np.random.Generator, scene: Scene, where: str) -> Values:
+def _step(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     return {**_displacement(rng, scene, where), "at": _moment(rng, scene)}
 
 
@@ -369,25 +356,25 @@ def _displacement(rng: np.random.Generator, scene: Scene, where: str) -> Values:
     return direction(rng, AXES if where in ("base", "instrument") else AXES[:3])
 
 
-def _settling(rng: np.random.Generator, scene: Scene, where: str) -> Values:
+def _settling(rng: np.random.Generator, scene: Scene, where: str, kind: str) -> Values:
     if scene.arm.slides.any() or rng.random() < 0.5:  # metres and radians share no longest move
         return {"per_move": 1e-4}
     return {"per_speed": 2e-4}
 
 
-def _friction(rng: np.random.Generator, scene: Scene, where: str) -> Values:
-    return {"torque": 10.0}
-
-
-def _torque(rng: np.random.Generator, scene: Scene, where: str) -> Values:
-    return {"compliance": 0.1 * max(joint.compliance for joint in scene.arm.joints)}
-
-
-_DRAWN: dict[str, Callable[[np.random.Generator, Scene, str], Values]] = {
+_UNIT: dict[str, Unit] = {
+    "link_geometry": _any_six,
+    "stiffness_vs_angle": _stiffness,
+    "gravity_compensator": _spring,
+    "payload": _payload,
+    "transmission_harmonic": _harmonic,
+    "joint_coupling": _coupling,
+    "base_drift": _any_six,
+    "tool_compliance": _tool,
+    "tracker_drift": _any_six,
     "gear_ripple": _ripple,
     "warm_up": _warm_up,
     "step": _step,
     "settling": _settling,
-    "friction_windup": _friction,
-    "measured_torque": _torque,
 }
+"""Values of size one by kind; of all others one parameter of ``_SINGLE``."""

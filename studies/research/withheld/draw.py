@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ SHARES = {"null": 0.25, "single": 0.35, "pair": 0.13, "shape": 0.13, "outside": 
 NONCENTRALITY = (20.0, 3000.0)
 HELD_OUT = 20
 _SIZE_ROUNDS = 4
+_SCATTER = (RATIO, 0.5)
 
 
 class NoSuchCase(Exception):
@@ -95,7 +96,7 @@ def draw_case(rng: np.random.Generator, family: str, arm_noise: bool = False) ->
         conditions = _conditions(rng)
         scene = draw_scene(rng, arm, conditions)
         try:
-            return _filled(rng, family, conditions, scene, arm_noise)
+            return _filled(Draft(rng, conditions, scene, _SCATTER if arm_noise else None), family)
         except NoSuchCase:
             continue
 
@@ -194,8 +195,8 @@ def with_scatter(
     rng: np.random.Generator,
     scene: Scene,
     still: State,
-    ratio: tuple[float, float] = RATIO,
-    in_joints: float = 0.5,
+    ratio: tuple[float, float],
+    in_joints: float,
 ) -> Scene:
     """The scene with an arm that scatters by a ratio to the instrument; the cell may say it.
 
@@ -210,48 +211,81 @@ def with_scatter(
     return replace(scene, scatter=scatter, repeatability=said)
 
 
-def _filled(
-    rng: np.random.Generator, family: str, conditions: Conditions, scene: Scene, arm_noise: bool
-) -> Case:
-    mechanism = scene.mechanism()
-    seen = draw_seen(rng, conditions, scene)
-    still = at_rest(scene, mechanism, ())
-    if arm_noise:
-        scene = with_scatter(rng, scene, still)
-    projector = Projector(scene, still, seen & ~scene.session.held[:, None])
-    causes = [
-        sized(rng, scene, mechanism, still, projector, draw, family == "outside")
-        for draw in _DRAWS[family]
-    ]
+class Draft:
+    """A scene at rest, and how to measure what moves it.
+
+    scatter : ratio to the instrument's noise, and share of arms that scatter in their joints; None of
+        an arm that comes back exactly
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        conditions: Conditions,
+        scene: Scene,
+        scatter: tuple[tuple[float, float], float] | None,
+    ) -> None:
+        self.rng, self.conditions, self.mechanism = rng, conditions, scene.mechanism()
+        self.seen = draw_seen(rng, conditions, scene)
+        self.still = at_rest(scene, self.mechanism, ())
+        self.scene = with_scatter(rng, scene, self.still, *scatter) if scatter else scene
+        self.projector = Projector(self.scene, self.still, self.seen & ~scene.session.held[:, None])
+
+    def rest(self, *causes: Cause) -> Array:
+        """What causes move, whitened and beside the model."""
+        bent = at_rest(self.scene, self.mechanism, causes)
+        return self.projector.left(bent.readings - self.still.readings)
+
+    def case(
+        self,
+        family: str,
+        causes: Sequence[Cause],
+        rests: Sequence[Array],
+        beside: tuple[float, ...],
+        background: Sequence[Cause] = (),
+        excess: float | None = None,
+    ) -> Case:
+        """What the instrument reads.
+
+        rests : of each cause and of the background after them; beside : their noncentralities beside
+            the others
+        """
+        everything, session = [*causes, *background], self.scene.session
+        state = at_rest(self.scene, self.mechanism, everything)
+        whole, stood = self.rest(*causes), state
+        if self.scene.scatter is not None:
+            wander = self.scene.scatter.drawn(self.rng, session.visit)
+            stood = at_rest(self.scene, self.mechanism, [*everything, wander])
+        noisy, outliers = with_noise(self.rng, self.conditions, self.scene, stood.readings)
+        shift = state.readings - self.still.readings
+        return Case(
+            family=family,
+            conditions=self.conditions,
+            scene=self.scene,
+            causes=tuple(everything),
+            noncentrality=tuple(float(r @ r) for r in rests),
+            beside=beside,
+            together=float(whole @ whole),
+            state=state,
+            clean=state.readings,
+            noisy=noisy,
+            seen=self.seen,
+            outliers=outliers,
+            moved=float(np.sqrt(np.mean(np.sum(shift**2, axis=-1)))),
+            background=len(background),
+            excess=excess,
+        )
+
+
+def _filled(draft: Draft, family: str) -> Case:
+    causes = [sized(draft, draw, outside=family == "outside") for draw in _DRAWS[family]]
     if len({(c.effect, c.where) for c in causes}) < len(causes):
         raise NoSuchCase
-    state = at_rest(scene, mechanism, causes) if causes else still
-    alone = [at_rest(scene, mechanism, [cause]) for cause in causes]
-    rests = [projector.left(one.readings - still.readings) for one in alone]
-    visible = tuple(float(r @ r) for r in rests)
-    beside = (given(*rests), given(*rests[::-1])) if len(rests) == 2 else visible
-    whole = projector.left(state.readings - still.readings)
-    stood = state
-    if scene.scatter is not None:
-        wander = scene.scatter.drawn(rng, scene.session.visit)
-        stood = at_rest(scene, mechanism, [*causes, wander])
-    noisy, outliers = with_noise(rng, conditions, scene, stood.readings)
-    shift = state.readings - still.readings
-    return Case(
-        family=family,
-        conditions=conditions,
-        scene=scene,
-        causes=tuple(causes),
-        noncentrality=visible,
-        beside=beside,
-        together=float(whole @ whole),
-        state=state,
-        clean=state.readings,
-        noisy=noisy,
-        seen=seen,
-        outliers=outliers,
-        moved=float(np.sqrt(np.mean(np.sum(shift**2, axis=-1)))),
-    )
+    rests = [draft.rest(cause) for cause in causes]
+    beside = tuple(float(r @ r) for r in rests)
+    if len(rests) == 2:
+        beside = (given(*rests), given(*rests[::-1]))
+    return draft.case(family, causes, rests, beside)
 
 
 Draw = Callable[[np.random.Generator, Scene], Cause]
@@ -274,25 +308,19 @@ _DRAWS: dict[str, tuple[Draw, ...]] = {
 
 
 def sized(
-    rng: np.random.Generator,
-    scene: Scene,
-    mechanism: Mechanism,
-    still: State,
-    projector: Projector,
-    draw: Draw,
-    outside: bool,
-    within: tuple[float, float] = NONCENTRALITY,
+    draft: Draft, draw: Draw, within: tuple[float, float] = NONCENTRALITY, outside: bool = False
 ) -> Cause:
     """A cause scaled to a noncentrality drawn evenly in its logarithm. Raises NoSuchCase."""
-    cause = draw(rng, scene)
+    scene = draft.scene
+    cause = draw(draft.rng, scene)
     low, high = np.log(within)
-    wanted = float(np.exp(rng.uniform(low, high)))
+    wanted = float(np.exp(draft.rng.uniform(low, high)))
     for _ in range(_SIZE_ROUNDS):
         try:
-            moved = at_rest(scene, mechanism, [cause]).readings - still.readings
+            moved = at_rest(scene, draft.mechanism, [cause]).readings - draft.still.readings
         except RuntimeError:
             raise NoSuchCase from None
-        rest = projector.left(moved)
+        rest = draft.projector.left(moved)
         reached = float(rest @ rest)
         largest = float(np.sqrt(np.mean(np.sum(moved**2, axis=-1))))
         factor = np.sqrt(wanted / max(reached, 1e-12))

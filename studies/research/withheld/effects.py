@@ -1,4 +1,9 @@
-"""The effects of the catalogue, each as its definition reads; linear in their parameters (SI)."""
+"""What moves the arm: each effect as its definition reads, linear in its parameters (SI).
+
+``OUTSIDE`` and ``BEYOND`` are those that no catalogue holds. An error
+of one joint's variable is a formula ``(scene, state, k, values) -> (N,)``, rad or m; whatever else
+there is returns an action.
+"""
 
 from __future__ import annotations
 
@@ -13,40 +18,99 @@ from studies.research.withheld.truth import Action, G, State
 
 Values = Mapping[str, float]
 Effect = Callable[[Scene, State, str, Values], Action]
+OfJoint = Callable[[Scene, State, int, Values], Array]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 REFERENCE_DEGC = 20.0
+TUNED = ("cycles", "tau", "at")
+"""Parameters that do not scale with the size of a cause."""
 
 
-def joint_offset(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """q_true = q_read + offset."""
-    return turned(scene, where, np.full(scene.count, values["offset"]))
+def index(scene: Scene, joint: str) -> int:
+    """Position of a joint, 0 .. n - 1; its frame is the next number."""
+    return scene.arm.names.index(joint)
 
 
-def link_geometry(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A constant displacement of the joint's frame."""
+def turned(scene: Scene, joint: str, dq: Array) -> Action:
+    """An error of one joint's variable, shape (N,)."""
     action = scene.nothing()
-    action.twist[:, index(scene, where) + 1] = _six(values)
+    action.joint[:, index(scene, joint)] = dq
     return action
 
 
-def joint_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = compliance * torque."""
-    return turned(scene, where, values["compliance"] * state.torque[:, index(scene, where)])
+def moved_frame(scene: Scene, frame: int, twist: Array) -> Action:
+    """A displacement of one frame, shape (6,) or (N, 6), m and rad."""
+    action = scene.nothing()
+    action.twist[:, frame] = twist
+    return action
 
 
-def stiffness_vs_angle(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = compliance(q) * torque, linear between the knots, beside the constant one."""
-    k = index(scene, where)
-    c = np.interp(scene.session.q[:, k], scene.knots[where], list(values.values()))
-    return turned(scene, where, c * state.torque[:, k])
+def moved_marker(scene: Scene, where: str, shift: Array) -> Action:
+    """A displacement (N, 3) of one reflector in the tip frame, m."""
+    action = scene.nothing()
+    action.marker[:, int(where.removeprefix("marker:m")) - 1] = shift
+    return action
 
 
-def gravity_compensator(scene: Scene, state: State, where: str, values: Values) -> Action:
+def moved_readings(scene: Scene, state: State, twist: Array) -> Action:
+    """Readings that move as one body, twist (N, 6) in the instrument's frame."""
+    action = scene.nothing()
+    action.reading[:] = twist[:, None, :3] + np.cross(twist[:, None, 3:], state.aimed)
+    return action
+
+
+def displaced(scene: Scene, state: State, where: str, values: Values, by: Array) -> Action:
+    """A constant displacement of a place, times ``by``, shape (N,)."""
+    if where in scene.arm.names:
+        return turned(scene, where, values["offset"] * by)
+    moved = np.outer(by, _six(values))
+    if where == "base":
+        return moved_frame(scene, 0, moved)
+    if where == "instrument":
+        return moved_readings(scene, state, moved)
+    return moved_marker(scene, where, moved[:, :3])
+
+
+def segment(scene: Scene, frame: int) -> Array:
+    """The way from the frame before to frame 1 .. n + 1, in the latter's axes, shape (3,), m."""
+    arm = scene.arm
+    last = frame > arm.dof
+    xyz = arm.tip_xyz if last else arm.joints[frame - 1].xyz
+    rpy = arm.tip_rpy if last else arm.joints[frame - 1].rpy
+    way: Array = Rotation.from_euler("xyz", rpy).inv().apply(xyz)
+    return way
+
+
+def _six(values: Values) -> Array:
+    return np.array([values.get(name, 0.0) for name in AXES])
+
+
+def _wave(q: Array, values: Values) -> Array:
+    """Sum of ``cos_k cos(k q) + sin_k sin(k q)``, k = 1, 2."""
+    parts = [
+        values.get(f"cos_{k}", 0.0) * np.cos(k * q) + values.get(f"sin_{k}", 0.0) * np.sin(k * q)
+        for k in (1, 2)
+    ]
+    return np.asarray(sum(parts))
+
+
+def _warmth(scene: Scene) -> Array:
+    return np.asarray(scene.session.temperature - REFERENCE_DEGC)
+
+
+def _after(scene: Scene, share: float) -> Array:
+    """Whether a share of the session's time is over."""
+    hours = scene.session.hours
+    return np.asarray(hours > share * hours[-1])
+
+
+# -- the catalogue -------------------------------------------------------------------------------
+
+
+def gravity_compensator(scene: Scene, state: State, k: int, values: Values) -> Array:
     """A spring that pulls the anchor on the link towards the anchor on the link before it."""
     spring = scene.arm.spring
     assert spring is not None  # noqa: S101
-    k, before = index(scene, where), np.asarray(spring[1])
-    axis, after = scene.arm.axes[k], np.asarray(spring[2])
+    axis, before, after = scene.arm.axes[k], np.asarray(spring[1]), np.asarray(spring[2])
 
     def anchor(q: Array) -> Array:
         along = axis * (axis @ after)
@@ -61,8 +125,56 @@ def gravity_compensator(scene: Scene, state: State, where: str, values: Values) 
     q = scene.session.q[:, k]
     pull = values["preload"] + values["spring"] * (length(q) - length(np.zeros(1)))
     force = pull[:, None] * (before - anchor(q)) / length(q)[:, None]
-    torque = np.cross(anchor(q), force) @ axis
-    return turned(scene, where, scene.compliance[k] * torque)
+    return np.asarray(scene.compliance[k] * (np.cross(anchor(q), force) @ axis))
+
+
+def joint_coupling(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """The values of other joints, each times ``from_<joint>``."""
+    dq = np.zeros(scene.count)
+    for name, value in values.items():
+        dq += value * scene.session.q[:, index(scene, name.removeprefix("from_"))]
+    return dq
+
+
+def settling(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """A share of the last move that is still to come, and of its share of the longest one."""
+    moves = scene.session.moves
+    longest = np.abs(moves).max(axis=1)
+    share = moves[:, k] / np.where(longest > 0.0, longest, 1.0)
+    lag = values.get("per_move", 0.0) * moves[:, k] + values.get("per_speed", 0.0) * share
+    return np.asarray(-lag)
+
+
+def measured_torque(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """A compliance under the torque that the file shows."""
+    assert scene.measured is not None  # noqa: S101
+    return np.asarray(values["compliance"] * scene.measured[:, k])
+
+
+_JOINT_ERRORS: dict[str, OfJoint] = {
+    "joint_offset": lambda s, _, k, v: np.full(s.count, v["offset"]),
+    "joint_compliance": lambda s, at, k, v: v["compliance"] * at.torque[:, k],
+    # Linear between the knots, beside the constant compliance.
+    "stiffness_vs_angle": lambda s, at, k, v: (
+        np.interp(s.session.q[:, k], s.knots[s.arm.names[k]], list(v.values())) * at.torque[:, k]
+    ),
+    "gravity_compensator": gravity_compensator,
+    "transmission_harmonic": lambda s, _, k, v: _wave(s.session.q[:, k], v),
+    "transmission_scale": lambda s, _, k, v: v["scale"] * s.session.q[:, k],
+    "joint_coupling": joint_coupling,
+    "backlash": lambda s, _, k, v: v["half_width"] * s.session.approach[:, k],
+    "gear_ripple": lambda s, _, k, v: _wave(v["cycles"] * s.session.q[:, k], v),
+    "settling": settling,
+    "friction_windup": lambda s, _, k, v: (
+        -(s.compliance[k] * v["torque"] * s.session.approach[:, k])
+    ),
+    "measured_torque": measured_torque,
+}
+
+
+def link_geometry(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A constant displacement of the joint's frame."""
+    return moved_frame(scene, index(scene, where) + 1, _six(values))
 
 
 def gravity_sag(scene: Scene, state: State, where: str, values: Values) -> Action:
@@ -90,36 +202,6 @@ def payload(scene: Scene, state: State, where: str, values: Values) -> Action:
     return action
 
 
-def transmission_harmonic(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Once and twice a turn of the output."""
-    q = scene.session.q[:, index(scene, where)]
-    dq = sum(
-        values.get(f"cos_{k}", 0.0) * np.cos(k * q) + values.get(f"sin_{k}", 0.0) * np.sin(k * q)
-        for k in (1, 2)
-    )
-    return turned(scene, where, np.asarray(dq))
-
-
-def transmission_scale(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = scale * q."""
-    return turned(scene, where, values["scale"] * scene.session.q[:, index(scene, where)])
-
-
-def joint_coupling(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = from_<joint> * q of that joint."""
-    dq = np.zeros(scene.count)
-    for name, value in values.items():
-        dq += value * scene.session.q[:, index(scene, name.removeprefix("from_"))]
-    return turned(scene, where, dq)
-
-
-def backlash(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = half_width * approach."""
-    return turned(
-        scene, where, values["half_width"] * scene.session.approach[:, index(scene, where)]
-    )
-
-
 def bearing_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Rotation across the axis by the moment across it."""
     k, action = index(scene, where), scene.nothing()
@@ -137,15 +219,13 @@ def base_compliance(scene: Scene, state: State, where: str, values: Values) -> A
 
 def base_drift(scene: Scene, state: State, where: str, values: Values) -> Action:
     """A motion of the base in proportion to time, zero at the first pose."""
-    action = scene.nothing()
-    action.twist[:, 0] = np.outer(scene.session.hours, _six(values))
-    return action
+    return moved_frame(scene, 0, np.outer(scene.session.hours, _six(values)))
 
 
 def thermal_expansion(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Links grow along the way from their joint to the next one, from 20 degC."""
     action = scene.nothing()
-    dT = scene.session.temperature - REFERENCE_DEGC
+    dT = _warmth(scene)
     for frame in range(1, scene.arm.dof + 2):
         own = frame > 1 and where == scene.arm.names[frame - 2]
         if own or where == "arm":
@@ -155,9 +235,7 @@ def thermal_expansion(scene: Scene, state: State, where: str, values: Values) ->
 
 def tool_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Six springs between flange and tool."""
-    action = scene.nothing()
-    action.twist[:, -1] = state.wrench[:, -1] * _six(values)
-    return action
+    return moved_frame(scene, -1, state.wrench[:, -1] * _six(values))
 
 
 def tracker_scale(scene: Scene, state: State, where: str, values: Values) -> Action:
@@ -169,78 +247,7 @@ def tracker_scale(scene: Scene, state: State, where: str, values: Values) -> Act
 
 def tracker_drift(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Readings move as one body in proportion to time, in the instrument's frame."""
-    action = scene.nothing()
-    moved = scene.session.hours[:, None] * _six(values)
-    turn = np.cross(moved[:, None, 3:], state.aimed)
-    action.reading[:] = moved[:, None, :3] + turn
-    return action
-
-
-CATALOGUE: dict[str, Effect] = {
-    effect.__name__: effect
-    for effect in (
-        joint_offset,
-        link_geometry,
-        joint_compliance,
-        stiffness_vs_angle,
-        gravity_compensator,
-        gravity_sag,
-        link_weight,
-        payload,
-        transmission_harmonic,
-        transmission_scale,
-        joint_coupling,
-        backlash,
-        bearing_compliance,
-        base_compliance,
-        base_drift,
-        thermal_expansion,
-        tool_compliance,
-        tracker_scale,
-        tracker_drift,
-    )
-}
-
-
-def index(scene: Scene, joint: str) -> int:
-    """Position of a joint, 0 .. n - 1; its frame is the next number."""
-    return scene.arm.names.index(joint)
-
-
-def turned(scene: Scene, joint: str, dq: Array) -> Action:
-    """An error of one joint's variable, shape (N,)."""
-    action = scene.nothing()
-    action.joint[:, index(scene, joint)] = dq
-    return action
-
-
-def segment(scene: Scene, frame: int) -> Array:
-    """The way from the frame before to frame 1 .. n + 1, in the latter's axes, shape (3,), m."""
-    arm = scene.arm
-    last = frame > arm.dof
-    xyz = arm.tip_xyz if last else arm.joints[frame - 1].xyz
-    rpy = arm.tip_rpy if last else arm.joints[frame - 1].rpy
-    way: Array = Rotation.from_euler("xyz", rpy).inv().apply(xyz)
-    return way
-
-
-def _six(values: Values) -> Array:
-    return np.array([values.get(name, 0.0) for name in AXES])
-
-
-TUNED = ("cycles", "tau", "at")
-"""Parameters that do not scale with the size of a cause."""
-
-
-def gear_ripple(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = sum of cos_k cos(k c q) + sin_k sin(k c q), c cycles a turn of the joint."""
-    turns = values["cycles"] * scene.session.q[:, scene.arm.names.index(where)]
-    dq = sum(
-        values.get(f"cos_{k}", 0.0) * np.cos(k * turns)
-        + values.get(f"sin_{k}", 0.0) * np.sin(k * turns)
-        for k in (1, 2)
-    )
-    return turned(scene, where, np.asarray(dq))
+    return moved_readings(scene, state, scene.session.hours[:, None] * _six(values))
 
 
 def warm_up(scene: Scene, state: State, where: str, values: Values) -> Action:
@@ -253,46 +260,138 @@ def step(scene: Scene, state: State, where: str, values: Values) -> Action:
     return displaced(scene, state, where, values, (scene.clock >= values["at"]).astype(float))
 
 
-def settling(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = -(per_move * move + per_speed * move / longest), read before the joint is at rest."""
-    moves = scene.session.moves
-    own = moves[:, scene.arm.names.index(where)]
-    longest = np.abs(moves).max(axis=1)
-    share = own / np.where(longest > 0.0, longest, 1.0)
-    lag = values.get("per_move", 0.0) * own + values.get("per_speed", 0.0) * share
-    return turned(scene, where, -lag)
+# -- what no catalogue holds ---------------------------------------------------------------------
 
 
-def friction_windup(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = -compliance * torque * approach."""
-    k = scene.arm.names.index(where)
-    wound = scene.compliance[k] * values["torque"] * scene.session.approach[:, k]
-    return turned(scene, where, -wound)
+def creep(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """A drive that follows the torque of the last minutes instead of the present one."""
+    time, lagged = scene.session.time, np.zeros(scene.count)
+    for i in range(1, scene.count):
+        keep = np.exp(-(time[i] - time[i - 1]) / 240.0)
+        lagged[i] = keep * lagged[i - 1] + (1.0 - keep) * state.torque[i - 1, k]
+    return np.asarray(values["a"] * lagged)
 
 
-def measured_torque(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Dq = compliance * torque, as the file shows the torque."""
-    assert scene.measured is not None  # noqa: S101
-    torque = scene.measured[:, scene.arm.names.index(where)]
-    return turned(scene, where, values["compliance"] * torque)
+def cable_pull(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """A hose bundle that pulls on a joint as that joint and its neighbour stand."""
+    q, other = scene.session.q[:, k], scene.session.q[:, k - 1]
+    return np.asarray(values["a"] * np.sin(q + 0.5) * np.cos(other + values["b"]))
 
 
-EFFECTS = {
-    effect.__name__: effect
-    for effect in (gear_ripple, warm_up, step, settling, friction_windup, measured_torque)
+def hardening_drive(scene: Scene, state: State, k: int, values: Values) -> Array:
+    """A drive that is soft at small torque: lost motion that saturates."""
+    torque = state.torque[:, k]
+    knee = 0.15 * max(float(np.abs(torque).max()), 1e-9)
+    return np.asarray(values["a"] * np.tanh(torque / knee))
+
+
+_JOINT_ERRORS |= {
+    "third_harmonic": lambda s, _, k, v: (
+        v["a"] * np.cos(3.0 * s.session.q[:, k]) + v["b"] * np.sin(3.0 * s.session.q[:, k])
+    ),
+    # A bump of the gear about one angle, 25 degrees wide.
+    "damaged_teeth": lambda s, _, k, v: (
+        v["a"] * np.exp(-0.5 * ((s.session.q[:, k] - v["b"]) / 0.22) ** 2)
+    ),
+    "creep": creep,
+    "cable_pull": cable_pull,
+    # A joint that stops the farther off, the larger the move was.
+    "overshoot": lambda s, _, k, v: v["a"] * s.session.motion[:, k],
+    "warm_encoder": lambda s, _, k, v: v["a"] * _warmth(s),
+    "hardening_drive": hardening_drive,
+    "slipped_joint": lambda s, _, k, v: v["a"] * _after(s, v["b"]),
+    # A lag by the last move up to ``b`` [rad or m], and by no more after longer ones.
+    "saturating_lag": lambda s, _, k, v: -v["a"] * np.tanh(s.session.moves[:, k] / v["b"]),
+}
+_MARKER_MOTIONS: dict[str, Callable[[Scene], Array]] = {
+    "marker_drift": lambda scene: scene.session.hours,  # creeps out of its nest
+    "marker_heat": _warmth,  # its post grows with temperature
+    "marker_load": lambda scene: (scene.session.force[:, 2] != 0.0).astype(float),  # gives way
 }
 
 
-def displaced(scene: Scene, state: State, where: str, values: Values, by: Array) -> Action:
-    """A constant displacement of a place, times ``by``, shape (N,)."""
-    if where in scene.arm.names:
-        return turned(scene, where, values["offset"] * by)
-    action = scene.nothing()
-    moved = np.outer(by, [values.get(name, 0.0) for name in AXES])
-    if where == "base":
-        action.twist[:, 0] = moved
-    elif where == "instrument":
-        action.reading[:] = moved[:, None, :3] + np.cross(moved[:, None, 3:], state.aimed)
-    else:
-        action.marker[:, int(where.removeprefix("marker:m")) - 1] = moved[:, :3]
+def wandering_axis(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """An axis that tilts with the angle of the joint before it."""
+    k, action = index(scene, where), scene.nothing()
+    across = np.cross(scene.arm.axes[k], [0.6, 0.5, 0.4])
+    size = values["a"] * np.sin(2.0 * scene.session.q[:, k - 1] + values["b"])
+    action.twist[:, k + 1, 3:] = np.outer(size, across)
     return action
+
+
+def bent_beam(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """Distances that are wrong with the square of the range."""
+    action = scene.nothing()
+    away = np.linalg.norm(state.aimed, axis=-1, keepdims=True)
+    action.reading[:] = values["a"] * away * state.aimed
+    return action
+
+
+def settling_base(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A base that moves once, in the middle of the session."""
+    moved = np.outer(_after(scene, values["b"]), [0.3, 0.2, -1.0, 0.4, -0.3, 0.2])
+    return moved_frame(scene, 0, moved * values["a"])
+
+
+def two_jumps(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A collision: the joint's zero and the base jump at the same moment."""
+    action = step(scene, state, where, values)
+    action.add(step(scene, state, "base", values), np.ones(scene.count))
+    return action
+
+
+def random_walk(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A base that wanders by independent steps from reading to reading; ``seed`` says which way."""
+    rng = np.random.default_rng(int(values["seed"]))
+    steps = rng.normal(size=(scene.count, 6)) * [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]
+    return moved_frame(scene, 0, np.cumsum(steps, axis=0) * values["a"])
+
+
+def cable_force(scene: Scene, state: State, where: str, values: Values) -> Action:
+    """A spring between the tip and a point fixed in the base frame, slack nowhere; ``a`` in N/m."""
+    anchor = np.array([values["x"], values["y"], values["z"]])
+    action = scene.nothing()
+    action.load[:, -1, :3] = values["a"] * (anchor - state.o[:, -1])
+    return action
+
+
+def _of_joint(error: OfJoint) -> Effect:
+    return lambda scene, state, where, values: turned(
+        scene, where, error(scene, state, index(scene, where), values)
+    )
+
+
+def _of_marker(motion: Callable[[Scene], Array]) -> Effect:
+    return lambda scene, state, where, values: moved_marker(
+        scene, where, np.outer(motion(scene), [values[c] for c in "xyz"])
+    )
+
+
+EFFECTS: dict[str, Effect] = {
+    **{name: _of_joint(error) for name, error in _JOINT_ERRORS.items()},
+    **{name: _of_marker(motion) for name, motion in _MARKER_MOTIONS.items()},
+    **{
+        effect.__name__: effect
+        for effect in (
+            link_geometry, gravity_sag, link_weight, payload, bearing_compliance, base_compliance,
+            base_drift, thermal_expansion, tool_compliance, tracker_scale, tracker_drift, warm_up,
+            step, wandering_axis, bent_beam, settling_base, two_jumps, random_walk, cable_force,
+        )
+    },
+}  # fmt: skip
+"""By name."""
+OUTSIDE = (
+    "marker_drift", "marker_heat", "marker_load", "third_harmonic", "damaged_teeth", "creep",
+    "cable_pull", "wandering_axis", "overshoot", "warm_encoder", "hardening_drive", "slipped_joint",
+    "bent_beam", "settling_base",
+)  # fmt: skip
+BEYOND = ("two_jumps", "random_walk", "cable_force", "saturating_lag")
+"""Of real arms besides."""
+_NEEDS = {"marker_heat": "temperature", "warm_encoder": "temperature"} | dict.fromkeys(
+    ("marker_drift", "creep", "overshoot", "slipped_joint", "settling_base"), "time"
+)
+
+
+def outside_here(scene: Scene) -> list[str]:
+    """Kinds whose variable the files of a scene show."""
+    return [kind for kind in OUTSIDE if kind not in _NEEDS or _NEEDS[kind] in scene.columns]

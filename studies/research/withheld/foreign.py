@@ -8,13 +8,13 @@ from dataclasses import asdict
 import numpy as np
 
 from studies.research.withheld.causes import Cause, Foreign, Values
-from studies.research.withheld.draw import EASY, Case, NoSuchCase
+from studies.research.withheld.draw import EASY, Case, Draft, NoSuchCase
 from studies.research.withheld.effects import segment
 from studies.research.withheld.real_arms import (
-    Draft,
     RealConditions,
     draw_real_scene,
     filled,
+    plausible,
     sized_together,
 )
 from studies.research.withheld.robots import Array, draw_arm
@@ -262,7 +262,7 @@ def _one_of(kinds: tuple[OfJoint, ...], rng: np.random.Generator, scene: Scene) 
 
 
 def _single(draft: Draft) -> list[Cause]:
-    return [draft.sized(lambda rng, scene: _one_of(KINDS, rng, scene), None)]
+    return [plausible(draft, lambda rng, scene: _one_of(KINDS, rng, scene))]
 
 
 def _whole(draft: Draft) -> list[Cause]:
@@ -276,7 +276,7 @@ def _whole(draft: Draft) -> list[Cause]:
 def _mixture(draft: Draft) -> list[Cause]:
     family = _whole(draft)
     further = (_spring,) if family[0].effect == "transmission_harmonic" else (_spring, _wheel)
-    single = draft.sized(lambda rng, scene: _one_of(further, rng, scene), None)
+    single = plausible(draft, lambda rng, scene: _one_of(further, rng, scene))
     return [*family, single]
 
 

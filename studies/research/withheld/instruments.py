@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -31,6 +29,7 @@ from studies.research.withheld.readers import (
 )
 from studies.research.withheld.robots import ARMS, Array
 from studies.research.withheld.scene import Scene
+from studies.research.withheld.tables import csv_text
 from studies.research.withheld.truth import Mechanism
 from studies.research.withheld.visible import at_rest
 
@@ -341,9 +340,7 @@ def table_text(case: Sensed, poses: NDArray[np.int_]) -> str:
     header = ["pose", "instrument", "marker", *(f"{name}_deg" for name in arm.names)]
     header += ["temperature_degC", "time_s", *(f"approach_{name}" for name in arm.names)]
     header += ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", *case.reader.columns]
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    rows = [header]
     for i in poses:
         known = [f"{x:.10f}" for x in np.degrees(session.q[i])]
         known += [f"{session.temperature[i]:.3f}", f"{session.time[i]:.1f}"]
@@ -351,8 +348,8 @@ def table_text(case: Sensed, poses: NDArray[np.int_]) -> str:
         known += [f"{x:.4f}" for x in case.scene.wrench[i]]
         for c in np.flatnonzero(np.isfinite(case.rows[i]).all(axis=-1)).tolist():
             instrument, marker, numbers = case.reader.told(case.rows[i, c], c, int(case.site[i]))
-            writer.writerow([session.names[i], instrument, marker, *known, *numbers])
-    return stream.getvalue()
+            rows.append([session.names[i], instrument, marker, *known, *numbers])
+    return csv_text(rows)
 
 
 def key_of(case: Sensed, name: str, index: int, salt: str) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -15,11 +13,11 @@ from numpy.typing import NDArray
 
 from studies.research.withheld.causes import Cause, Foreign, fitted_clock
 from studies.research.withheld.draw import Case
-from studies.research.withheld.effects import TUNED
+from studies.research.withheld.effects import BEYOND, OUTSIDE, TUNED
 from studies.research.withheld.judge import SI, unit
-from studies.research.withheld.outside import BEYOND, OUTSIDE
 from studies.research.withheld.real_arms import RealConditions
 from studies.research.withheld.scene import Noise, Scene
+from studies.research.withheld.tables import csv_text
 from studies.research.withheld.truth import urdf
 
 
@@ -104,9 +102,7 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
     header += ["temperature_degC"] if "temperature" in scene.columns else []
     header += ["time_s"] if "time" in scene.columns else []
     header += [f"approach_{n}" for n in arm.names] if "approach" in scene.columns else []
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    rows = [header]
     for i in poses:
         state = [f"{v:.4f}" for v in scene.wrench[i]]
         if scene.measured is not None:
@@ -118,8 +114,8 @@ def table_text(case: Case, poses: NDArray[np.int_]) -> str:
         for marker in np.flatnonzero(case.seen[i]):
             point = [f"{v:.5f}" for v in case.noisy[i, marker] * 1e3]
             angles = [f"{v:.6f}" for v in shown[i]]
-            writer.writerow([session.names[i], f"m{marker + 1}", *angles, *point, *state])
-    return stream.getvalue()
+            rows.append([session.names[i], f"m{marker + 1}", *angles, *point, *state])
+    return csv_text(rows)
 
 
 def _noise(believed: Noise) -> str:
@@ -165,7 +161,6 @@ def _near(cause: Cause, name: str, shown: str, tolerance: float) -> dict[str, An
 
 
 # What the answer parametrises in its own way: the total or the change, the frame of the drift.
-_BEYOND_CATALOGUE = {**OUTSIDE, **BEYOND}
 UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
 
 
@@ -259,7 +254,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> dict[str,
         "beside": beside,
         "parameters": [],
     }
-    if cause.effect in _BEYOND_CATALOGUE:
+    if cause.effect in (*OUTSIDE, *BEYOND):
         entry["size"] = {n: v * cause.size for n, v in cause.values.items()}
         return entry
     if cause.shape is not None:

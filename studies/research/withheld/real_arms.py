@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from studies.research.withheld.causes import (
     RATIO,
@@ -20,22 +19,21 @@ from studies.research.withheld.causes import (
 )
 from studies.research.withheld.draw import (
     HELD_OUT,
+    NONCENTRALITY,
     Case,
     Conditions,
+    Draft,
+    Draw,
     NoSuchCase,
-    draw_seen,
     scene_of_session,
     sized,
-    with_noise,
-    with_scatter,
 )
 from studies.research.withheld.judge import VISIBLE
 from studies.research.withheld.robots import Arm, Array, draw_arm
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.session import READINGS, draw_day
-from studies.research.withheld.truth import Mechanism, State
+from studies.research.withheld.truth import Mechanism
 from studies.research.withheld.visible import (
-    Projector,
     at_rest,
     beside_others,
     excess,
@@ -162,38 +160,18 @@ def draw_real_case(rng: np.random.Generator, family: str) -> Case:
             continue
 
 
-class Draft:
-    """A scene at rest, and how to measure what moves it."""
-
-    def __init__(self, rng: np.random.Generator, conditions: RealConditions, scene: Scene) -> None:
-        self.rng, self.mechanism = rng, scene.mechanism()
-        self.seen: NDArray[np.bool_] = draw_seen(rng, conditions, scene)
-        self.still: State = at_rest(scene, self.mechanism, ())
-        self.scene = with_scatter(rng, scene, self.still, SCATTER, in_joints=1.0)
-        self.projector = Projector(self.scene, self.still, self.seen & ~scene.session.held[:, None])
-
-    def sized(self, draw: Draw, within: tuple[float, float] | None, outside: bool = False) -> Cause:
-        """A cause of drawn noncentrality; others are tried where one cannot have it."""
-        bounds = {} if within is None else {"within": within}
-        for _ in range(_TRIES):
-            try:
-                cause = sized(
-                    self.rng, self.scene, self.mechanism, self.still, self.projector, draw, outside,
-                    **bounds,
-                )  # fmt: skip
-            except NoSuchCase:
-                continue
-            if not _too_rough(cause):
-                return cause
-        raise NoSuchCase
-
-    def rest(self, *causes: Cause) -> Array:
-        """What causes move, whitened and beside the model."""
-        bent = at_rest(self.scene, self.mechanism, causes)
-        return self.projector.left(bent.readings - self.still.readings)
-
-
-Draw = Callable[[np.random.Generator, Scene], Cause]
+def plausible(
+    draft: Draft, draw: Draw, within: tuple[float, float] = NONCENTRALITY, outside: bool = False
+) -> Cause:
+    """A cause of drawn noncentrality; others are tried where one cannot have it."""
+    for _ in range(_TRIES):
+        try:
+            cause = sized(draft, draw, within, outside)
+        except NoSuchCase:
+            continue
+        if not _too_rough(cause):
+            return cause
+    raise NoSuchCase
 
 
 def filled(
@@ -205,10 +183,10 @@ def filled(
 ) -> Case:
     """A scene with the causes of a family. Raises NoSuchCase."""
     try:
-        draft = Draft(rng, conditions, scene)
+        draft = Draft(rng, conditions, scene, (SCATTER, 1.0))
         causes = drawn_by[family](draft)
         background = _background(draft, causes) if conditions.background else []
-        return _case(draft, family, conditions, causes, background)
+        return _case(draft, family, causes, background)
     except RuntimeError:  # too soft for its loads
         raise NoSuchCase from None
 
@@ -219,7 +197,7 @@ def _mixture(draft: Draft) -> list[Cause]:
     for _ in range(4 * count):
         if len(found) == count:
             return list(found.values())
-        cause = draft.sized(draw_real, None)
+        cause = plausible(draft, draw_real)
         found.setdefault((cause.effect, cause.where), cause)
     raise NoSuchCase
 
@@ -262,10 +240,10 @@ def _member(rng: np.random.Generator, scene: Scene, kind: str, where: str) -> Ca
 
 _CAUSES: dict[str, Callable[[Draft], list[Cause]]] = {
     "null": lambda _: [],
-    "single": lambda draft: [draft.sized(draw_real, None)],
+    "single": lambda draft: [plausible(draft, draw_real)],
     "mixture": _mixture,
     "whole": _whole,
-    "outside": lambda draft: [draft.sized(draw_beyond, None, outside=True)],
+    "outside": lambda draft: [plausible(draft, draw_beyond, outside=True)],
 }
 
 
@@ -273,7 +251,7 @@ def _background(draft: Draft, causes: list[Cause]) -> list[Cause]:
     """Fine ripples at the joints that have none of their own."""
     own = {c.where for c in causes if c.effect == "gear_ripple"}
     joints = [name for name in draft.scene.ratios if name not in own]
-    return [draft.sized(partial(_ripple_at, where=joint), _BACKGROUND) for joint in joints]
+    return [plausible(draft, partial(_ripple_at, where=joint), _BACKGROUND) for joint in joints]
 
 
 def _ripple_at(rng: np.random.Generator, scene: Scene, where: str) -> Cause:
@@ -286,44 +264,15 @@ def _too_rough(cause: Cause) -> bool:
     return float(np.linalg.norm(own)) > most
 
 
-def _case(
-    draft: Draft,
-    family: str,
-    conditions: RealConditions,
-    causes: list[Cause],
-    background: list[Cause],
-) -> Case:
-    scene, still, rng = draft.scene, draft.still, draft.rng
+def _case(draft: Draft, family: str, causes: list[Cause], background: list[Cause]) -> Case:
     everything = [*causes, *background]
-    state = at_rest(scene, draft.mechanism, everything)
     rests = [draft.rest(cause) for cause in everything]
-    moves = [tangents(scene, draft.mechanism, still, cause) for cause in causes]
+    moves = [tangents(draft.scene, draft.mechanism, draft.still, cause) for cause in causes]
     spans = [projected(draft.projector, columns) for columns in moves]
     spans += [rest[:, None] for rest in rests[len(causes) :]]
     beside = beside_others(rests, spans)
-    whole = draft.rest(*causes)
-    assert scene.scatter is not None  # noqa: S101
-    wander = scene.scatter.drawn(rng, scene.session.visit)
-    stood = at_rest(scene, draft.mechanism, [*everything, wander])
-    noisy, outliers = with_noise(rng, conditions, scene, stood.readings)
-    shift = state.readings - still.readings
-    return Case(
-        family=family,
-        conditions=conditions,
-        scene=scene,
-        causes=tuple(everything),
-        noncentrality=tuple(float(r @ r) for r in rests),
-        beside=beside,
-        together=float(whole @ whole),
-        state=state,
-        clean=state.readings,
-        noisy=noisy,
-        seen=draft.seen,
-        outliers=outliers,
-        moved=float(np.sqrt(np.mean(np.sum(shift**2, axis=-1)))),
-        background=len(background),
-        excess=_excess(draft, everything, moves, beside),
-    )
+    missed = _excess(draft, everything, moves, beside)
+    return draft.case(family, causes, rests, beside, background, missed)
 
 
 def _excess(

@@ -1,7 +1,9 @@
-"""Rows of figures as a table in the terminal."""
+"""Rows of figures as a table in the terminal, and rows of fields as a table in a file."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -24,6 +26,13 @@ def table(rows: Iterable[Mapping[str, Any]]) -> Table:
     for row in zip(*texts.values(), strict=True):
         made.add_row(*row)
     return made
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Rows of a file, the columns' names first."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
 
 
 def shown(value: object) -> str:

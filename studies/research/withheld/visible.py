@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from studies.research.withheld.causes import Cause, Foreign
-from studies.research.withheld.effects import TUNED
-from studies.research.withheld.outside import BEYOND, OUTSIDE
+from studies.research.withheld.effects import BEYOND, OUTSIDE, TUNED
 from studies.research.withheld.robots import Array
 from studies.research.withheld.scene import Scene
 from studies.research.withheld.truth import Action, Mechanism, State, frame_columns
@@ -126,7 +125,7 @@ def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> 
     their true values.
     """
     # Of which nobody fits a parameter.
-    if isinstance(cause, Foreign) or cause.effect in BEYOND or cause.effect in OUTSIDE:
+    if isinstance(cause, Foreign) or cause.effect in (*OUTSIDE, *BEYOND):
         return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
     names = [name for name in cause.values if name not in TUNED]
     tuned = {name: value for name, value in cause.values.items() if name in TUNED}

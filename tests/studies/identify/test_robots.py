@@ -154,7 +154,7 @@ def test_the_markers_are_known_and_the_flange_is_not(tmp_path: Path) -> None:
     write_day(tmp_path, day)
     with contextlib.chdir(tmp_path):
         heard = posecal("identify", "cell.toml", "measurements.csv", "--urdf", "found.urdf")
-    assert heard.status is None, heard.err
+    assert not heard.status, heard.err
     said = " ".join(heard.out.split())
     assert (
         "only the markers (m1, m2, m3) are calibrated. The readings do not show where flange sits"
@@ -179,5 +179,5 @@ def test_known_markers_leave_nothing_to_say(tmp_path: Path) -> None:
     cell.write_text(cell.read_text().replace('"base", "tool"', '"base"'))
     with contextlib.chdir(tmp_path):
         heard = posecal("identify", "cell.toml", "measurements.csv", "--urdf", "found.urdf")
-    assert heard.status is None, heard.err
+    assert not heard.status, heard.err
     assert "only the markers" not in heard.out + (tmp_path / "found.urdf").read_text()

@@ -16,8 +16,8 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize(
     ("case", "causes"),
     [
-        ("F", {"principal_point:camera:camera"}),
         ("B", {"joint_compliance:panda_joint4"}),
+        pytest.param("F", {"principal_point:camera:camera"}, marks=pytest.mark.long),
         pytest.param("N", set(), marks=pytest.mark.long),
         pytest.param("G", {"distortion:camera:camera"}, marks=pytest.mark.long),
     ],

@@ -9,8 +9,7 @@ turns with one marker and three, and with an arm that comes back exactly or to w
 urad, of which the cell says nothing.
 
 Coverage: of 95 % intervals of parameters, whose truth is what a fit to exact readings of the 200 poses
-finds (its residual is checked, so the constants that posecal drops are absorbed without error). Errors
-of one day go together, so the interval of a share counts no more than what the days scatter by.
+finds (its residual is checked, so the constants that posecal drops are absorbed without error).
 """
 
 from __future__ import annotations

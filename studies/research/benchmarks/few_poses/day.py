@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements, poses_at
-from studies.research.bench import rms_3d
+from studies.research.bench import cell_from, rms_3d
 from studies.research.benchmarks.day import cell_text, placement, reflectors
 from studies.research.withheld.robots import Arm
 from studies.research.withheld.truth import tip_in_numpy, urdf
@@ -98,13 +96,8 @@ def cells_of(day: Day) -> dict[str, calib.Cell]:
 
 def read_cell(day: Day, more: str = "") -> calib.Cell:
     """The cell of a day; more : a line of its [model]."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "robot.urdf").write_text(urdf(day.arm, masses=False), encoding="utf-8")
-        (folder / "cell.toml").write_text(
-            cell_text("few poses", day.arm, day.guesses, SIGMA, model=[more]), encoding="utf-8"
-        )
-        return calib.load_cell(folder / "cell.toml")
+    text = cell_text("few poses", day.arm, day.guesses, SIGMA, model=[more])
+    return cell_from(text, urdf(day.arm, masses=False))
 
 
 def table_of(q: Array, points: Array) -> Measurements:

@@ -14,7 +14,6 @@ from calib.arrays import Array
 from calib.model.build import build
 from studies.research.bench import Row
 from studies.research.benchmarks.few_poses.day import DEFAULT, Day, exact_values, table_of
-from studies.research.withheld.figures import wilson
 
 _LARGEST_RESIDUAL = 1e-9  # m, of exact readings
 _COVERED = (10, 15, 20, 40)  # poses at which coverage is told
@@ -38,28 +37,6 @@ def held_of(found: calib.Identification, truth: Array) -> Row:
     estimated = np.diag(found.covariance) > 0.0
     holds = ((low <= truth) & (truth <= high))[estimated]
     return {"held": int(np.count_nonzero(holds)), "of": int(holds.size)}
-
-
-def share(own: Sequence[Row]) -> tuple[float, float, float]:
-    """Share that holds over days, and its 95 % interval (Wilson).
-
-    Errors of a day go together: the count is divided by how much wider days scatter than so many
-    independent intervals would, and of days that all hold everything each counts once.
-
-    >>> days = [{"held": n, "of": 10} for n in (9, 10, 9, 10)]
-    >>> share(days)[0]
-    0.95
-    >>> share([{"held": 10, "of": 10}] * 20) == share([{"held": 1, "of": 1}] * 20)
-    True
-    """
-    hits, of = (np.array([day[name] for day in own]) for name in ("held", "of"))
-    total, rate = int(of.sum()), float(hits.sum() / of.sum())
-    worth = float(len(own))
-    if 0.0 < rate < 1.0 and len(own) > 1:
-        scatter = float(((hits - rate * of) ** 2).sum()) * len(own) / (len(own) - 1)
-        worth = min(float(total), total**2 * rate * (1.0 - rate) / max(scatter, 1e-9))
-    count = max(1, round(worth))
-    return rate, *wilson(round(rate * count), count)
 
 
 def errors_table(rows: Sequence[Row]) -> Iterator[Row]:
@@ -93,16 +70,16 @@ def errors_of(rows: Sequence[Row]) -> dict[str, Row]:
 def coverage_table(rows: Sequence[Row]) -> Iterator[Row]:
     """One line for each size of errors, arm that scatters or not, number of poses, and way.
 
-    The share of parameters' intervals that hold, with its 95 % interval.
+    The share of parameters' intervals that hold.
     """
     covered = [r for r in rows if r["poses"] in _COVERED]
     for (times, scatters, poses), own in _groups(covered, "times", "scatters", "poses"):
         for way in dict.fromkeys(way for r in own for way in r["intervals"]):
             days = [r["intervals"][way] for r in own if way in r["intervals"]]
-            rate, low, high = (100 * v for v in share(days))
+            held, of = (sum(day[name] for day in days) for name in ("held", "of"))
             yield {
                 "errors": f"{times:g} x", "scatters": scatters, "poses": poses, "way": way,
-                "days": len(days), "parameters [%]": f"{rate:.0f} {low:.0f}-{high:.0f}",
+                "days": len(days), "parameters [%]": f"{100.0 * held / of:.0f}",
             }  # fmt: skip
 
 

@@ -11,24 +11,18 @@ POSECAL_DATA.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
-import shlex
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from unittest import mock
 
 import click
 
-from studies.cli import run
 from studies.research.bench import Output, Row, bench, count, table
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.research.benchmarks.mistakes.healthy import drawn, real
 from studies.research.benchmarks.mistakes.table import MISTAKES, Mistake
+from studies.research.command_line import heard
 
-_TRACEBACK = 1  # the status with which Python ends then
 _POSES, _MARKERS = 40, 3
 _BEGINS = ("warning:", "posecal:", "note ")
 _FULL = 85  # characters of a line that was wrapped
@@ -67,26 +61,6 @@ def _line(text: str, place: str) -> str:
         full = len(line) > _FULL
     parts = [" ".join(part.split()) for part in parts if part]
     return next((own for own in parts if re.search(place, own)), (parts or [""])[0])
-
-
-def heard(call: str, folder: Path) -> tuple[int, str, str]:
-    """Status of a call of posecal in a folder, and what it wrote to both streams."""
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        contextlib.chdir(folder),
-        mock.patch.object(sys, "argv", ["posecal", *shlex.split(call)]),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-    ):
-        try:
-            run()
-            status: object = 0
-        except SystemExit as end:
-            status = end.code
-        except Exception as error:
-            status = _TRACEBACK
-            err.write(f"traceback: {type(error).__name__}: {error}")
-    return status if isinstance(status, int) else 0, out.getvalue(), err.getvalue()
 
 
 @bench(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +20,7 @@ from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from studies.research.bench import Row
 from studies.research.benchmarks.design import any_of, blocks_of, pool, problem, timed
-from studies.research.benchmarks.peers.judge import one_thread
+from studies.research.benchmarks.peers.judge import Left, said_by
 
 LIMIT = 1800.0  # seconds for one peer
 OWN = ("relax + best_plan", "relax, one start + exchange", "greedy + exchange")
@@ -154,16 +153,9 @@ def _peer(found: Comparison, python: str, name: str, matrices: Array, poses: int
         np.savez(path, matrices=matrices)
         # -P: what stands beside the script is not what the program imports.
         run = [python, "-P", str(script), name, str(path), str(poses)]
-        try:
-            done = subprocess.run(  # noqa: S603
-                run, capture_output=True, text=True, timeout=LIMIT, cwd=folder, env=one_thread()
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            found.skipped.append(f"{name}: {error}")
-            return {}
-    if done.returncode:
-        said = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        found.skipped.append(f"{name}: skipped, {said}")
+        said = said_by(run, LIMIT, name, Path(folder))
+    if isinstance(said, Left):
+        found.skipped.append(str(said))
         return {}
-    answer: Row = json.loads(done.stdout.strip().splitlines()[-1])
+    answer: Row = json.loads(said.strip().splitlines()[-1])
     return answer

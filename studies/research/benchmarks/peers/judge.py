@@ -47,16 +47,12 @@ def environment(folder: Path, name: str) -> Path | Left:
     wanted = REQUIRED[name]
     if done.exists() and done.read_text() == wanted:
         return python
-    made = _finished([sys.executable, "-m", "venv", str(where)], INSTALL_S, name)
-    if made is None:
-        # Not from source: a build that works today says little about tomorrow.
-        pip = [
-            str(python),
-            *["-m", "pip", "install", "-q", "--disable-pip-version-check", "--prefer-binary"],
-        ]
-        made = _finished([*pip, wanted], INSTALL_S, name)
-    if made is not None:
-        return made
+    # Not from source: a build that works today says little about tomorrow.
+    pip = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+    for run in ([sys.executable, "-m", "venv", str(where)], [*pip, "--prefer-binary", wanted]):
+        made = said_by(run, INSTALL_S, name)
+        if isinstance(made, Left):
+            return made
     done.write_text(wanted)
     return python
 
@@ -65,25 +61,25 @@ def solved(python: str | Path, name: str, work: Work, repeats: int) -> dict[str,
     """What a driver answers."""
     answer = work.folder / f"{name}.json"
     run = [str(python), str(HERE / f"drive_{name}.py"), str(work.folder), str(answer), str(repeats)]
-    failed = _finished(run, RUN_S, name)
-    if failed is not None:
-        return failed
+    said = said_by(run, RUN_S, name)
+    if isinstance(said, Left):
+        return said
     found: dict[str, Any] = json.loads(answer.read_text())
     return found
 
 
-def _finished(run: list[str], limit: float, name: str) -> Left | None:
-    """None where the program ends well, else the last line that it said."""
+def said_by(run: list[str], limit: float, name: str, folder: Path | None = None) -> str | Left:
+    """What a program prints that ends well, on one thread, or why it is left out."""
     try:
         done = subprocess.run(  # noqa: S603
-            run, capture_output=True, text=True, timeout=limit, env=one_thread()
+            run, capture_output=True, text=True, timeout=limit, cwd=folder, env=one_thread()
         )
     except subprocess.TimeoutExpired:
         return Left(name, f"not done after {limit:.0f} s")
     except OSError as error:
         return Left(name, str(error))
     if not done.returncode:
-        return None
+        return done.stdout
     return Left(name, (done.stderr.strip().splitlines() or ["no message"])[-1])
 
 

@@ -14,7 +14,7 @@ pytest.importorskip("mujoco")
 import calib
 import studies.research.withheld
 from studies.research.withheld.causes import Cause
-from studies.research.withheld.effects import CATALOGUE
+from studies.research.withheld.effects import EFFECTS
 from studies.research.withheld.robots import ARMS, HEAVY, RAIL, Arm
 from studies.research.withheld.truth import frame_columns
 from studies.research.withheld.visible import at_rest
@@ -117,7 +117,7 @@ def test_stiffness_and_sag() -> None:
     scene.knots[where] = np.radians([-85.0, 0.0, 125.0])
     state = at_rest(scene, scene.mechanism(), ())
     values = {"compliance@-85": 1e-8, "compliance@0": 0.0, "compliance@125": 3e-8}
-    dq = CATALOGUE["stiffness_vs_angle"](scene, state, where, values).joint[:, k]
+    dq = EFFECTS["stiffness_vs_angle"](scene, state, where, values).joint[:, k]
     q = np.degrees(scene.session.q[:, k])
     share = np.where(q < 0, 1e-8 * q / -85.0, 3e-8 * q / 125.0)
     np.testing.assert_allclose(dq, share * state.torque[:, k], atol=1e-12)

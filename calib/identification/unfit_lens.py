@@ -7,12 +7,12 @@ hardly any: of 24 days of ``studies.research.benchmarks.lenses`` at least 0.85 a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import stacked
+from calib.arrays import Array, stacked
 from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
 from calib.identification.identification import Identification
 from calib.instruments import Camera
@@ -48,41 +48,85 @@ class UnfitLens:
 
 
 def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
-    """Cameras whose misfit would mostly go with another lens, by the readings that were kept."""
-    for camera in found.model.readout.channels.instruments:
-        if isinstance(camera, Camera) and (judged := _judged(found, camera)) is not None:
-            yield judged
+    """Cameras whose misfit would mostly go with another lens, by the readings that were kept.
 
-
-def _judged(found: Identification, camera: Camera) -> UnfitLens | None:
+    All lenses are freed at once: the misfit of two wrong ones goes with neither by itself. Those are
+    named without whose freedom it stays.
+    """
     from scipy.special import fdtrc
 
+    asked = {
+        camera: own
+        for camera in found.model.readout.channels.instruments
+        if isinstance(camera, Camera) and (own := _known_of(found, camera))
+    }
+    if not asked:
+        return
+    left = _left(found, asked)
+    before, after, dof = left.sum_of(()), left.sum_of(asked), left.freedom
+    if dof <= 0 or not after or before < _WORTH**2 * after:
+        return
+    share = (before - after) / (before - min(after, float(dof)))
+    if share < _MOST:
+        return
+    for camera, effects in asked.items():
+        without = left.sum_of(other for other in asked if other is not camera)
+        more = left.ranks[camera]
+        if not more or without < _WORTH**2 * after:
+            continue
+        if float(fdtrc(more, dof, (without - after) / more / (after / dof))) > _BY_CHANCE:
+            continue
+        shown = found.by_instrument[camera.name, "px"]["fitted"]
+        freed_px = shown * float(np.sqrt(after / before))
+        pixel = None if found.model.readout.channels.metric else found.footprint
+        free = tuple(n for n, kind in _PARTS.items() if any(isinstance(e, kind) for e in effects))
+        yield UnfitLens(camera.name, free, shown, freed_px, pixel, share)
+
+
+def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
+    """What of a camera's lens is held for known, nothing where a part of it is identified."""
+    if any(isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects):
+        return []
     known = [kind(f"camera:{camera.name}", camera.lens) for kind in _PARTS.values()]
-    asked = [effect for effect in known if effect.acts(camera)]
-    if not asked or any(
-        isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects
-    ):
-        return None
-    model, values = found.model.extended(found.values, asked)
+    return [effect for effect in known if effect.acts(camera)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Left:
+    """Whitened residuals (rows,), and columns of lenses, both beside all that was identified.
+
+    columns : dict, camera -> ndarray, shape (rows, k); freedom : int, degrees with all lenses free
+    """
+
+    r: Array
+    columns: dict[Camera, Array]
+    freedom: int
+
+    @property
+    def ranks(self) -> dict[Camera, int]:
+        """Directions of each lens that nothing identified imitates."""
+        return {camera: orthonormal(own).shape[1] for camera, own in self.columns.items()}
+
+    def sum_of(self, free: Iterable[Camera]) -> float:
+        """Sum of squares that these lenses leave where they are free."""
+        columns = [self.columns[camera] for camera in free]
+        Q = orthonormal(np.concatenate([np.zeros((len(self.r), 0)), *columns], axis=1))
+        left = self.r - Q @ (Q.T @ self.r)
+        return float(left @ left)
+
+
+def _left(found: Identification, asked: dict[Camera, list[LensEffect]]) -> _Left:
+    model, values = found.model.extended(found.values, [e for own in asked.values() for e in own])
     data, weights = found.fit.data.take(found.kept), found.weights[found.kept]
     r, J = Points(model, data, weights).linearise(values)
     flat, own = stacked(J), len(found.values)
     Q = orthonormal(flat[:, :own] @ found.span)
-    left = r.ravel() - Q @ (Q.T @ r.ravel())
-    lens = orthonormal(flat[:, own:] - Q @ (Q.T @ flat[:, own:]))
-    more, freed = lens.shape[1], left - lens @ (lens.T @ left)
-    dof = int(np.count_nonzero(np.abs(flat).any(axis=1))) - Q.shape[1] - more
-    before, after = float(left @ left), float(freed @ freed)
-    if dof <= 0 or not more or not after or before < _WORTH**2 * after:
-        return None
-    share = (before - after) / (before - min(after, float(dof)))
-    if (
-        share < _MOST
-        or float(fdtrc(more, dof, (before - after) / more / (after / dof))) > _BY_CHANCE
-    ):
-        return None
-    shown = found.by_instrument[camera.name, "px"]["fitted"]
-    freed_px = shown * float(np.sqrt(after / before))
-    pixel = None if found.model.readout.channels.metric else found.footprint
-    free = tuple(name for name, kind in _PARTS.items() if any(isinstance(e, kind) for e in asked))
-    return UnfitLens(camera.name, free, shown, freed_px, pixel, share)
+    beside = flat[:, own:] - Q @ (Q.T @ flat[:, own:])
+    counts = [sum(len(effect.initial) for effect in effects) for effects in asked.values()]
+    parts = np.split(beside, np.cumsum(counts)[:-1], axis=1)
+    rows = int(np.count_nonzero(np.abs(flat).any(axis=1)))
+    return _Left(
+        r.ravel() - Q @ (Q.T @ r.ravel()),
+        dict(zip(asked, parts, strict=True)),
+        rows - Q.shape[1] - orthonormal(beside).shape[1],
+    )

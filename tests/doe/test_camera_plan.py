@@ -126,7 +126,7 @@ def test_a_board_is_in_no_link_but_the_wrist(tmp_path: Path, link: str, holds: b
     q = looking(cell, q, np.zeros(500, dtype=int), rng.uniform(size=(500, 6)), np.ones(6, bool))
     scene = scene_of(cell, q)
     away = np.linalg.norm(scene.markers - scene.origins[:, None, int(link[1])], axis=2).max(axis=1)
-    inside = visible(scene).all(axis=1)[away < 1.19]
+    inside = np.asarray(visible(scene).all(axis=1))[away < 1.19]
     assert len(inside) > 50
     assert inside.any() == holds
     assert (f"behind {link}" in hidden_by(scene).values()) != holds

@@ -10,8 +10,8 @@ pixels; how the estimates scatter is set against the covariance that was predict
 perfect, and p is that of its chi-square.
 
 By hand: as many poses whose optical axis goes through the middle of the board, drawn at random, or
-evenly over a hemisphere of one radius without a turn about the axis. ``like`` are poses of a plan at
-which the error at the targets is no larger than theirs.
+evenly over a hemisphere of one radius without a turn about the axis. ``like`` are poses of a plan, 8
+or more, at which the error at the targets is no larger than theirs.
 """
 
 from __future__ import annotations
@@ -328,7 +328,7 @@ class Studio:
 
         i, j = np.indices((900, 1200)) // 100
         paper = np.where((i + j) % 2 == 0, 0, 255).astype(np.uint8)
-        paper = cv2.copyMakeBorder(paper, *[50] * 4, cv2.BORDER_CONSTANT, value=255)
+        paper = cv2.copyMakeBorder(paper, 50, 50, 50, 50, cv2.BORDER_CONSTANT, value=255)
         spec.assets = {"print.png": cv2.imencode(".png", paper)[1].tobytes()}
         spec.add_texture(name="print", type=mujoco.mjtTexture.mjTEXTURE_2D, file="print.png")
         material = spec.add_material(name="print", specular=0.0, shininess=0.0)

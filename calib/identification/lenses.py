@@ -7,7 +7,7 @@ hardly any: of 24 days of ``studies.research.benchmarks.lenses`` at least 0.85 a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
 from calib.identification.identification import Identification
 from calib.instruments import Camera
 from calib.instruments.lens import FOCAL
-from calib.linear import LinearProblem
+from calib.linear import Complement, LinearProblem
 from calib.observations import Points
 
 _PARTS: dict[str, type[LensEffect]] = {
@@ -68,40 +68,70 @@ class UnfitLens:
 
 
 def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
-    """Cameras whose misfit would mostly go with another lens, by the readings that were kept."""
-    for camera in found.model.readout.channels.instruments:
-        if isinstance(camera, Camera) and (judged := _judged(found, camera)) is not None:
-            yield judged
+    """Cameras whose misfit would mostly go with another lens, by the readings that were kept.
 
-
-def _judged(found: Identification, camera: Camera) -> UnfitLens | None:
+    All lenses are freed at once: the misfit of two wrong ones goes with neither by itself. Those are
+    named without whose freedom it stays.
+    """
     from scipy.special import fdtrc
 
+    asked = {
+        camera: own
+        for camera in found.model.readout.channels.instruments
+        if isinstance(camera, Camera) and (own := _known_of(found, camera))
+    }
+    if not asked:
+        return
+    beside, columns = _beside(found, asked)
+    freed = _freed(beside, columns, asked)
+    rows = int(np.count_nonzero(np.abs(beside.problem.J).any(axis=-1)))
+    dof = rows - freed.Q.shape[1]
+    before, after = _squares(beside), _squares(freed)
+    if dof <= 0 or not after or before < _WORTH**2 * after:
+        return
+    share = (before - after) / (before - min(after, float(dof)))
+    if share < _MOST:
+        return
+    for camera, effects in asked.items():
+        others = _freed(beside, columns, (other for other in asked if other is not camera))
+        without, more = _squares(others), freed.Q.shape[1] - others.Q.shape[1]
+        if not more or without < _WORTH**2 * after:
+            continue
+        if float(fdtrc(more, dof, (without - after) / more / (after / dof))) > _BY_CHANCE:
+            continue
+        shown = found.by_instrument[camera.name, "px"]["fitted"]
+        freed_px = shown * float(np.sqrt(after / before))
+        pixel = None if found.model.readout.channels.metric else found.footprint
+        free = tuple(n for n, kind in _PARTS.items() if any(isinstance(e, kind) for e in effects))
+        yield UnfitLens(camera.name, free, shown, freed_px, pixel, share)
+
+
+def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
+    """What of a camera's lens is held for known, nothing where a part of it is identified."""
+    if any(isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects):
+        return []
     known = [kind(f"camera:{camera.name}", camera.lens) for kind in _PARTS.values()]
-    asked = [effect for effect in known if effect.acts(camera)]
-    if not asked or any(
-        isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects
-    ):
-        return None
-    model, values = found.model.extended(found.values, asked)
+    return [effect for effect in known if effect.acts(camera)]
+
+
+def _beside(
+    found: Identification, asked: dict[Camera, list[LensEffect]]
+) -> tuple[Complement, dict[Camera, Array]]:
+    """What the identification leaves, and columns (N, k) of each camera's lens therein."""
+    model, values = found.model.extended(found.values, [e for own in asked.values() for e in own])
     data, weights = found.fit.data.take(found.kept), found.weights[found.kept]
     r, J = Points(model, data, weights).linearise(values)
     own = len(found.values)
     beside = LinearProblem(r, J[..., :own], found.span).complement
-    freed = beside.without(beside.columns(J[..., own:]))
-    more = freed.Q.shape[1] - beside.Q.shape[1]
-    dof = int(np.count_nonzero(np.abs(J).any(axis=-1))) - freed.Q.shape[1]
-    before, after = (float(one.left @ one.left) for one in (beside, freed))
-    if dof <= 0 or not more or not after or before < _WORTH**2 * after:
-        return None
-    share = (before - after) / (before - min(after, float(dof)))
-    if (
-        share < _MOST
-        or float(fdtrc(more, dof, (before - after) / more / (after / dof))) > _BY_CHANCE
-    ):
-        return None
-    shown = found.by_instrument[camera.name, "px"]["fitted"]
-    freed_px = shown * float(np.sqrt(after / before))
-    pixel = None if found.model.readout.channels.metric else found.footprint
-    free = tuple(name for name, kind in _PARTS.items() if any(isinstance(e, kind) for e in asked))
-    return UnfitLens(camera.name, free, shown, freed_px, pixel, share)
+    counts = [sum(len(effect.initial) for effect in effects) for effects in asked.values()]
+    parts = np.split(beside.columns(J[..., own:]), np.cumsum(counts)[:-1], axis=1)
+    return beside, dict(zip(asked, parts, strict=True))
+
+
+def _freed(beside: Complement, columns: dict[Camera, Array], free: Iterable[Camera]) -> Complement:
+    own = [columns[camera] for camera in free]
+    return beside.without(np.concatenate(own, axis=1)) if own else beside
+
+
+def _squares(complement: Complement) -> float:
+    return float(complement.left @ complement.left)

@@ -19,7 +19,10 @@ from calib.instruments.protocol import BEND, MOTION, SCALE
 LEAST_SQUARE, LEAST_MARKER = 10.0, 20.0
 """px, of a square of a chessboard and of an ArUco marker or AprilTag, across, as OpenCV finds them."""
 
-_BEAMS = 5  # lines of sight to a board
+_BEAMS, _BEAMS_WHOLE = (
+    5,
+    25,
+)  # lines of sight to a board, and to one of which no point may be hidden
 _THIN = 1e-6  # of a square: points that are nearly on one line show no side
 _FLAT = 1e-6  # m
 
@@ -73,7 +76,8 @@ class Board:
         from_middle = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1)
         chosen = [int(from_middle.argmin())]
         away = np.full(len(self.points), np.inf)
-        while len(chosen) < min(_BEAMS, len(self.points)):
+        whole = self.least == len(self.points)
+        while len(chosen) < min(_BEAMS_WHOLE if whole else _BEAMS, len(self.points)):
             last = np.linalg.norm(self.points - self.points[chosen[-1]], axis=1)
             away = np.minimum(away, last)
             chosen.append(int(away.argmax()))

@@ -17,6 +17,7 @@ from doe.constraints.scene import PlacedCapsule, Scene, turned
 
 _SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
+_WRIST = 1  # joints before the last one whose shapes may hold what is mounted on the tip
 
 
 def read_by(scene: Scene) -> Mask:
@@ -33,10 +34,11 @@ def visible(scene: Scene) -> Mask:
     """Whether each reading can be had at each configuration, shape (n, C): of a tracker each marker.
 
     What is touched is read where it is (:func:`read_by`). All else is hidden by a capsule across the
-    beam, unless the marker itself sits in it; by a box or a ball across the beam, unless the instrument
-    itself stands in it; by turning away further than its acceptance, a quarter turn where only its
-    normal is known; where a camera's detector does not find it; and out of the reach of a bar or wire.
-    All are seen where nobody said where the instrument stands.
+    beam, unless the marker itself sits in it (a print on the tip sits in the wrist alone); by a box
+    or a ball across the beam, unless the instrument itself stands in it; by turning away further
+    than its acceptance, a quarter turn where only its normal is known; where a camera's detector does
+    not find it; and out of the reach of a bar or wire. All are seen where nobody said where the
+    instrument stands.
     """
     seen = read_by(scene)
     for _, channel, hidden in _hidings(scene):
@@ -75,23 +77,24 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
                 why, read = "out of reach", instrument.within(points)
             for channel, own in enumerate(read.T, part.start):
                 yield why, channel, ~own
-        for channels, marker, at in _beams(scene.cell, instrument, part):
+        for channels, marker, at, printed in _beams(scene.cell, instrument, part):
             obstacles = [
                 o
                 for o in obstacles_of(scene.cell)
                 if o.ball is not None and o.from_point(at[None])[0] > 0.0
             ]
-            for why, hidden in _hidden(scene, marker, at, obstacles):
+            for why, hidden in _hidden(scene, marker, at, obstacles, printed):
                 for channel in channels:
                     yield why, channel, hidden
 
 
 def _beams(
     cell: Cell, instrument: Instrument, part: slice
-) -> Iterator[tuple[list[int], int, Array]]:
-    """Lines of sight, one for each channel; of a board, five for all its points.
+) -> Iterator[tuple[list[int], int, Array, bool]]:
+    """Lines of sight, one for each channel; of a board, a few for all its points.
 
-    Yields the channels that it stands for, its marker on the arm, and its end (3,) in the world.
+    Yields the channels that it stands for, its marker on the arm, its end (3,) in the world, and
+    whether that marker is on a print.
     """
     marker, single = cell.channels.marker, set(range(part.start, part.stop))
     if isinstance(instrument, Camera):
@@ -100,20 +103,25 @@ def _beams(
             single -= set(own.tolist())
             for few, one in board.parts():
                 if (at := instrument.sees_from(board, one)) is not None:
-                    yield own[few].tolist(), int(marker[own[one]]), at
+                    printed = board.printed > 0.0 and instrument.each == 1
+                    yield own[few].tolist(), int(marker[own[one]]), at, printed
     if (at := instrument.position) is not None:
         for channel in sorted(single):
-            yield [channel], int(marker[channel]), at
+            yield [channel], int(marker[channel]), at, False
 
 
 def _hidden(
-    scene: Scene, j: int, instrument: Array, obstacles: Sequence[Obstacle]
+    scene: Scene, j: int, instrument: Array, obstacles: Sequence[Obstacle], printed: bool
 ) -> Iterator[tuple[str, Mask]]:
-    """Cause by cause, the configurations (n,) where it is the first to hide marker j."""
+    """Cause by cause, the configurations (n,) where it is the first to hide marker j.
+
+    printed : whether it is on a board, which is in no link but those it is mounted on
+    """
     marker, free = scene.markers[:, j], _facing(scene, j, instrument)
     yield "turned away", ~free
     for capsule in scene.capsules:
-        hidden = _behind_capsule(marker, capsule, instrument, free)
+        may_hold = not printed or capsule.body >= scene.cell.robot.dof - _WRIST
+        hidden = _behind_capsule(marker, capsule, instrument, free, may_hold)
         free &= ~hidden
         yield f"behind {capsule.name}", hidden
     for obstacle in obstacles:
@@ -134,13 +142,16 @@ def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
     return np.asarray(cosine >= (least - _SLACK) * np.linalg.norm(beam, axis=1))
 
 
-def _behind_capsule(marker: Array, capsule: PlacedCapsule, instrument: Array, among: Mask) -> Mask:
+def _behind_capsule(
+    marker: Array, capsule: PlacedCapsule, instrument: Array, among: Mask, may_hold: bool
+) -> Mask:
     near = point_segment(capsule.centre, instrument, marker) < capsule.reach
     at = np.flatnonzero(near & among)
     start, end = capsule.start[at], capsule.end[at]
     hidden = np.zeros(len(among), dtype=bool)
     crossed = segment_segment(instrument, marker[at], start, end) < capsule.radius
-    hidden[at] = crossed & (point_segment(marker[at], start, end) > capsule.radius + _SKIN)
+    outside = point_segment(marker[at], start, end) > capsule.radius + _SKIN
+    hidden[at] = crossed & (outside | (not may_hold))
     return hidden
 
 

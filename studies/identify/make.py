@@ -14,7 +14,7 @@ from calib.compensation.estimate import estimate_of
 from calib.drift import drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
-from calib.identification.unfit_lens import unfit_lenses
+from calib.identification.lenses import unfit_lenses
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned

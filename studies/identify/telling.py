@@ -79,7 +79,7 @@ def _next(record: IdentifyRecord) -> doc.Sentence:
     if record.error.unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
         return doc.Sentence(_WRONG_TABLE, "warn")
     if record.unfit_lenses:
-        return doc.Sentence(record.unfit_lenses[0].said, "warn")
+        return doc.Sentence(" ".join(own.said for own in record.unfit_lenses), "warn")
     noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()

@@ -14,6 +14,7 @@ from calib.cell import Cell
 from calib.cell.views import looking, views_of
 from calib.errors import InputError
 from calib.files.exports.images import pattern_of, read_images
+from calib.instruments import Camera
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
 from doe.problem.pool import drawn
@@ -113,6 +114,35 @@ def test_what_stands_before_a_board_hides_it(tmp_path: Path) -> None:
     hidden = ~visible(scene_of(walled, q)).any(axis=1)
     assert hidden[above].all()
     assert "behind obstacle 1 (box)" in hidden_by(scene_of(walled, q)).values()
+
+
+@pytest.mark.parametrize(("link", "holds"), [("A3", False), ("A6", True)])
+def test_a_board_is_in_no_link_but_the_wrist(tmp_path: Path, link: str, holds: bool) -> None:
+    shape = f"[robot.capsules_mm]\n{link} = [{{from = [0, 0, 0], to = [9, 0, 0], radius = 1200}}]\n"
+    cell = load_cell(kr270_cell(tmp_path, shape, *IN_WORLD, effects=EFFECTS))
+    rng = np.random.default_rng(2)
+    low, high = cell.robot.sample_limits().T
+    q = rng.uniform(low, high, (500, 6))
+    q = looking(cell, q, np.zeros(500, dtype=int), rng.uniform(size=(500, 6)), np.ones(6, bool))
+    scene = scene_of(cell, q)
+    away = np.linalg.norm(scene.markers - scene.origins[:, None, int(link[1])], axis=2).max(axis=1)
+    inside = np.asarray(visible(scene).all(axis=1))[away < 1.19]
+    assert len(inside) > 50
+    assert inside.any() == holds
+    assert (f"behind {link}" in hidden_by(scene).values()) != holds
+
+
+def test_a_link_before_the_edge_of_a_chessboard_hides_it(tmp_path: Path) -> None:
+    """Between the corners, and by a few centimetres."""
+    points = load_cell(kr270_cell(tmp_path, *IN_WORLD, effects=EFFECTS)).instruments[0]
+    assert isinstance(points, Camera)
+    (board,) = points.boards
+    parts = list(board.parts())
+    assert sorted(k for few, _ in parts for k in few) == list(range(40))
+    apart = max(
+        np.linalg.norm(board.points[few] - board.points[one], axis=1).max() for few, one in parts
+    )
+    assert apart <= 0.031, "no corner further from a line of sight than the next one"
 
 
 def test_the_cell_of_the_topic_sees_its_board(tmp_path: Path) -> None:

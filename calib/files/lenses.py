@@ -279,12 +279,15 @@ def camera_named(cell: Cell, name: str) -> Camera:
     return camera
 
 
-def lens_text(cell: Cell, values: Array, covariance: Array, camera: Camera) -> str:
-    """The text of a camera's calibration, in the form of the camera's own file, else in OpenCV's.
+def lens_text(
+    cell: Cell, values: Array, covariance: Array, camera: Camera, form: LensForm | None = None
+) -> str:
+    """The text of a camera's calibration: in the form given, of the camera's own file, else OpenCV's.
 
     values : ndarray, shape (n,), as found; covariance : ndarray, shape (n, n), zero for what was known
     """
     tables = tomllib.loads(read_text(cell.path, _LARGEST_FILE))["instruments"]
     named = tables[camera.name].get("calibration")
-    form: LensForm = "opencv" if named is None else read_lens(cell.path.parent / named).form
+    if form is None:
+        form = "opencv" if named is None else read_lens(cell.path.parent / named).form
     return lens_yaml(camera.name, form, values, camera.image, covariance)

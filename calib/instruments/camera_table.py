@@ -180,10 +180,15 @@ def _believed(given: IntrinsicsStd | list[float], count: int) -> Array:
     return found
 
 
+_FEWEST, _SHARE = 4, 0.25  # points of a print with markers
+
+
 def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Board:
     """The board, with what OpenCV needs to find it: a chessboard whole, else some of its points.
 
-    Where nobody said how it stands, nobody knows which way it faces.
+    A marker is found whole or not at all, and a few are lost where board or camera stand a little
+    aside: of a print with markers a quarter of the points must be seen. Where nobody said how it
+    stands, nobody knows which way it faces.
     """
     if table.squares is not None and table.marker_mm is None:
         printed, square, least = (table.pitch_mm or 0.0) * MM, LEAST_SQUARE, len(points)
@@ -191,7 +196,8 @@ def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Boar
         rim = np.array([[0, 0, 0], [across, 0, 0], [across, down, 0], [0, down, 0]])
     else:
         printed, square = (table.marker_mm or table.tag_mm or 0.0) * MM, LEAST_MARKER
-        least, rim = 4 if printed else 1, np.zeros((0, 3))
+        least = max(_FEWEST, math.ceil(_SHARE * len(points))) if printed else 1
+        rim = np.zeros((0, 3))
     if not table.stated:
         least, rim = 1, np.zeros((0, 3))
     return Board(name, channels, points, printed, square, least, rim, table.stated)

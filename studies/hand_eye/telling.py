@@ -233,7 +233,7 @@ def _lines(own: CameraEntry) -> str:
     x, y, z = (f"{1e-3 * value:.7f}" for value in own.position_mm)
     qx, qy, qz, qw = (f"{value:.8f}" for value in own.quaternion_xyzw)
     return (
-        f"position_mm = [{place}]\nrpy_deg = [{rpy}]\n"
+        f"# {own.camera}\nposition_mm = [{place}]\nrpy_deg = [{rpy}]\n"
         f"ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy} "
         f"--qz {qz} --qw {qw} --frame-id {own.on} --child-frame-id {own.camera}"
     )

@@ -90,7 +90,7 @@ if TYPE_CHECKING:
               help="Write joint offsets alone, for a controller that accepts only these.")  # fmt: skip
 @click.option("--calibration", "lens_texts", metavar="[CAMERA=]OUT", multiple=True,
               help="Write a camera's calibration with the identified lens: YAML like the cell's own "
-                   "file, otherwise OpenCV's.")  # fmt: skip
+                   "file, otherwise OpenCV's; ROS's where OUT ends in .ros.yaml.")  # fmt: skip
 @click.option(
     "--counts-per-deg",
     metavar="J1=N,..",

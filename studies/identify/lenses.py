@@ -87,4 +87,9 @@ _LENSES = doc.columns(
 def told_lenses(lenses: tuple[LensValue, ...]) -> Iterator[doc.Part]:
     """The values, and how they get into a file."""
     yield doc.Table(_LENSES, list(lenses))
-    yield doc.Sentence("`--calibration cam.yaml` writes the lens as OpenCV or ROS reads it")
+    cameras = list(dict.fromkeys(own.camera for own in lenses))
+    options = " ".join(
+        f"--calibration {f'{name}=' if len(cameras) > 1 else ''}{name}.yaml" for name in cameras
+    )
+    them = "the lens" if len(cameras) == 1 else "the lenses"
+    yield doc.Sentence(f"`{options}` writes {them} as OpenCV reads it; name it .ros.yaml for ROS")

@@ -9,7 +9,7 @@ from calib import Cell, Identification
 from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
-from calib.files.lenses import camera_named, lens_text
+from calib.files.lenses import LensForm, camera_named, lens_text
 from calib.files.robot import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
 from calib.identification.lenses import lens_of
 from calib.instruments import Camera
@@ -86,6 +86,9 @@ def lens_paths(cell: Cell, texts: Sequence[str]) -> dict[Path, Camera]:
     return found
 
 
+_ROS = (".ros.yaml", ".ros.yml")
+
+
 def lens_files(
     cell: Cell, result: Identification, lenses: Mapping[Path, Camera]
 ) -> dict[Path, str]:
@@ -97,7 +100,8 @@ def lens_files(
             what = "finds nothing of the lens"
             remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
             raise InputError(cell.path, "model.effects", what, remedy)
-        found[path] = lens_text(cell, values, covariance, camera)
+        form: LensForm | None = "ros" if path.name.endswith(_ROS) else None
+        found[path] = lens_text(cell, values, covariance, camera, form)
     return found
 
 

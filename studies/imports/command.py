@@ -38,6 +38,15 @@ if TYPE_CHECKING:
               help="Where the camera of a hand-eye file is, if the file does not say it.")  # fmt: skip
 @click.option("--board", "boards", metavar="NAME", multiple=True,
               help="Find this board of the cell in images: chessboard, ChArUco or tags.")  # fmt: skip
+@click.option("--topic", "topics", metavar="TOPIC", multiple=True,
+              help="Images of a recording. Default: all of its images.")  # fmt: skip
+@click.option(
+    "--moving",
+    is_flag=True,
+    help="Take images of a recording while the arm moves, too. Default: one at each stop.",
+)
+@click.option("--page", "page_path", metavar="FILE", type=PATH,
+              help="Write a page of all images to this file, with what was found in them.")  # fmt: skip
 @click.option("--instrument", metavar="NAME", help="The instrument, if the cell has several.")
 @click.option(
     "--unit",
@@ -82,6 +91,9 @@ def import_(
     marker: str | None,
     eye: Eye | None,
     boards: tuple[str, ...],
+    topics: tuple[str, ...],
+    moving: bool,
+    page_path: Path | None,
     instrument: str | None,
     unit: str | None,
     columns: str | None,
@@ -104,9 +116,12 @@ def import_(
 
     Samples of easy_handeye and MoveIt as YAML or JSON; --joints takes their joint states.
 
-    Images, or a folder of images, with --board. They are named as the poses of the joint file.
+    Images, or a folder of images, with --board. They are named as the poses of the joint file. Of
+    several cameras give a folder for each, named as the camera.
 
-    One whole table with tabs, semicolons or decimal commas, without --joints.
+    A recording of ROS (bag, db3, mcap) with images and joint states, with --board, without --joints.
+
+    Whole tables with tabs, semicolons or decimal commas, without --joints; several become one.
 
     The order of the joint file is taken as the order of measurement.
 
@@ -117,42 +132,53 @@ def import_(
       posecal import takes/*.csv --joints joints.csv --cell cell.toml -o day.csv
       posecal import s.yaml --joints q.yaml --eye in-hand --marker eye -o day.csv
       posecal import images --board b --joints q.csv --cell cell.toml -o day.csv
+      posecal import day.mcap --board b --cell cell.toml --page seen.html -o day.csv
+      posecal import camera.csv tracker.csv --cell cell.toml -o day.csv
     """
     import calib
     from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
     from calib.files.write_tables import csv_text
-    from studies.imports.images import image_files, images_and_joints
+    from studies.imports.read_back import read_back
     from studies.imports.record import import_record
+    from studies.imports.with_boards import BoardImport
     from studies.record import envelope
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
-    files = image_files(points) if boards else list(points)
-    if joints_path is None:
+    files = list(points)
+    if joints_path is None and not boards:
         _import_whole(files, table_path, cell, json_path)
         return
-    inputs = [*files, joints_path, *([] if cell is None else [cell.path, *cell.robot_files])]
-    check_outputs([table_path, output_file(json_path)], inputs)
-    robot = None if cell is None else cell.robot
     rename = None if joint_names is None else [name.strip() for name in joint_names.split(",")]
-    joints = read_joints(joints_path, unit=unit_joints, rename=rename, robot=robot)
-    if boards:
-        lists, joints = images_and_joints(files, boards, cell_path, joints, by_order)
-    else:
-        alone, roles = _only_body(cell), _columns(columns)
-        lists = [read_export(path, unit, roles, marker, eye, alone) for path in files]
+    robot = None if cell is None else cell.robot
+    joints = (
+        None
+        if joints_path is None
+        else read_joints(joints_path, unit=unit_joints, rename=rename, robot=robot)
+    )
+    if joints is None or boards:
+        wanted = BoardImport(files, boards, cell, joints, instrument, by_order, partial)
+        outputs = [table_path, output_file(json_path), page_path]
+        record, texts = wanted.run(table_path, outputs, page_path, topics, moving)
+        deliver(record, json_path, files=texts)
+        return
+    inputs = [*files, joints.path, *([] if cell is None else [cell.path, *cell.robot_files])]
+    check_outputs([table_path, output_file(json_path)], inputs)
+    alone, roles = _only_body(cell), _columns(columns)
+    lists = [read_export(path, unit, roles, marker, eye, alone) for path in files]
     joined = join(
         lists,
         joints,
         names=names,
         marker=None if lists[0].names else marker,
-        by_order=by_order and not boards,
+        by_order=by_order,
         partial=partial,
         markers=None if cell is None else cell.read_names,
         instrument=instrument,
     )
     table = csv_text(joined.columns, joined.rows)
-    warnings = () if cell is None else _read_back(cell, table, table_path, not partial)
+    every = cell is not None and len(cell.instruments) == 1 and not partial
+    warnings = read_back(cell, table, table_path, every)
     made_from = envelope("" if cell is None else cell.name, inputs)
     record = import_record(lists, joints, joined, warnings, made_from)
     deliver(record, json_path, files={table_path: table})
@@ -161,22 +187,21 @@ def import_(
 def _import_whole(
     files: list[Path], table_path: Path, cell: Cell | None, json_path: str | None
 ) -> None:
-    """Write one whole table anew, as ``measurements.csv`` is written. Raises InputError."""
-    from calib.errors import InputError
-    from calib.files.exports.joints import read_whole
+    """Write whole tables anew as one, as ``measurements.csv`` is written. Raises InputError."""
+    from calib.files.exports.joints import one_table, read_whole
     from calib.files.write_tables import csv_text
+    from studies.imports.read_back import read_back
     from studies.imports.record import whole_record
     from studies.record import envelope
 
-    if len(files) != 1:
-        raise InputError("--joints", "", "is missing", "give the joint values of the poses")
     inputs = [*files, *([] if cell is None else [cell.path, *cell.robot_files])]
     check_outputs([table_path, output_file(json_path)], inputs)
-    whole = read_whole(files[0])
+    tables = [read_whole(path) for path in files]
+    whole = one_table(tables)
     table = csv_text(whole.columns, whole.rows)
-    warnings = () if cell is None else _read_back(cell, table, table_path, True)
+    warnings = read_back(cell, table, table_path, True)
     made_from = envelope("" if cell is None else cell.name, inputs)
-    deliver(whole_record(whole, warnings, made_from), json_path, files={table_path: table})
+    deliver(whole_record(tables, whole, warnings, made_from), json_path, files={table_path: table})
 
 
 def _only_body(cell: Cell | None) -> str | None:
@@ -202,21 +227,3 @@ def _columns(text: str | None) -> list[str] | None:
                 "--columns", "", f"{role!r} is not known", f"use {', '.join(ROLES)}, -"
             )
     return roles
-
-
-def _read_back(cell: Cell, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
-    """Warnings of the table as ``load_measurements`` reads it. Raises InputError naming the target."""
-    import tempfile
-
-    import calib
-    from calib.errors import InputError
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "table.csv"
-        path.write_text(table, encoding="utf-8", newline="")
-        try:
-            read = calib.load_measurements(cell, path, every_marker=every_marker)
-        except InputError as error:
-            where = f"as joined, {error.where}" if error.where else "as joined"
-            raise InputError(target, where, error.what, error.remedy) from None
-        return tuple(text.replace(str(path), str(target)) for text in read.warnings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
@@ -12,11 +12,12 @@ from pydantic import Field
 from calib.files.exports.join import some
 from calib.files.exports.joints import UNITS
 from studies.document import Document, Part, Section, Table, heads, labelled
-from studies.record import Count, Entry, Envelope, From, Record
+from studies.record import Count, Entry, Envelope, From, Maybe, Record
 
 if TYPE_CHECKING:
     from calib.files.csv_table import CsvTable
     from calib.files.exports import Joined, JointTable, PointList
+    from calib.files.exports.sightings import Sighting
 
 
 class ReadList(Entry):
@@ -32,6 +33,21 @@ class ReadList(Entry):
     unit: str
     unit_from: str
     ignored_columns: Annotated[tuple[str, ...], From("ignored")]
+
+
+class ImageRead(Entry):
+    """What an image shows.
+
+    points : board -> how many were found; edge_px : by how much its edges are smeared
+    reason : why the image does not count, empty where it does
+    """
+
+    image: str
+    pose: str
+    instrument: str
+    points: dict[str, Count]
+    edge_px: Maybe
+    reason: str
 
 
 class ImportRecord(Record):
@@ -60,6 +76,7 @@ class ImportRecord(Record):
     poses_without_joints: Annotated[dict[str, Count], From("without_joints")]
     points_left_out: Annotated[tuple[str, ...], From("strays")]
     notes: tuple[str, ...]
+    images: tuple[ImageRead, ...] = ()
 
 
 def import_record(
@@ -68,10 +85,12 @@ def import_record(
     joined: Joined,
     warnings: tuple[str, ...],
     made_from: Envelope,
+    seen: Mapping[str, Sequence[Sighting]] | None = None,
+    notes: Sequence[str] = (),
 ) -> ImportRecord:
     """The record of what was joined.
 
-    warnings : of the table as it reads back
+    warnings : of the table as it reads back; seen : what images show, by camera
     """
     return ImportRecord.from_result(
         joined,
@@ -83,16 +102,30 @@ def import_record(
         lists=map(_list, lists),
         joint_file=str(joints.path),
         joint_rows=len(joints.rows),
+        notes=(*joined.notes, *notes),
+        images=tuple(
+            ImageRead(
+                image=own.shot.name,
+                pose=own.shot.pose,
+                instrument=camera,
+                points={board: len(ids) for board, (ids, _) in own.boards.items()},
+                edge_px=own.edge,
+                reason=own.reason,
+            )
+            for camera, every in (seen or {}).items()
+            for own in every
+        ),
     )
 
 
-def whole_record(whole: CsvTable, warnings: tuple[str, ...], made_from: Envelope) -> ImportRecord:
-    """The record of a table that was whole already."""
+def whole_record(
+    tables: Sequence[CsvTable], whole: CsvTable, warnings: tuple[str, ...], made_from: Envelope
+) -> ImportRecord:
+    """The record of tables that were whole already, and are one now."""
     pose = whole.columns.index("pose")
     marker = whole.columns.index("marker") if "marker" in whole.columns else None
-    units = {name: name.rpartition("_")[2] for name in whole.columns}
     points = [name for name in whole.columns if name.partition("_")[0] in ("x", "y", "z")]
-    joints = [n for n, unit in units.items() if unit in UNITS and n not in points]
+    joints = [n for n in whole.columns if n.rpartition("_")[2] in UNITS and n not in points]
     return ImportRecord(
         **made_from,
         warnings=warnings,
@@ -102,22 +135,28 @@ def whole_record(whole: CsvTable, warnings: tuple[str, ...], made_from: Envelope
         points=len(whole.rows),
         markers={} if marker is None else dict(Counter(row[marker] for row in whole.rows)),
         columns=whole.columns,
-        lists=(
-            ReadList(
-                file=str(whole.path),
-                points=len(whole.rows),
-                columns=whole.columns,
-                unit=", ".join(sorted({units[name] for name in points})) or "none",
-                unit_from="stated in the file",
-                ignored_columns=(),
-            ),
-        ),
+        lists=tuple(map(_whole_list, tables)),
         joints=tuple(joints),
         ignored_joint_columns=(),
         poses_without_points=(),
         poses_without_joints={},
         points_left_out=(),
         notes=(),
+    )
+
+
+_COORDINATES = ("x", "y", "z", "u", "v")
+
+
+def _whole_list(own: CsvTable) -> ReadList:
+    units = {n.rpartition("_")[2] for n in own.columns if n.partition("_")[0] in _COORDINATES}
+    return ReadList(
+        file=str(own.path),
+        points=len(own.rows),
+        columns=own.columns,
+        unit=", ".join(sorted(units)) or "none",
+        unit_from="stated in the file",
+        ignored_columns=(),
     )
 
 
@@ -128,6 +167,7 @@ def _list(own: PointList) -> ReadList:
 
 
 _SHOWN = 3  # names in one line
+_LISTED = 20  # images that do not count, on a terminal
 
 Row: TypeAlias = tuple[str, str]
 
@@ -140,10 +180,14 @@ def told(record: ImportRecord) -> Document:
 def _parts(record: ImportRecord) -> Iterator[Part]:
     rows = [*_read(record), *_joined(record)]
     yield Table(_ROWS, rows, "What was read and joined", fold=False)
+    bad = [(own.image, own.instrument, own.reason) for own in record.images if own.reason]
+    if bad:
+        yield Table(_BAD, bad, "Images that do not count", most=_LISTED, fold=False)
     yield from labelled("note", (*_left_out(record), *record.notes))
 
 
 _ROWS = heads("", "")
+_BAD = heads("image that does not count", "instrument", "reason")
 
 
 def _read(record: ImportRecord) -> Iterator[Row]:
@@ -165,7 +209,29 @@ def _joined(record: ImportRecord) -> Iterator[Row]:
     said = "as given" if fits is None else f"tried: fits {fits} of {total} {kind}"
     yield "names", f"{record.names} ({said})"
     yield "joined", f"{record.poses} poses, {record.points} {kind}"
-    yield "markers", ", ".join(f"{name} {count}" for name, count in record.markers.items())
+    yield "markers", ", ".join(_counted(record.markers))
+    if record.images:
+        counts = [sum(own.points.values()) for own in record.images if not own.reason]
+        said = f"{len(counts)} of {len(record.images)} count, {_span(counts)} points each"
+        yield "images", said
+
+
+def _counted(markers: Mapping[str, int]) -> Iterator[str]:
+    """How often each marker was read; of a board how many of its points, and how often."""
+    boards: dict[str, list[int]] = {}
+    for name, count in markers.items():
+        board, _, point = name.partition(":")
+        if point:
+            boards.setdefault(board, []).append(count)
+        else:
+            yield f"{name} {count}"
+    for board, counts in boards.items():
+        yield f"{len(counts)} points of {board}, {_span(counts)} times each"
+
+
+def _span(counts: Sequence[int]) -> str:
+    least, most = min(counts), max(counts)
+    return f"{most}" if least == most else f"{least} to {most}"
 
 
 def _left_out(record: ImportRecord) -> Iterator[str]:

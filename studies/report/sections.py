@@ -10,6 +10,7 @@ import numpy as np
 from calib import Cell
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.instruments import ArmCamera, Camera, Tracker
 from calib.poses import Measurements, Poses
 from studies.design.record import DesignRecord
 from studies.document import Figure, Part, Raw, Section, Sentence
@@ -20,6 +21,7 @@ from studies.kinds import KINDS
 from studies.plots import residuals
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
+from studies.report.cameras import coverage
 from studies.report.certificate import certificate
 from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.summary import summary
@@ -57,20 +59,7 @@ def _range(
 def _facts(own: Cell) -> Iterator[tuple[str, str]]:
     robot = own.robot
     yield "robot", f"{robot.name}, {robot.dof} joints, {robot.base} to {robot.tip}"
-    yield (
-        "reference points",
-        ", ".join(
-            f"{name} ({', '.join(shown(x * 1e3) for x in place)}) mm"
-            for name, place in zip(own.marker_names, own.markers.tolist(), strict=True)
-        ),
-    )
-    yield "noise of one coordinate", _noise(own)
-    yield (
-        "instrument",
-        "place not given: it may stand anywhere"
-        if own.instrument is None
-        else f"at ({', '.join(shown(x * 1e3) for x in own.instrument.tolist())}) mm from the base",
-    )
+    yield from _read_by(own)
     if own.load is not None:
         at = ", ".join(shown(x * 1e3) for x in own.load.com)
         yield (
@@ -80,6 +69,42 @@ def _facts(own: Cell) -> Iterator[tuple[str, str]]:
     if own.payload.mass:
         yield "payload", f"{shown(float(own.payload.mass))} kg"
     yield "what the model contains", ", ".join(own.effects)
+
+
+def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
+    """The instruments, and what they read."""
+    ridden = {i for part in own.bodies.values() for i in range(part.start, part.stop)}
+    places = [
+        f"{name} ({', '.join(shown(x * 1e3) for x in place)}) mm"
+        for i, (name, place) in enumerate(zip(own.marker_names, own.markers.tolist(), strict=True))
+        if i not in ridden
+    ]
+    if places:
+        yield "reference points", ", ".join(places)
+    for instrument in own.instruments:
+        if isinstance(instrument, Tracker):
+            yield "noise of one coordinate", _noise(own)
+            yield "instrument", _stands(own)
+        elif isinstance(instrument, Camera):
+            yield f"camera {instrument.name}", ", ".join(_camera(instrument))
+        else:
+            yield f"{instrument.kind} {instrument.name}", "place found by the fit"
+
+
+def _stands(own: Cell) -> str:
+    if own.instrument is None:
+        return "place not given: it may stand anywhere"
+    return f"at ({', '.join(shown(x * 1e3) for x in own.instrument.tolist())}) mm from the base"
+
+
+def _camera(own: Camera) -> Iterator[str]:
+    yield "on the arm" if isinstance(own, ArmCamera) else "in the world"
+    fx, fy, cx, cy = (shown(float(x)) for x in own.lens.values[:4])
+    yield f"focal length {fx} and {fy} px, centre {cx} and {cy} px"
+    if own.image is not None:
+        yield "images of {:g} x {:g} px".format(*own.image)
+    yield f"noise {shown(own.sigma)} px"
+    yield "sees " + ", ".join(f"{b.name} ({len(b.points)} points)" for b in own.boards)
 
 
 def _noise(own: Cell) -> str:
@@ -201,7 +226,7 @@ def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | 
 OF_THE_CELL: tuple[Callable[[ReportEvidence], Section | None], ...] = (arm, cell)
 
 WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, ReportedResult], Section | None], ...]] = {
-    "identify": (against,),
+    "identify": (coverage, against),
 }
 """What is told of a record and its inputs, where these are unchanged."""
 

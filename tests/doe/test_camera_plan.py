@@ -13,7 +13,8 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.views import looking, views_of
 from calib.errors import InputError
-from calib.files.exports.images import pattern_of, read_images
+from calib.files.exports.images import pattern_of
+from calib.files.exports.sightings import read_images
 from calib.instruments import Camera
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible

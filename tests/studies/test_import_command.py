@@ -15,7 +15,8 @@ import calib
 from calib.files.write_tables import measurements_csv
 from studies.cli import main
 from studies.demo.embedded import embedded_text, simulated
-from tests.camera_cells import PINHOLE, camera_cell
+from tests.calib.files.test_images import charuco
+from tests.camera_cells import PINHOLE, camera_cell, kr270_cell
 from tests.studies.command_line import paper_cell
 
 
@@ -194,7 +195,10 @@ def test_images_of_a_board(tmp_path: Path) -> None:
     call = [tmp_path / "images", "--joints", joints, "-o", out, "--board", "b"]
     done = run(*call, "--cell", cell)
     assert done.exit_code == 0, done.output
-    assert "no board in 1 of 3 images (shot2)" in " ".join(done.output.split())
+    said = " ".join(done.output.split())
+    assert "images 2 of 3 count, 40 points each" in said
+    assert "image that does not count" in said
+    assert "shot2.png cam no board" in said
     data = calib.load_measurements(calib.load_cell(cell), out)
     assert data.poses.names == ("shot1", "shot0")
     for row, k in enumerate((1, 0)):
@@ -218,6 +222,111 @@ def test_images_of_a_board(tmp_path: Path) -> None:
         assert wrong.exit_code == 2
         assert said in wrong.stderr
         assert wrong.stderr.count("\n") == 1
+
+
+def test_reasons_of_images_that_do_not_count(tmp_path: Path) -> None:
+    """Blurred, of another size, with too few points: each is named; the page shows all."""
+    photographs = pytest.importorskip("tests.photographs")
+    cv2, drawn = photographs.cv2, charuco()
+    (tmp_path / "images").mkdir()
+    for k in range(4):
+        T = photographs.facing(0.2 * k, (0.2 * k, 0.1), (0.27, 0.18), 0.5)
+        image = photographs.photograph("homography", drawn, T)
+        cv2.imwrite(str(tmp_path / "images" / f"s{k}.png"), image)
+    hidden = image.copy()
+    hidden[:, 330:] = 128
+    hidden[:330] = 128
+    for name, other in (
+        ("s4", cv2.GaussianBlur(image, (0, 0), 2.5)),
+        ("s5", cv2.resize(image, (640, 480))),
+        ("s6", hidden),
+        ("s7", cv2.GaussianBlur(image, (0, 0), 30.0)),
+    ):
+        cv2.imwrite(str(tmp_path / "images" / f"{name}.png"), other)
+    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    (tmp_path / "cell.toml").write_text(SEEN.replace("30\n", "30\n" + CODED, 1))
+    rows = "".join(f"s{k},{k},-90,90,0,0,{k}\n" for k in (*range(1, 8), 9))
+    head = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7)) + "\n"
+    (tmp_path / "joints.csv").write_text(head + rows)
+    done = run(
+        tmp_path / "images", "--joints", tmp_path / "joints.csv", "--board", "b", "--partial",
+        "--cell", tmp_path / "cell.toml", "-o", tmp_path / "out.csv", "--json", tmp_path / "r.json",
+        "--page", tmp_path / "page.html",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    images = json.loads((tmp_path / "r.json").read_text())["images"]
+    reasons = {own["pose"]: own["reason"] for own in images}
+    assert [reasons[f"s{k}"] for k in range(4)] == ["no joints", "", "", ""]
+    assert reasons["s4"].startswith("blurred: edges are smeared by ")
+    assert reasons["s5"] == "other size: 640 x 480 px, not 960 x 720"
+    assert reasons["s6"].startswith(("too few points (", "no board"))
+    assert reasons["s7"] == "no board, blurred"
+    assert "1 pose (s9)" in done.output
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("data:image/jpeg;base64,") == len(images)
+    assert page.count('class="bad"') == sum(bool(reason) for reason in reasons.values())
+    assert "s5: other size: 640 x 480 px" in page
+
+
+def test_a_recording_and_two_cameras(tmp_path: Path) -> None:
+    """A recording needs no joint file; folders are named as the cameras, and whole tables join."""
+    photographs = pytest.importorskip("tests.photographs")
+    bags = pytest.importorskip("tests.ros_bags")
+    drawn, stops = charuco(), np.radians([[0, -90, 90, 0, 0, 0], [20, -85, 80, -5, 9, 3]])
+    cell = kr270_cell(tmp_path, *_BOTH, effects=("base", "tool"))
+    states, images = [], []
+    for k, q in enumerate(stops):
+        T = photographs.facing(0.2 * k, (0.2, 0.1), (0.27, 0.18), 0.5)
+        pixels = photographs.photograph("homography", drawn, T)
+        for name in ("left", "right"):
+            (tmp_path / name).mkdir(exist_ok=True)
+            photographs.cv2.imwrite(str(tmp_path / name / f"stop00{k + 1}.png"), pixels)
+        for time in np.arange(3.0 * k, 3.0 * k + 2.0, 0.1).tolist():
+            states.append((time, bags.joint_state([f"A{n}" for n in range(1, 7)], q, time)))
+        images.append((3.0 * k + 1.0, bags.image(pixels, 3.0 * k + 1.0)))
+    day = bags.written(
+        tmp_path / "day", {"/joint_states": states, "/left/image": images, "/right/image": images}
+    )
+    table, joints = tmp_path / "out.csv", tmp_path / "joints.csv"
+    done = run(day, "--board", "b", "--cell", cell, "-o", table)
+    assert done.exit_code == 0, done.output
+    assert "/left/image: 2 of 2 images taken, one at each of 2 stops" in done.output
+    recorded = calib.load_measurements(calib.load_cell(cell), table)
+    assert recorded.poses.names == ("stop001", "stop002")
+    np.testing.assert_allclose(recorded.poses.q, stops, atol=1e-6)
+    head, rows = "pose," + ",".join(f"A{k}_rad" for k in range(1, 7)), enumerate(stops, 1)
+    lines = [f"stop00{k}," + ",".join(map(str, q)) for k, q in rows]
+    joints.write_text("\n".join([head, *lines]))
+    both = [tmp_path / "left", tmp_path / "right"]
+    done = run(*both, "--joints", joints, "--board", "b", "--cell", cell, "-o", table)
+    assert done.exit_code == 0, done.output
+    found = calib.load_measurements(calib.load_cell(cell), table)
+    np.testing.assert_allclose(found.readings, recorded.readings, atol=1e-9)
+    apart = []
+    for own in both:
+        apart.append(tmp_path / f"{own.name}.csv")
+        done = run(own, "--instrument", own.name, "--joints", joints, "--board", "b",
+                   "--cell", cell, "-o", apart[-1])  # fmt: skip
+        assert done.exit_code == 0, done.output
+    done = run(*apart, "--cell", cell, "-o", table)
+    assert done.exit_code == 0, done.output
+    joined = calib.load_measurements(calib.load_cell(cell), table)
+    np.testing.assert_array_equal(joined.readings, found.readings)
+    for call, said in (
+        ([both[0], "--topic", "/left/image"], "--topic: is of recordings"),
+        ([day, "--joints", joints], "which holds the joints"),
+        ([tmp_path / "left" / "stop001.png", "--joints", joints], "of the cameras left, right"),
+    ):
+        wrong = run(*call, "--board", "b", "--cell", cell, "-o", table)
+        assert wrong.exit_code == 2
+        assert said in wrong.stderr
+
+
+CODED = 'marker_mm = 22\ndictionary = "5x5_100"\n'
+_BOTH = [f'[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n{CODED}']
+_BOTH += [
+    f'[instruments.{n}]\nkind = "camera"\non = "world"\n{PINHOLE}\n' for n in ("left", "right")
+]
 
 
 def _in_quotes(text: str) -> str:

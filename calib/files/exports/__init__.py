@@ -7,11 +7,11 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.files.exports.hand_eye import YAML, Eye, read_hand_eye
-from calib.files.exports.images import IMAGES
 from calib.files.exports.join import Joined
 from calib.files.exports.joints import JointTable, read_joints
 from calib.files.exports.motion_capture import is_motion_capture, read_motion_capture
 from calib.files.exports.points import PointList, read_points
+from calib.files.exports.sightings import IMAGES
 
 __all__ = ["Eye", "Joined", "JointTable", "PointList", "read_export", "read_joints", "read_points"]
 

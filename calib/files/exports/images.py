@@ -1,4 +1,4 @@
-"""Boards found in image files by OpenCV, as pixels of their points: chessboards, ChArUco, tags.
+"""Boards found in an image by OpenCV, as pixels of their points: chessboards, ChArUco, tags.
 
 Corners are found finer than a pixel. A gradient at a corner of a chessboard is square to the way from
 the corner, on all sides alike. At the corner of a tag blur moves it inwards; edges stay where they are,
@@ -8,7 +8,6 @@ and meet in the corner.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,6 @@ from scipy.ndimage import map_coordinates
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.cell_table import cell_table
-from calib.files.exports.points import MeasuredPoint, PointList
-from calib.files.read import read_bytes
 from calib.files.values import MM, BoardTable
 
 
@@ -127,74 +124,23 @@ def _line(pixels: Array, a: Array, b: Array, cells: int) -> tuple[Array, float]:
     return axes[1], float(axes[1] @ centre)
 
 
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
-_LARGEST_FILE = 200_000_000  # bytes
-_FEWEST = 4  # points: fewer tell nothing of a board
-_SHOWN = 3  # names in one line
+FEWEST = 4  # points: fewer tell nothing of a board
 _BESIDE = 0.85  # of the way to a marker in a white square
 _BETWEEN = 0.4  # of the way to the next corner
 
 
-def read_images(
-    paths: Sequence[Path], patterns: Sequence[Pattern], poses: Collection[str] = ()
-) -> tuple[PointList, tuple[str, ...]]:
-    """Every point of a board that images show, and the poses whose images show none.
-
-    An image is named as its pose is: with its suffix where one of ``poses`` is, else without.
-
-    Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
-    """
-    cv2 = _opencv()
-    searches = [_Detector(cv2, pattern) for pattern in patterns]
-    points: list[MeasuredPoint] = []
-    blank: list[str] = []
-    for k, path in enumerate(paths, 1):
-        image, pose = _image(cv2, path), path.name if path.name in poses else path.stem
-        before = len(points)
-        for search in searches:
-            found, at = search.found(image)
-            points += [
-                MeasuredPoint(path, k, "", pose, f"{search.pattern.name}:{search.pattern.names[i]}",
-                              (f"{u:.4f}", f"{v:.4f}"))
-                for i, (u, v) in zip(found.tolist(), at.tolist(), strict=True)
-            ]  # fmt: skip
-        if len(points) == before:
-            blank.append(pose)
-    boards = ", ".join(pattern.name for pattern in patterns)
-    if not points:
-        more = f"and {len(paths) - 1} more show" if paths[1:] else "shows"
-        what = f"{more} no board {boards}"
-        remedy = "compare squares, tags and dictionary of the cell with what is printed"
-        raise InputError(paths[0], "", what, remedy)
-    some = ", ".join(blank[:_SHOWN]) + (" .." if blank[_SHOWN:] else "")
-    notes = (f"no board in {len(blank)} of {len(paths)} images ({some})",) if blank else ()
-    columns = ("image", "board", "point", "u", "v")
-    written, names = ("u_px", "v_px"), "{pose}::{marker}"
-    read = PointList(
-        paths[0].parent, points, columns, "px", "of images", (), written, names, notes=notes
-    )
-    return read, tuple(blank)
-
-
-def _opencv() -> Any:
+def opencv(option: str) -> Any:
+    """OpenCV. Raises InputError, where it is not installed, naming the option that needs it."""
     try:
         import cv2
     except ImportError:
         raise InputError(
-            "--board", "", "needs OpenCV, which is not installed", "pip install 'posecal[images]'"
+            option, "", "needs OpenCV, which is not installed", "pip install 'posecal[images]'"
         ) from None
     return cv2
 
 
-def _image(cv2: Any, path: Path) -> Any:
-    data = np.frombuffer(read_bytes(path, _LARGEST_FILE), dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    if image is None:
-        raise InputError(path, "", "is no image that OpenCV reads", f"give {', '.join(IMAGES)}")
-    return image
-
-
-class _Detector:
+class Detector:
     """A pattern with OpenCV's detector for it."""
 
     def __init__(self, cv2: Any, pattern: Pattern) -> None:
@@ -222,8 +168,8 @@ class _Detector:
             ids, at = self._charuco(image)
         else:
             ids, at = self._chessboard(image)
-        if len(ids) < _FEWEST:
-            return np.zeros(0, dtype=int), np.zeros((0, 2))
+        if len(ids) < FEWEST:
+            return ids, at
         if self.table.tags is None:
             at = saddles(self.cv2, smooth(self.cv2, image), at, self._free(ids, at))
         height, width = image.shape
@@ -249,7 +195,7 @@ class _Detector:
             found.append((np.zeros(0, int), np.zeros((0, 2))) if none else (ids.ravel(), at))
         best = int(np.argmax([len(ids) for ids, _ in found]))
         ids, at = found[best]
-        if len(ids) >= _FEWEST:
+        if len(ids) >= FEWEST:
             self.charuco = [self.charuco[best]]
         return np.asarray(ids, dtype=int), np.asarray(at, dtype=float).reshape(-1, 2)
 
@@ -272,6 +218,8 @@ class _Detector:
         """Pixels (n,) around each corner in which nothing else is printed."""
         shape, pitch = self.pattern.points[ids, :2], (self.table.pitch_mm or 0.0) * MM
         H, _ = self.cv2.findHomography(shape, at, 0)
+        if H is None:  # points on one line
+            return np.zeros(len(ids))
         margin = _BETWEEN * pitch
         if self.table.marker_mm is not None:
             margin = _BESIDE * (pitch - self.table.marker_mm * MM) / 2.0

@@ -241,3 +241,25 @@ def read_whole(path: Path) -> CsvTable:
         raise InputError(path, "header", what, "name it so, or give the joints by --joints FILE")
     rows = [[sheet.pointed(text) for text in row] for row in sheet.rows]
     return CsvTable(path, columns, rows, sheet.lines)
+
+
+def one_table(tables: Sequence[CsvTable]) -> CsvTable:
+    """Tables of the same poses by several instruments, or of several days, as one.
+
+    Raises InputError where they name joints or units differently: nobody could fill the gaps.
+    """
+    first, *rest = tables
+    columns = tuple(dict.fromkeys(name for own in tables for name in own.columns))
+    shared = [n for n in first.columns if _parted(n)[1] and n not in _NOT_JOINTS]
+    for own in rest:
+        missing = [name for name in shared if name not in own.columns]
+        if missing:
+            what = f"has no column {missing[0]!r}, as {first.path} has"
+            raise InputError(own.path, "header", what, "write joints alike in both")
+    rows = [
+        [own[table.columns.index(name)] if name in table.columns else "" for name in columns]
+        for table in tables
+        for own in table.rows
+    ]
+    lines = [line for table in tables for line in table.lines]
+    return CsvTable(first.path, columns, rows, lines)

@@ -11,7 +11,8 @@ import pytest
 
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.exports.images import pattern_of, read_images
+from calib.files.exports.images import pattern_of
+from calib.files.exports.sightings import read_images
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
 from tests.calib.files.test_images import CHARUCO, SQUARES, TAGS, charuco, chessboard, tags
 from tests.camera_cells import PINHOLE, camera_cell

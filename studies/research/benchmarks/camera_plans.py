@@ -41,6 +41,7 @@ from studies.demo.embedded import embedded_text
 from studies.research.bench import Output, Row, bench, count, data_folder, each, several, table
 from studies.research.benchmarks.camera_starts import ARMS
 from studies.research.benchmarks.planned_days import Arm
+from studies.research.withheld.truth import urdf
 
 _SIZE, _CENTER, _NOISE = (1280, 960), (639.5, 479.5), 0.1  # px
 _ACROSS, _DOWN = 11, 8  # corners
@@ -135,7 +136,7 @@ PLACES = {
          "world": (((1.25, 0.0, 0.5), (-90.0, 0.0, 90.0)), ((-0.12, 0.09, 0.05), _DOWNWARD))},
     ),
     "ur5e": Place(
-        ARMS["ur5e"].urdf, "base", "tip", 20.0, 0.05,
+        lambda: urdf(ARMS["ur5e"].arm, masses=False), "base", "tip", 20.0, 0.05,
         {"tip": (_IN_HAND, ((-0.6, 0.11, 0.0), _DOWNWARD)),
          "world": (((-1.5, 0.0, 0.4), (-90.0, 0.0, -90.0)), ((-0.12, 0.09, 0.05), _DOWNWARD))},
     ),

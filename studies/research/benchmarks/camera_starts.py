@@ -32,11 +32,12 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError
+from calib.identification.lenses import unfit_lenses
 from calib.identification.start import whitening
 from calib.instruments import Camera
 from calib.observations import Points
 from calib.solver import levenberg_marquardt
-from studies.identify.lenses import unfit_entries
+from studies.identify.lenses import UnfitLensEntry
 from studies.research.bench import Output, Row, bench, each, table
 from studies.research.withheld.robots import LIGHT, Arm, Joint, Triple
 from studies.research.withheld.truth import tip_in_numpy, urdf
@@ -411,7 +412,8 @@ def a_set_up(index: int, seed: int, only: Sequence[str] = ()) -> Row:
         row["left"] = float(np.sqrt((points.flat(found.values)[0] ** 2).sum() / numbers)) * _NOISE
         row["from truth"] = float(np.sqrt(best.cost / numbers)) * _NOISE
     said = [w for w in found.warnings if "camera" in w or "cam" in w or "eye" in w]
-    row["said"] = "; ".join([*said, *(own.said for own in unfit_entries(found))])
+    refused = [UnfitLensEntry.from_result(own).said for own in unfit_lenses(found)]
+    row["said"] = "; ".join([*said, *refused])
     right = bool(row["left"] <= max(_RIGHT * row["from truth"], 1.5 * _NOISE))
     row["end"] = "right" if right else "said" if row["said"] else "wrong"
     row["silent"] = right and row["left"] > _LOUD * _NOISE and not row["said"]

@@ -37,7 +37,7 @@ C = TypeVar("C", bound=CauseEntry)
 _PLACES = 3  # that are worth naming one by one
 
 
-class DetectionLimit(CauseEntry):
+class DetectionLimitEntry(CauseEntry):
     """A cause with the smallest size that is found nine times in ten, None where no size would be.
 
     left_mm : what it leaves at the targets if it hides, at the most that such an error plausibly is

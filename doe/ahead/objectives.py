@@ -25,7 +25,7 @@ from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, wa
 from calib.diagnosis.stage import positions
 from doe.ahead.evidence import FREE, ReducedEquations, RivalEvidence
 from doe.ahead.likeness import SURE
-from doe.ahead.search import Search, worst
+from doe.ahead.search import PoseSearch, worst
 from doe.ahead.situation import CandidateRows, Situation
 from doe.problem.target_errors import TargetErrors
 
@@ -188,7 +188,7 @@ class CompoundCriterion:
         return np.asarray(0.5 * (first + second))
 
 
-def with_accuracy(search: Search, accuracy: Accuracy, count: int) -> Search:
+def with_accuracy(search: PoseSearch, accuracy: Accuracy, count: int) -> PoseSearch:
     """The search for causes and accuracy together."""
     alone = replace(search, objectives=(accuracy,), weigh=lambda values: values[-1][..., 0])
     both = replace(search, objectives=(*search.objectives, accuracy))

@@ -39,7 +39,7 @@ def worst(values: Sequence[Array]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class PoseSearch:
     """Chooses candidate poses for one or several objectives, greedily and then by exchange.
 
     start : ndarray, shape (dof,), where the arm stands
@@ -127,11 +127,11 @@ def search_of(
     start: Array,
     count: int,
     others: Sequence[Objective] = (),
-) -> Search | None:
+) -> PoseSearch | None:
     """The search over all rivals that can be told apart, and other objectives; None where none is left.
 
     start : ndarray, shape (dof,), where the arm stands
     """
     reached = [evidence.within_reach(offer, start, count) for evidence in rivals]
     found = (*(own for own in reached if own.pairs), *others)
-    return Search(found, offer, start) if found else None
+    return PoseSearch(found, offer, start) if found else None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from calib.arm.robot import Robot
 
 
-class TargetErrors(Entry):
+class CorrectedErrors(Entry):
     """By how much the targets are missed, with nominal and with corrected commands.
 
     left : what corrected commands cannot mend; expected : that and all that is uncertain
@@ -33,7 +33,7 @@ class TargetErrors(Entry):
     expected: NotNegative
 
 
-class RmsErrors(TargetErrors):
+class RmsErrors(CorrectedErrors):
     """The same over all targets, and what the expected error consists of beside ``left``.
 
     trend : how far the trend of the day will have gone by then
@@ -76,8 +76,8 @@ class CompensateRecord(Record):
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
     rms_mm: RmsErrors
-    p95_mm: TargetErrors
-    max_mm: TargetErrors
+    p95_mm: CorrectedErrors
+    max_mm: CorrectedErrors
     unexplained_from: Annotated[str, From("unexplained.source")]
     scatter_of: Literal["arm", "undecided"] = "undecided"
     targets_after_h: Annotated[NotNegative | None, From("after")] = None
@@ -111,8 +111,8 @@ def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) ->
     reasons = sorted({*found.limited_by} - {""})
     over_all = {
         "rms": {name: found.rms(own) for name, own in errors.items()},
-        "p95": {name: np.quantile(errors[name], 0.95) for name in TargetErrors.model_fields},
-        "max": {name: np.max(errors[name]) for name in TargetErrors.model_fields},
+        "p95": {name: np.quantile(errors[name], 0.95) for name in CorrectedErrors.model_fields},
+        "max": {name: np.max(errors[name]) for name in CorrectedErrors.model_fields},
         "trend_an_hour_later": None if found.an_hour_on is None else found.rms(found.an_hour_on),
     }
     return CompensateRecord.from_result(

@@ -42,7 +42,7 @@ from studies.diagnose.record import (
     SpectrumLine,
 )
 from studies.diagnose.shown import DiagnosisShown, shown
-from studies.entries import DetectionLimit, shown_joints
+from studies.entries import DetectionLimitEntry, shown_joints
 from studies.fitted import estimated
 from studies.noise import noise_fields
 from studies.record import Envelope, Outlier, envelope
@@ -144,7 +144,7 @@ def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
         ],
         located=LocatedPlace.from_each(found.located, where=where(found.located)),
         gap=GapEntry.from_result(found.gap, model.readout.channels.shown),
-        could_not_see=DetectionLimit.from_each(found.hidden, where=where(found.hidden)),
+        could_not_see=DetectionLimitEntry.from_each(found.hidden, where=where(found.hidden)),
         refused=RefusedCause.from_each(found.refused, where=where(found.refused)),
         approach_derived=bool(poses.approach is not None and poses.approach_derived),
         not_fitted=[name for name, waits in zip(poses.names, found.waiting, strict=True) if waits],

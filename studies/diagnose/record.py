@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from studies.document import PROBABILITY, Rule, Shown
 from studies.entries import (
     CauseEntry,
-    DetectionLimit,
+    DetectionLimitEntry,
     JointValues,
     NotAskedEntry,
     check_same_joints,
@@ -336,7 +336,7 @@ class Findings(Entry):
     sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
-    could_not_see: tuple[DetectionLimit, ...]
+    could_not_see: tuple[DetectionLimitEntry, ...]
     refused: tuple[RefusedCause, ...] = ()
     not_asked: tuple[NotAskedEntry, ...]
     approach_derived: bool = False
@@ -385,7 +385,7 @@ class DiagnoseRecord(Findings, Record):
         return BeforeAfter(before, after, of, gap.unit, heldout)
 
     @property
-    def worst_hidden(self) -> DetectionLimit | None:
+    def worst_hidden(self) -> DetectionLimitEntry | None:
         """What would leave most of all that these data could not have shown; None in old files."""
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)

@@ -23,7 +23,7 @@ from studies.diagnose.record import (
 )
 from studies.diagnose.spectra import spectra
 from studies.document import Shown, labelled, listed, mm
-from studies.entries import DetectionLimit, joint_columns, not_asked
+from studies.entries import DetectionLimitEntry, joint_columns, not_asked
 from studies.noise import noise_words
 from studies.record import Outlier
 
@@ -210,10 +210,10 @@ def _notes(record: DiagnoseRecord) -> Iterator[doc.Sentence]:
 class _Kind:
     """Causes of one kind whose sizes have one unit, the smallest first, and those never seen."""
 
-    seen: list[DetectionLimit]
+    seen: list[DetectionLimitEntry]
     blind: list[str]
 
-    def size(self, entry: DetectionLimit) -> str:
+    def size(self, entry: DetectionLimitEntry) -> str:
         """Two digits, with the place where there is a choice of them."""
         choice = len(self.seen) + len(self.blind) > 1 and len(entry.where) <= _LONG
         return doc.TWO(entry.minimum_detectable) + f" ({entry.where})" * choice
@@ -232,7 +232,7 @@ _KINDS: tuple[doc.Column[_Kind], ...] = (
     doc.Column("not visible at", lambda row: ", ".join(row.blind)),
 )
 _EACH = doc.columns(
-    DetectionLimit,
+    DetectionLimitEntry,
     "effect where",
     doc.Column(
         "smallest size", lambda row: row.minimum_detectable, doc.Rule(doc.FOUR.show, "not visible")
@@ -244,7 +244,7 @@ _EACH = doc.columns(
 def _unseen(record: DiagnoseRecord) -> Iterator[doc.Part]:
     """The smallest sizes that would have been found, over the places, and what no pose shows."""
     entries = record.could_not_see
-    groups: dict[tuple[str, str], list[DetectionLimit]] = {}
+    groups: dict[tuple[str, str], list[DetectionLimitEntry]] = {}
     blind: dict[str, list[str]] = {}
     for entry in entries:
         if entry.minimum_detectable is None:

@@ -77,7 +77,7 @@ class LackingEntry(Entry):
         return bool(self.trend_mm) and (untold or self.trend_an_hour_later_mm is None)
 
 
-class Progress(Entry):
+class PlanProgress(Entry):
     """Poses of the plan; ``to_measure`` counts the readings that are left as poses to go to."""
 
     poses: Count
@@ -124,7 +124,7 @@ class EnoughRecord(Record):
     reason: str | None
     noise: NoiseSoFar
     lacking: LackingEntry
-    plan: Progress
+    plan: PlanProgress
     now: StateEntry
     order: tuple[ExpectedStep, ...]
     end: StateEntry
@@ -193,7 +193,7 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
             pixel_mm=pixel_mm(answer.model, answer.footprint),
         ),
         lacking=_lacking(answer),
-        plan=Progress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
+        plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
         now=_state(answer.model, answer.steps[0]),
         order=map(_step, coming),
         end=_state(answer.model, answer.steps[-1]),

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from studies.document import CORRELATION, STD, Shown
-from studies.entries import CauseEntry, DetectionLimit, NotAskedEntry
+from studies.entries import CauseEntry, DetectionLimitEntry, NotAskedEntry
 from studies.record import (
     Count,
     Entry,
@@ -38,7 +38,7 @@ class DetectableSize(Entry):
     left: Number
 
 
-class SeenCause(DetectionLimit):
+class SeenCause(DetectionLimitEntry):
     """The smallest size of one parameter, the best seen, or the reason why none would be found.
 
     plausible : a usual size; rms_um : how far the smallest moves the markers

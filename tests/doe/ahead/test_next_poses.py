@@ -24,7 +24,7 @@ from calib.errors import CalibError
 from doe.ahead.conditions import loads_of_data
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.rivals import data_rows, situation_after
-from doe.ahead.search import Search
+from doe.ahead.search import PoseSearch
 from doe.ahead.situation import CandidateRows
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured
@@ -101,7 +101,7 @@ def test_search_against_every_subset() -> None:
     for seed in range(8):
         evidence, _, more, _ = linear(seed)
         offer = CandidateRows(np.zeros((14, 1)), more, None, np.zeros(14, dtype=int))
-        search = Search((replace(evidence, planned=72),), offer, np.zeros(1))
+        search = PoseSearch((replace(evidence, planned=72),), offer, np.zeros(1))
         values = [search.value(s) for s in itertools.combinations(range(14), 3)]
         mine = search.best_plan(3)
         assert len(set(mine)) == 3

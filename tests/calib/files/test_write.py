@@ -96,9 +96,12 @@ def test_no_space_in_the_middle_of_a_file(old: Path) -> None:
     assert names(old.parent) == ["result.json"]
 
 
+# A shell that starts the tests in the background has them ignore interrupts, and so their children.
 WRITER = """
+import signal
 import sys
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from calib.files.write import write_files
 folder = Path(sys.argv[1])
 n = 0

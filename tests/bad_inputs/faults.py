@@ -412,7 +412,7 @@ EXPORTS = [
     Fault("a board that the cell lacks",
           "import shot.png --board b --joints joints.csv --cell cell.toml -o joined.csv",
           "shot.png", whole("x")),
-    Fault("a folder without images", "import figures --board b --joints joints.csv -o joined.csv"),
+    Fault("a board without its cell", "import figures --board b --joints joints.csv -o joined.csv"),
     Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),

@@ -11,7 +11,8 @@ from calib.files.exports.join import join
 from calib.files.write_tables import csv_text
 from studies.demo.embedded import embedded_cell
 from studies.document.terminal import terminal
-from studies.imports.command import _columns, _read_back
+from studies.imports.command import _columns
+from studies.imports.read_back import read_back
 from studies.imports.record import import_record
 from studies.kinds import tell
 from studies.record import envelope
@@ -56,7 +57,7 @@ def points(folder: Path, content: bytes) -> object:
         markers=CELL.marker_names if "cell" in given else None,
     )
     out = csv_text(joined.columns, joined.rows)
-    notes = _read_back(CELL, out, folder / "out.csv", False) if "cell" in given else ()
+    notes = read_back(CELL, out, folder / "out.csv", False) if "cell" in given else ()
     record = import_record([own], joints, joined, notes, envelope("", []))
     return record.dumps(), [*terminal(tell(record))]
 

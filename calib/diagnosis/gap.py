@@ -180,7 +180,7 @@ def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
     excess = float(before @ before) - noise
     if excess <= 0.0 or not len(every):
         return ()
-    found = dict.fromkeys(("camera", "board", "arm"), 0.0)
+    found: dict[Side, float] = {"camera": 0.0, "board": 0.0, "arm": 0.0}
     for c in active:
         found[side_of(c.where)] += float(moved[c.key] @ before) / excess
-    return tuple(SideShare(side, share) for side, share in found.items())  # type: ignore[arg-type]
+    return tuple(SideShare(side, share) for side, share in found.items())

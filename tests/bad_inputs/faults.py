@@ -43,6 +43,18 @@ def _in(file: str, call: str, cases: dict[str, Edit]) -> list[Fault]:
     return [Fault(did, call, file, edit) for did, edit in cases.items()]
 
 
+_SEEN = swap(
+    "[instrument]\nsigma_mm = 0.010",
+    '[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\nkind = "camera"\n'
+    'calibration = "lens.yaml"\nsigma_px = 0.1',
+)
+
+
+def _seen(old: str, new: str) -> Edit:
+    """The cell with a camera and a board, and a change of these."""
+    return lambda text: swap(old, new)(_SEEN(text))
+
+
 MEASUREMENTS = _in(
     "measurements.csv",
     _IDENTIFY,
@@ -412,7 +424,9 @@ EXPORTS = [
     Fault("a board that the cell lacks",
           "import shot.png --board b --joints joints.csv --cell cell.toml -o joined.csv",
           "shot.png", whole("x")),
-    Fault("a board without its cell", "import figures --board b --joints joints.csv -o joined.csv"),
+    Fault("a folder without images",
+          "import figures --board b --joints joints.csv --cell cell.toml -o joined.csv", "cell.toml",
+          _seen('calibration = "lens.yaml"', "focal_px = 1200\ncenter_px = [640, 480]")),
     Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),
@@ -562,18 +576,6 @@ ROBOTS = [
     Fault("criteria with cell and table swapped", "iso9283 measurements.csv cell.toml"),
     Fault("a hand-eye without a camera", "hand-eye cell.toml measurements.csv"),
 ]  # fmt: skip
-
-_SEEN = swap(
-    "[instrument]\nsigma_mm = 0.010",
-    '[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\nkind = "camera"\n'
-    'calibration = "lens.yaml"\nsigma_px = 0.1',
-)
-
-
-def _seen(old: str, new: str) -> Edit:
-    """The cell with a camera and a board, and a change of these."""
-    return lambda text: swap(old, new)(_SEEN(text))
-
 
 CAMERAS = [
     Fault("a calibration that is not there", _IDENTIFY, "cell.toml", _SEEN),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from calib import Cell, load_cell, load_plan
 from calib.arm.kinematics import forward
@@ -29,13 +30,15 @@ from studies.plots.style import (
     tidy,
 )
 from studies.report.arm_drawing import Viewpoint
-from studies.research.paper.drawing import Drawing
 from studies.results import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _VIEW = Viewpoint(-58.0, 18.0)
+_TURN = np.linspace(0.0, 2.0 * np.pi, 73)
+_DISC = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+_RADII = 0.02, 0.016  # of the two ends of a link, shares of the reach
 
 
 @styled
@@ -65,18 +68,33 @@ def picture(folder: Path) -> Picture:
 
 
 def _arms(panel: Axes, cell: Cell, q: Array) -> None:
-    draw = Drawing(panel, _VIEW)
+    """Every pose as a line, the first one as a body; nearer links over farther ones."""
+    panel.set_aspect("equal")
+    panel.set_axis_off()
     origins = forward(cell.robot, q).o
-    draw.ground(origins.reshape(-1, 3), 0.1)
+    low, high = origins.min(axis=(0, 1)) - 0.1, origins.max(axis=(0, 1)) + 0.1
+    floor = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+    _fill(panel, _VIEW.flat(np.array([(*corner, 0.0) for corner in floor])), 0.5, "0.975", "0.8")
     for points in origins[1:]:
-        draw.line(points, color=SOFT, linewidth=1.0, zorder=5.0, alpha=0.7)
+        panel.plot(*_VIEW.flat(points).T, color=SOFT, linewidth=1.0, zorder=5.0, alpha=0.7)
         panel.plot(*_VIEW.flat(points[-1:]).T, marker="o", markersize=4.0, color=BLUE, zorder=6.0)
     reach = cell.robot.reach
-    for start, end in zip(origins[0][:-1], origins[0][1:], strict=True):
-        if np.linalg.norm(end - start) > 0.01 * reach:
-            draw.tube(np.array([start, end]), (0.02 * reach, 0.016 * reach), lift=30.0)
-    draw.ball(origins[0][-1], 0.013 * reach, BLUE, lift=40.0)
+    for link in zip(origins[0][:-1], origins[0][1:], strict=True):
+        ends = np.array(link)
+        if np.linalg.norm(ends[1] - ends[0]) > 0.01 * reach:
+            discs = [
+                end + r * reach * _DISC for end, r in zip(_VIEW.flat(ends), _RADII, strict=True)
+            ]
+            cloud = np.concatenate(discs)
+            outline = cloud[ConvexHull(cloud).vertices]
+            _fill(panel, outline, 30.0 + _VIEW.order(ends), "0.86", INK)
+    tip = _VIEW.flat(origins[0][-1])
+    _fill(panel, tip + 0.013 * reach * _DISC, 40.0 + _VIEW.order(origins[0][-1]), BLUE, INK)
     panel.set_title("which poses to measure", loc="left")
+
+
+def _fill(panel: Axes, corners: Array, order: float, face: str, edge: str) -> None:
+    panel.fill(*corners.T, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=order)
 
 
 def _errors(panel: Axes, steps: Any, floor: float) -> None:

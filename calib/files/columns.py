@@ -15,9 +15,15 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
 from calib.files.csv_table import CsvTable
-from calib.instruments.protocol import UNITS
 
 _CLOCK = "time_s counts seconds: divide milliseconds since 1970 by 1000"
+UNITS = {
+    "length": {"mm": 1e-3, "m": 1.0},
+    "angle": {"deg": math.pi / 180.0, "rad": 1.0},
+    "pixel": {"px": 1.0},
+    "ratio": {"": 1.0},
+}
+"""Of every quantity that a table may hold, and their sizes in SI; the first one is written."""
 ANGLES, LENGTHS = UNITS["angle"], UNITS["length"]
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

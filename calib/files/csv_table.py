@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import difflib
+import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -180,3 +181,17 @@ def _how_to_name(path: Path, name: str, columns: tuple[str, ...], below: list[st
         return f"write {alike[0]!r} as {name!r}"
     shown = ", ".join(repr(c[:40]) for c in columns[:_SHOWN]) + (" .." if columns[_SHOWN:] else "")
     return f"add it, or rename the one that holds it among {shown}"
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """The text of a CSV table."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def columns_text(columns: Mapping[str, Sequence[str]]) -> str:
+    """The text of a CSV table of columns that are equally long."""
+    return csv_text(list(columns), zip(*columns.values(), strict=True))

@@ -10,10 +10,9 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import SIGMAS
+from calib.files.columns import SIGMAS, UNITS
 from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
-from calib.instruments.protocol import UNITS
 
 Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
 """Names of places, one for each pose."""

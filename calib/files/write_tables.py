@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +16,7 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
 from calib.files.columns import WRENCH, joint_columns, torque_columns
-from calib.files.csv_table import CsvTable, read_table
+from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
@@ -56,20 +54,6 @@ def measurement_columns(
     several = ["instrument"] if len([n for i in instruments for n in i.names]) > 1 else []
     columns = dict(c for instrument in instruments for c in written_columns(instrument))
     return ["pose", "marker", *several, *joint_header(robot, q), *columns]
-
-
-def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """The text of a CSV table."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return out.getvalue()
-
-
-def columns_text(columns: Mapping[str, Sequence[str]]) -> str:
-    """The text of a CSV table of columns that are equally long."""
-    return csv_text(list(columns), zip(*columns.values(), strict=True))
 
 
 def measurements_csv(cell: Cell, data: Measurements) -> str:

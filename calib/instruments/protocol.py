@@ -20,7 +20,6 @@ Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,15 +43,6 @@ class Unknown(NamedTuple):
 ZERO, MOTION, SCALE, BEND = slice(0, 1), slice(0, 6), slice(6, 7), slice(7, 10)
 """Of a part that may come loose: a displacement in its own axes, what it is too large by, and how far
 its middle stands out of the plane of its edges."""
-
-
-UNITS = {
-    "length": {"mm": 1e-3, "m": 1.0},
-    "angle": {"deg": math.pi / 180.0, "rad": 1.0},
-    "pixel": {"px": 1.0},
-    "ratio": {"": 1.0},
-}
-"""Of every quantity that a table may hold, and their sizes in SI; the first one is written."""
 
 
 class ReadingColumn(NamedTuple):

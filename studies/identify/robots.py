@@ -10,7 +10,7 @@ from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.lenses import LensForm, camera_named, lens_text
-from calib.files.robot import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
+from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
 from calib.identification.lenses import lens_of
 from calib.instruments import Camera
 from studies.document import listed

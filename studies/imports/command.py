@@ -136,9 +136,9 @@ def import_(
       posecal import camera.csv tracker.csv --cell cell.toml -o day.csv
     """
     import calib
+    from calib.files.csv_table import csv_text
     from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
-    from calib.files.write_tables import csv_text
     from studies.imports.read_back import read_back
     from studies.imports.record import import_record
     from studies.imports.with_boards import BoardImport
@@ -188,8 +188,8 @@ def _import_whole(
     files: list[Path], table_path: Path, cell: Cell | None, json_path: str | None
 ) -> None:
     """Write whole tables anew as one, as ``measurements.csv`` is written. Raises InputError."""
+    from calib.files.csv_table import csv_text
     from calib.files.exports.joints import one_table, read_whole
-    from calib.files.write_tables import csv_text
     from studies.imports.read_back import read_back
     from studies.imports.record import whole_record
     from studies.record import envelope

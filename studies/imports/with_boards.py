@@ -10,10 +10,10 @@ from typing import Any
 
 from calib import Cell
 from calib.errors import InputError
+from calib.files.csv_table import csv_text
 from calib.files.exports import JointTable
 from calib.files.exports.bags import is_bag, recordings
 from calib.files.exports.sightings import Sighting
-from calib.files.write_tables import csv_text
 from studies.command.deliver import check_outputs, progress_bar
 from studies.imports.gallery import Gallery
 from studies.imports.images import (

@@ -9,8 +9,9 @@ import numpy as np
 
 from calib.arm.repeatability import usual_repeatability
 from calib.arm.robot import Robot
+from calib.files.csv_table import csv_text
 from calib.files.proposal import Proposal
-from calib.files.write_tables import csv_text, measurement_columns
+from calib.files.write_tables import measurement_columns
 from calib.instruments import Tracker
 
 _MARKERS = ((1.0, 0.0, 0.5), (-0.5, 0.87, 0.5), (-0.5, -0.87, 0.5))  # of the circle they stand on

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from calib.files.columns import ANGLES, LENGTHS
+from calib.files.csv_table import csv_text
 from calib.files.exports import read_joints, read_points
 from calib.files.exports.join import join
-from calib.files.write_tables import csv_text
 from studies.demo.embedded import embedded_cell
 from studies.document.terminal import terminal
 from studies.imports.command import _columns

@@ -14,8 +14,8 @@ from calib import Cell
 from calib.arm.kinematics import forward
 from calib.arm.se3 import displacement, so3_exp
 from calib.arrays import Array
-from calib.files.dh import corrected_dh
-from calib.files.robot import corrected_robot
+from calib.files.dh_out import corrected_dh
+from calib.files.robot_out import corrected_robot
 from studies.demo.embedded import embedded_cell
 from tests.helpers import cell_text
 from tests.plain_arm import dh_pose, rows_of

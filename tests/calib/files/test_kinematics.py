@@ -16,7 +16,7 @@ from calib.arm.robot import Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.kinematics import MODELS, nominal_ur, read_ur_calibration
-from calib.files.robot import corrected_robot
+from calib.files.robot_out import corrected_robot
 from calib.files.urdf import load_urdf
 from calib.files.yaml_text import read_yaml
 from tests.helpers import cell_text

@@ -15,7 +15,7 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot, Source
 from calib.arrays import Array
 from calib.files.mjcf import load_mjcf
-from calib.files.robot import corrected_robot
+from calib.files.robot_out import corrected_robot
 from calib.files.urdf import load_urdf
 from tests.calib.arm.test_mujoco import body_positions
 from tests.calib.arm.test_mujoco import in_mujoco as urdf_in_mujoco

@@ -14,6 +14,7 @@ import numpy as np
 from calib.arm.mimic import Mimic, Ties, reachable, ties_of
 from calib.arm.se3 import transformed
 from calib.arrays import Array, Mask
+from calib.sobol import Sobol
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
 Convention: TypeAlias = Literal["classic", "modified"]
@@ -231,10 +232,7 @@ class Robot:
 
     def sobol(self, count: int, seed: int = 0) -> Array:
         """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m."""
-        from scipy.stats import qmc
-
-        sampler = qmc.Sobol(self.dof, rng=np.random.default_rng(seed))
-        unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
+        unit = Sobol(self.dof, np.random.default_rng(seed)).random(count)
         low, high = self.sample_limits().T
         return self.tied(low + unit * (high - low))
 

@@ -78,11 +78,8 @@ def _along_the_path(poses: Poses, order: IntArray) -> tuple[Array | None, Array 
     They do where the way bends little from one to the next: an arm that was filmed as it moved. Stops
     that were chosen one by one, at which it stood still, lie anywhere.
     """
-    from scipy.interpolate import CubicSpline
-
     time = np.arange(float(len(poses))) if poses.time is None else poses.time[order]
-    q, velocity, acceleration = poses.q[order], np.zeros_like(poses.q), np.zeros_like(poses.q)
-    bends = []
+    q, parts, bends = poses.q[order], [], []
     pause = np.diff(time, prepend=time[:1])
     cut = begins(poses)[order] | (pause > _PAUSE * np.median(pause[1:])) if len(q) > 1 else []
     for part in np.split(np.arange(len(q)), np.flatnonzero(cut)):
@@ -92,11 +89,16 @@ def _along_the_path(poses: Poses, order: IntArray) -> tuple[Array | None, Array 
         turn, along = (np.linalg.norm(v, axis=1) for v in (np.diff(speed, axis=0), speed))
         moving = along[1:] + along[:-1] > 0.0
         bends.append((turn / np.maximum(along[1:] + along[:-1], 1e-300))[moving])
-        path = CubicSpline(time[part], q[part])
-        velocity[order[part]], acceleration[order[part]] = path(time[part], 1), path(time[part], 2)
+        parts.append(part)
     bent = np.concatenate(bends) if bends else np.zeros(0)
     if not len(bent) or float(np.median(bent)) >= _STRAIGHT:
         return None, None
+    from scipy.interpolate import CubicSpline  # takes a fifth of a second, which few tables need
+
+    velocity, acceleration = np.zeros_like(poses.q), np.zeros_like(poses.q)
+    for part in parts:
+        path = CubicSpline(time[part], q[part])
+        velocity[order[part]], acceleration[order[part]] = path(time[part], 1), path(time[part], 2)
     return velocity, acceleration
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.screen import VISIBLE
+from calib.sobol import Sobol
 
 SURE = 0.95
 """Probability of preferring the right one at which two causes count as told apart."""
@@ -174,7 +175,6 @@ def directions(S: Array, lengths: Array) -> tuple[Array, IntArray]:
 def plausible(sizes: Array) -> Array:
     """Normal draws of parameters (k, D) of plausible sizes (k,), the same at every call."""
     from scipy.special import ndtri
-    from scipy.stats.qmc import Sobol
 
-    sampler = Sobol(len(sizes), scramble=True, rng=np.random.default_rng(0))
+    sampler = Sobol(len(sizes), np.random.default_rng(0))
     return np.asarray(sizes[:, None] * ndtri(sampler.random(_DRAWS)).T)

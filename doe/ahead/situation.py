@@ -61,7 +61,7 @@ class Situation(Linearisation):
         return np.concatenate(found)[:count]
 
     def _anywhere(self, rng: np.random.Generator) -> Array:
-        """Configurations over the joint box: plain draws, as the import of Sobol's takes longer."""
+        """Configurations over the joint box, drawn by chance."""
         low, high = self.cell.robot.sample_limits().T
         q = rounded(self.cell, rng.uniform(low, high, (_CHUNK, len(low))))
         if self.levels is not None:

@@ -18,6 +18,7 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.model.covariance import identifiable
 from calib.poses import poses_at
+from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.blocks import pack, packed_size
 from doe.problem.levels import AngleLevels, at_level
@@ -54,18 +55,16 @@ def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iter
     In turn, too, they are brought to what is touched, and to where cameras see their boards, and left
     for all instruments else.
     """
-    from scipy.stats import qmc
-
     low, high = cell.robot.sample_limits().T
     free = np.flatnonzero(movable(cell, levels))
     rng = np.random.default_rng(seed)
     views = NUMBERS if views_of(cell) else 0
-    sampler = qmc.Sobol(len(free) + views, scramble=True, rng=rng) if len(free) else None
+    sampler = Sobol(len(free) + views, rng) if len(free) else None
     for start in range(0, count, CHUNK):
         m = min(CHUNK, count - start)
         q, even = np.tile(low, (m, 1)), np.zeros((m, views))
         if sampler is not None:
-            points = sampler.random(CHUNK)[:m]
+            points = sampler.random(m)
             q[:, free] += points[:, : len(free)] * (high - low)[free]
             even = points[:, len(free) :]
         q = rounded(cell, q)

@@ -20,7 +20,8 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, lessened
 from doe.optimal.function import InformationFunction
 
-_JUDGED = 24  # candidates in place of a pose that are judged exactly
+_JUDGED = 4  # candidates in place of a pose that are judged exactly, where their rank is exact
+_DOUBTED = 24  # and where it is not
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -54,16 +55,16 @@ def _singles(
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
     M = blocks.total(plan)
     value, idle, slot = float(criterion.value(M)), 0, 0
-    G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
+    prices, cov = blocks.scores(criterion.gradient(M)), np.asarray(np.linalg.inv(M))
     while idle < len(plan):
         base = M - blocks.matrices(plan[slot : slot + 1])[0]
-        likely = _likely(criterion, blocks, allowed, plan, slot, base, G, cov, value)
+        likely = _likely(criterion, blocks, allowed, plan, slot, prices, cov, value)
         reached = criterion.value(base + blocks.matrices(likely))
         idle += 1
         if len(likely) and reached.max() > value * (1.0 + _WORTH):
             plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
             M = blocks.total(plan)
-            G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
+            prices, cov = blocks.scores(criterion.gradient(M)), np.asarray(np.linalg.inv(M))
         slot = (slot + 1) % len(plan)
     return plan, value
 
@@ -74,27 +75,26 @@ def _likely(
     allowed: Allowed,
     plan: IntArray,
     slot: int,
-    base: Array,
-    G: Array,
+    prices: Array,
     cov: Array,
     value: float,
 ) -> IntArray:
     """Candidates in place of one pose that are worth an exact judgement.
 
-    base : ndarray, shape (p, p), information without the pose
-    G, cov : ndarray, shape (p, p), gradient and covariance with it
+    prices : ndarray, shape (n,), of each candidate by the gradient at the plan, which prices the plan
+        at its value; cov : ndarray, shape (p, p), covariance with the pose
     """
     here = allowed.members[allowed.group[plan[slot]]]
-    at_most = blocks.scores(G)[here] + float((G * base).sum())
-    free = at_most > value * (1.0 + _WORTH)
+    free = prices[here] > prices[plan[slot]] + value * _WORTH
     if not allowed.repeats:
         free &= ~np.isin(here, plan)
     live: IntArray = here[free]
-    if len(live) <= _JUDGED:
+    judged = _JUDGED if criterion.smooth else _DOUBTED
+    if len(live) <= judged:
         return live
     rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, blocks.rows[live])
-    best: IntArray = live[np.argpartition(-brought, _JUDGED)[:_JUDGED]]
+    best: IntArray = live[np.argpartition(-brought, judged)[:judged]]
     return best
 
 

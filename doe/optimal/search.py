@@ -1,8 +1,8 @@
 """From weights to the best whole plan found: iterated local search.
 
-Exchanges from several starts end in local optima. The best of them is kicked, a few poses replaced by
-chance, and improved again until that helps no more. An exchange over all candidates that a better plan
-could still contain ends the search, and a short branch and bound.
+Exchanges end in local optima, so that they start anew until the best one is met again. Then a few poses
+of the best plan are replaced by chance and it is improved again, until that helps no more. An exchange
+over all that a better plan could still contain ends the search, and a short branch and bound.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
 from doe.optimal.relax import Relaxation
 
-_STARTS, _QUICK = 10, 3  # starts, and where a search is not thorough
-_EVEN = 5  # of the starts, drawn without heed of the weights, which say little of few poses
+_STARTS, _QUICK = 10, 3  # at most, and where a search is not thorough
+_FEWEST = 4  # starts before two that end in the same best plan are enough
+_SAME = 1e-4  # relative difference of criteria below which two starts ended alike
 _KICKS = 40  # of the best plan in vain, after which there are no more
 _KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
-_SHORT = 600  # candidates of the short list
+_SHORT = 1500  # candidates of the short list
 _EASED = (0.3, 0.1, 0.03, 0.01)  # information of average poses, per pose, that plans begin with
 _WORTH = 1e-6  # relative gain below which a plan is no better
 
@@ -62,15 +63,11 @@ def best_plan(
     part, rules = blocks.take(listed), allowed.take(listed)
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
-    count, even = (_STARTS, _EVEN) if thorough else (_QUICK, 0)
-    drawn = [
-        rounded_weights(rules, np.ones_like(weights) if k < even else weights, rng)
-        for k in range(count - 1)
-    ]
-    ends = [
-        _eased(criterion, part, rules, plan)
-        for plan in (rounded_weights(rules, weights, None), *drawn)
-    ]
+    ends = [_eased(criterion, part, rules, rounded_weights(rules, weights, None))]
+    while len(ends) < (_STARTS if thorough else _QUICK) and not _met_again(ends):
+        # Of few poses the weights say little: every other start does not heed them.
+        heeded = np.ones_like(weights) if thorough and len(ends) % 2 else weights
+        ends.append(_eased(criterion, part, rules, rounded_weights(rules, heeded, rng)))
     plan, value = max(ends, key=lambda end: end[1])
     idle = 0 if thorough else _KICKS
     while idle < _KICKS:
@@ -87,6 +84,12 @@ def best_plan(
         plan, value = proof.plan, proof.value
     agreement = float(np.median([end for _, end in ends]) / value)
     return WholePlan(plan, value, agreement, relaxed)
+
+
+def _met_again(ends: list[tuple[IntArray, float]]) -> bool:
+    """Whether the best of enough starts was reached twice, so that others are unlikely to beat it."""
+    values = np.sort([value for _, value in ends])
+    return len(ends) >= _FEWEST and bool(values[-2] >= values[-1] * (1.0 - _SAME))
 
 
 def _eased(

@@ -272,29 +272,6 @@ def test_loss_of_a_marker(kr270: Cell) -> None:
 
 
 @pytest.mark.long
-def test_discriminating_two_effects(kr270: Cell) -> None:
-    """What is left of one effect after the fit of all else, the rival too, by plain least squares."""
-    cell = replace(kr270, effects=("joint_compliance:A3,A4,A5,A6",), design=Planned())
-    rivals = ("joint_compliance:A2", "bearing_compliance:A2")
-    plan = doe.design(cell, poses=12, discriminate=rivals, **QUICK)
-    both = replace(cell, effects=(*cell.effects, *rivals))
-    model = build(both, plan.poses).model
-    rows = (observation(both, plan.poses) / cell.noise.along).reshape(-1, len(model.parameters))
-    left = []
-    for own in (4, 5):
-        signal = rows[:, own] * model.sizes[own]
-        rest = np.delete(rows, own, axis=1)
-        scaled = rest / np.linalg.norm(rest, axis=0)
-        fitted = scaled @ np.linalg.lstsq(scaled, signal, rcond=None)[0]
-        left.append(((signal - fitted) ** 2).sum())
-    assert plan.value == pytest.approx(min(left), rel=1e-4)
-    other = doe.design(both, poses=12, criterion="D", **QUICK)
-    rows = (observation(both, other.poses) / cell.noise.along).reshape(-1, len(model.parameters))
-    precision = model.sizes[[4, 5]] ** 2 / np.diag(np.linalg.inv(rows.T @ rows))[[4, 5]]
-    assert plan.value > precision.min()
-
-
-@pytest.mark.long
 @pytest.mark.parametrize(
     "rivals",
     [

@@ -61,23 +61,5 @@ def test_what_the_cell_says_of_the_arm_is_shown(tmp_path: Path) -> None:
     assert noise["repeatability_urad"] == pytest.approx(60.0)
 
 
-@pytest.mark.long
-def test_scatter_within_a_data_sheet_is_no_gap(tmp_path: Path) -> None:
-    fields, said = told(tmp_path, "diagnose", Setting("6R", 3e-5, 1, 40, 3))
-    assert fields["verdict"] == "no_gap"
-    assert fields["effects"] == fields["located"] == []
-    assert fields["noise"]["configuration_mm"] > 0.01
-    rest = fields["rest"]
-    # Nobody stated what the arm repeats to, and no pose was approached again.
-    assert (rest["kind"], rest["of"], rest["repeatability_source"]) == (
-        "scatter",
-        "undecided",
-        "assumed",
-    )
-    # 3-D RMS of 0.03 mm from pose to pose was put in.
-    assert rest["mm"] == pytest.approx(0.03 / 3**0.5, rel=0.3)
-    assert "Visit some poses again to be sure." in " ".join(said.split())
-
-
 def test_results_of_earlier_versions_have_one_level() -> None:
     assert noise_words(OLD) == ["0.0100 mm in each coordinate, as the cell states"]

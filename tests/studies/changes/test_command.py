@@ -97,25 +97,6 @@ def refused(*arguments: object) -> str:
     return done.output
 
 
-def test_results_of_other_robots_and_kinds_are_refused(folder: Path, tmp_path: Path) -> None:
-    other = json.loads((folder / "may.json").read_text())
-    other["inputs"][1]["sha256"] = "0" * 64
-    (tmp_path / "other.json").write_text(json.dumps(other))
-    said = refused(tmp_path / "other.json", folder / "june.json")
-    assert "was not made with the URDF" in said
-    assert "compare results of one robot" in said
-    astray = json.loads((folder / "may.json").read_text())
-    astray["estimate"]["converged"] = False
-    (tmp_path / "astray.json").write_text(json.dumps(astray))
-    assert "did not converge" in refused(tmp_path / "astray.json", folder / "june.json")
-    without = {**other}
-    del without["estimate"]
-    (tmp_path / "old.json").write_text(json.dumps(without))
-    assert "estimate: is missing" in refused(tmp_path / "old.json", folder / "june.json")
-    changes(folder, "may.json", "june.json")
-    assert "command: is changes" in refused(folder / "out.json", folder / "june.json")
-
-
 def test_cell_and_tables_that_are_gone(folder: Path, tmp_path: Path) -> None:
     for name in ("may.json", "june.json", "kr270.urdf", "cell.toml"):
         shutil.copy(folder / name, tmp_path / name)

@@ -233,12 +233,6 @@ def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
     assert (np.diff(markers.rms["points"]) < 0.0).all()
 
 
-# -- Monte Carlo -------------------------------------------------------------------------------
-
-
-# -- what reviews found ------------------------------------------------------------------------
-
-
 def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
     """Four parallel axes and a slide along them: base and markers share a direction."""
     rng = np.random.default_rng(seed)

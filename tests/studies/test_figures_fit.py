@@ -42,6 +42,7 @@ def check(picture: Picture) -> None:
     assert min(float(size) for size in re.findall(r"font-size: ([\d.]+)px", svg)) >= 9.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", _OLD)
 def test_of_results_of_every_kind(kind: str) -> None:
     for picture in pictures(OLD / f"{kind}.json"):

@@ -26,7 +26,7 @@ from studies.compare.experiment import POINTS
 from tests.helpers import cell_of, random_robot, with_effects
 
 ARM = Repeatability(3e-5, 5e-5)
-QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False}
+QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "fresh": False}
 
 
 @pytest.fixture(scope="module")

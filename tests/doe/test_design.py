@@ -29,7 +29,7 @@ from tests.helpers import cell_of, designed, light_chain, random_robot, read_by,
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
 REFERENCE = json.loads((Path(__file__).parent.parent / "reference" / "design.json").read_text())
-QUICK: dict[str, Any] = {"candidates": 3000, "fresh": False}
+QUICK: dict[str, Any] = {"candidates": 1200, "fresh": False}
 
 
 @pytest.fixture(scope="module")

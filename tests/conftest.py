@@ -22,16 +22,18 @@ settings.load_profile("posecal")
 
 ROOT = Path(__file__).parent.parent
 # What takes long to make, so that every test with it is long.
-LONG = {"browser", "demo_folder"}
-
-
+LONG = {"browser", "demo_folder", "python_day"}
 SAMPLED = 8
 
 
 @pytest.hookimpl(tryfirst=True)  # before those not asked for are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as long what takes a long fixture, and of sampled cases all but one in eight."""
+    """Mark as long what takes a long fixture, and of sampled cases all but one in eight.
+
+    What reads the demonstration comes first, so that one process makes it and none waits for it.
+    """
     cases: Counter[str] = Counter()
+    items.sort(key=lambda item: "demo_folder" not in getattr(item, "fixturenames", ()))
     for item in items:
         if LONG & set(getattr(item, "fixturenames", ())):
             item.add_marker("long")

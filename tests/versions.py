@@ -19,6 +19,8 @@ _ROOT = Path(__file__).resolve().parent.parent
 _ASKED = (("3.11", "lowest"), ("3.13", "newest"))
 _TARGETS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n12,-60,70,20,45,10\n-30,-90,100,0,30,0\n"
 _WAY = (
+    "explain cell",
+    "init kr270.urdf -o my-cell",
     "design cell.toml --candidates 300 --criterion D -o plan.csv --json d.json",
     "identify cell.toml measurements.csv --json i.json --urdf better.urdf --figures figures",
     "enough cell.toml measurements.csv --goal-mm 0.02",

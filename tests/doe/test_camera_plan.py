@@ -56,13 +56,8 @@ def placed(cell: Cell, q: Array) -> Array:
     return np.linalg.inv(on_arm) @ view.world  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize(
-    "tables",
-    [
-        pytest.param(IN_HAND, id="in hand"),
-        pytest.param(IN_WORLD, id="in the world", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("tables", [IN_HAND, IN_WORLD], ids=["in hand", "in the world"])
 def test_every_pose_of_a_plan_is_found_by_opencv(tables: tuple[str, str], tmp_path: Path) -> None:
     path = kr270_cell(tmp_path, *tables, effects=EFFECTS)
     cell = load_cell(path)

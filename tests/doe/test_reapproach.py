@@ -33,8 +33,8 @@ from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
 
-QUICK: dict[str, Any] = {"candidates": 700, "refine": False, "fresh": False, "criterion": "D"}
-FEW: dict[str, Any] = QUICK | {"candidates": 500}
+QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "fresh": False, "criterion": "D"}
+FEW: dict[str, Any] = QUICK | {"candidates": 250}
 ARM = Repeatability(4e-5, 2e-4)
 
 

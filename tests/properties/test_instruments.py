@@ -69,6 +69,7 @@ def test_derivatives_of_a_kind(kind: str) -> None:
     check(model, ALL.poses, wandered(model, ALL.at(model), 4))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_bound_of_a_kind_is_reached(kind: str) -> None:
     """Full rank without a guess; errors scatter as the inverse of the information says."""

@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
+from typing import Any
 
+import jsonschema
+import pytest
 from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
+from studies.results import json_schema
 
 
 def run(*arguments: object) -> Result:
     """What ``posecal`` ends with, words and paths as they come."""
     return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def result(out: Path, *arguments: object, kind: str = "") -> tuple[dict[str, Any], str]:
+    """What ``posecal`` writes to ``out`` as JSON, of a kind, and what it prints, in one line.
+
+    No printed line is too long for a page, but where it names a file or is to be typed.
+    """
+    done = run(*arguments, "--json", out)
+    assert done.exit_code == 0, done.output
+    apart = re.compile(rf"wrote|ros2 run|{re.escape(str(out.parent))}")
+    lines = [line for line in done.output.splitlines() if not apart.search(line)]
+    assert max(map(len, lines)) <= 120, max(lines, key=len)
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    if kind:
+        jsonschema.validate(fields, json_schema(kind))
+    return fields, " ".join(done.output.split())
 
 
 def paper_cell(folder: Path, *effects: str) -> Path:

@@ -23,7 +23,6 @@ from tests.studies.drawn_words import collisions
 from tests.studies.examples import OLD
 
 _OLD = sorted(path.stem for path in OLD.glob("*.json") if path.stem in KINDS)
-_DEMO = ("design", "identify", "compare", "foresight", "diagnose")
 
 
 def pictures(path: Path) -> Iterator[Picture]:
@@ -43,17 +42,10 @@ def check(picture: Picture) -> None:
     assert min(float(size) for size in re.findall(r"font-size: ([\d.]+)px", svg)) >= 9.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", _OLD)
 def test_of_results_of_every_kind(kind: str) -> None:
     for picture in pictures(OLD / f"{kind}.json"):
-        check(picture)
-
-
-@pytest.mark.parametrize("name", _DEMO)
-def test_of_the_demonstration(demo_folder: Path, name: str) -> None:
-    drawn = list(pictures(demo_folder / f"{name}.json"))
-    assert drawn
-    for picture in drawn:
         check(picture)
 
 

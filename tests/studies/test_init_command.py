@@ -86,7 +86,7 @@ def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
     (tmp_path / "arm.csv").write_text("\n".join(rows[:3]))
     assert init(tmp_path / "arm.csv", "-o", tmp_path / "cell", "--dh", "classic").exit_code == 0
     plan = tmp_path / "plan.csv"
-    call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "2000", "-o", plan]
+    call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "500", "-o", plan]
     done = CliRunner().invoke(main, [*map(str, call), "--no-polish", "--criterion", "D"])
     assert done.exit_code == 0, done.output
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")

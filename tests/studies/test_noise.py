@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
-from studies.cli import main
 from studies.noise import NoiseEntry, noise_words
 from studies.research.benchmarks.day import Setting, draw_day, write_day
+from tests.studies.command_line import result
 
 OLD = NoiseEntry(sigma_mm=0.01, believed_sigma_mm=0.01, source="cell")
 
@@ -19,13 +17,8 @@ OLD = NoiseEntry(sigma_mm=0.01, believed_sigma_mm=0.01, source="cell")
 def told(folder: Path, command: str, setting: Setting) -> tuple[dict[str, Any], str]:
     """The fields and the text of one command on a day of an arm in MuJoCo, scattering in its tip."""
     write_day(folder, draw_day(setting, 1, 0))
-    out = folder / "out.json"
-    done = CliRunner().invoke(
-        main,
-        [command, str(folder / "cell.toml"), str(folder / "measurements.csv"), "--json", str(out)],
-    )
-    assert done.exit_code == 0, done.output
-    return json.loads(out.read_text(), parse_constant=pytest.fail), done.output
+    day = folder / "cell.toml", folder / "measurements.csv"
+    return result(folder / "out.json", command, *day)
 
 
 def test_poses_that_were_approached_again_tell_the_arm(tmp_path: Path) -> None:
@@ -53,30 +46,10 @@ def test_what_the_cell_says_of_the_arm_is_shown(tmp_path: Path) -> None:
     text = cell.read_text()
     cell.write_text(text.replace('tip = "flange"', known))
     assert cell.read_text() != text
-    out = tmp_path / "out.json"
-    run = [str(cell), str(tmp_path / "measurements.csv"), "--json", str(out)]
-    assert CliRunner().invoke(main, ["identify", *run]).exit_code == 0
-    noise = json.loads(out.read_text())["noise"]
+    fields, _ = result(tmp_path / "out.json", "identify", cell, tmp_path / "measurements.csv")
+    noise = fields["noise"]
     assert noise["repeatability_mm"] == pytest.approx(0.0173)
     assert noise["repeatability_urad"] == pytest.approx(60.0)
-
-
-@pytest.mark.long
-def test_scatter_within_a_data_sheet_is_no_gap(tmp_path: Path) -> None:
-    fields, said = told(tmp_path, "diagnose", Setting("6R", 3e-5, 1, 40, 3))
-    assert fields["verdict"] == "no_gap"
-    assert fields["effects"] == fields["located"] == []
-    assert fields["noise"]["configuration_mm"] > 0.01
-    rest = fields["rest"]
-    # Nobody stated what the arm repeats to, and no pose was approached again.
-    assert (rest["kind"], rest["of"], rest["repeatability_source"]) == (
-        "scatter",
-        "undecided",
-        "assumed",
-    )
-    # 3-D RMS of 0.03 mm from pose to pose was put in.
-    assert rest["mm"] == pytest.approx(0.03 / 3**0.5, rel=0.3)
-    assert "Visit some poses again to be sure." in " ".join(said.split())
 
 
 def test_results_of_earlier_versions_have_one_level() -> None:

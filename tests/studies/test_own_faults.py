@@ -65,6 +65,7 @@ def _replace(patch: pytest.MonkeyPatch, module: str, name: str, other: Any) -> N
             patch.setattr(user, name, other)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("kind", "module", "name"), list(_of_modules()))
 def test_a_page_does_not_blame_the_file(
     kind: str, module: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -87,6 +88,7 @@ def test_a_page_does_not_blame_the_file(
     assert not (tmp_path / "page.html").exists()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_whole_page_of_every_example(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -72,75 +69,29 @@ def test_a_criterion_of_ones_own() -> None:
     assert criterion.variance(np.diag([1.0, 4.0])) == pytest.approx(1.0 + 4.0 / 4.0)
 
 
-def test_commands_run_and_print_what_is_shown(beside_the_demo: Path) -> None:
-    commands = re.findall(r"^ {4}posecal (.*posecal-demo.*)$", README, flags=re.M)
-    assert [command.split()[0] for command in commands] == [
-        "init",
-        "identify",
-        "diagnose",
-        "compensate",
-    ]
-    printed = (beside_the_demo / "said").read_text()
-    for command in commands:
-        done = CliRunner().invoke(main, command.split())
-        assert done.exit_code == 0, f"{command}: {done.output}"
-        printed += done.output
-        if command.startswith("init"):
-            edit(beside_the_demo / "my-cell" / "cell.toml")
-    assert_shown(printed)
-
-
-# What a clone does not have, or what pip would only copy.
-_NOT_CLONED = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "*.egg-info")
-_NO_INDEX = ("No matching distribution", "NewConnectionError", "Failed to establish")
-
-
-@pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="the README's lines are for a POSIX shell")
-def test_lines_run_as_a_reader_types_them(tmp_path: Path) -> None:
-    """In a clone, in a shell that knows nothing but Python: every line up to the report."""
-    clone, edited = tmp_path / "clone", tmp_path / "edited.py"
-    shutil.copytree(ROOT, clone, ignore=_NOT_CLONED)
-    edited.write_text(
-        f"import sys, pathlib\nsys.path.insert(0, {str(ROOT)!r})\n"
-        "from tests.studies.test_readme import edit\n"
-        "edit(pathlib.Path('my-cell/cell.toml'))\n"
-    )
+def test_every_line_runs_and_prints_what_is_shown(beside_the_demo: Path) -> None:
+    """As a reader types them, up to the report; ``tests.versions`` installs it anew."""
     lines = typed_lines()
-    assert lines[0].startswith("python3 -m venv"), "first an environment"
-    by_hand = shlex.join([sys.executable, str(edited)])
-    script = [f"{line}\n{by_hand}" if " init " in line else line for line in lines]
-    done = subprocess.run(
-        ["bash", "-e"],
-        input="\n".join(script),
-        cwd=clone,
-        env=plain_environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode and any(sign in done.stderr for sign in _NO_INDEX):
-        pytest.skip("no package index")
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    begins = ["python3 -m venv .venv", "source .venv/bin/activate", "pip install .", "posecal demo"]
+    assert lines[:4] == begins
+    printed = (beside_the_demo / "said").read_text()
+    for line in lines[4:]:
+        program, *words = shlex.split(line)
+        assert program == "posecal"
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 0, f"{line}: {done.output}"
+        printed += done.output
+        if words[0] == "init":
+            edit(beside_the_demo / "my-cell" / "cell.toml")
     for made in ("posecal-demo/report.html", "plan.src", "corrected.csv", "report.html"):
-        assert (clone / made).stat().st_size > 0, made
-    assert_shown(done.stdout)
+        assert (beside_the_demo / made).stat().st_size > 0, made
+    assert_shown(printed)
 
 
 def typed_lines() -> list[str]:
     """What a reader types, in order, before the commands for other days."""
     typed = README[: README.index("## A day of measurement")]
     return re.findall(r"^ {4}(\S.*)$", typed, flags=re.M)
-
-
-def plain_environment(folder: Path) -> dict[str, str]:
-    """The environment of a new shell: this Python as ``python3``, and nothing of this session."""
-    programs = folder / "programs"
-    programs.mkdir()
-    (programs / "python3").symlink_to(Path(sys._base_executable))  # type: ignore[attr-defined]
-    home = {key: os.environ[key] for key in ("HOME", "LANG", "TMPDIR") if key in os.environ}
-    pip = {key: value for key, value in os.environ.items() if key.startswith("PIP_")}
-    return {**home, **pip, "PATH": f"{programs}:/usr/bin:/bin", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def test_options_in_the_texts_are_those_of_the_commands() -> None:

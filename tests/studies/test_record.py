@@ -93,14 +93,6 @@ def test_what_is_wrong_in_a_file_is_one_line_with_its_place(fault: str, tmp_path
     assert str(path) in done.stderr
 
 
-def test_a_result_that_lacks_what_this_version_needs_is_refused(tmp_path: Path) -> None:
-    fields = old_fields("enough")
-    del fields["lacking"]
-    (tmp_path / "old.json").write_text(json.dumps(fields))
-    with pytest.raises(InputError, match=r"old.json: lacking: is missing; write it anew"):
-        read(tmp_path / "old.json")
-
-
 def _with(fields: Any, place: tuple[str | int, ...], value: Any) -> Any:
     inner = fields
     for key in place[:-1]:
@@ -113,7 +105,7 @@ HERE = "<the place>"
 VALUES = (None, "x", -1, 0, 1e29, True, [], {})
 
 
-@pytest.mark.parametrize("one_in", [8, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("one_in", [64, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_refused_or_told(kind: str, one_in: int, tmp_path: Path) -> None:
     """No value anywhere in a file makes our own code fail: what a record holds can be told."""

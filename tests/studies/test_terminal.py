@@ -93,6 +93,7 @@ def encoded(text: str, how: str) -> bytes:
     return ways[how]()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("how", "readable"),
     [

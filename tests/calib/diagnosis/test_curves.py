@@ -9,20 +9,11 @@ from calib import Cell, Measurements
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import candidates
 from calib.diagnosis.curves import Curve
-from calib.diagnosis.functions import Polyline, neighbours, polyline
+from calib.diagnosis.functions import neighbours
 from calib.diagnosis.stage import Fit, Stage
 from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.helpers import stage_of
-
-
-def test_a_polyline_interpolates() -> None:
-    knots = np.array([-1.0, 0.0, 2.0])
-    values = np.array([-3.0, -1.0, -0.25, 1.0, 2.0, 5.0])
-    curve = np.array([5.0, -1.0, 3.0])
-    found = Polyline(knots).at(values) @ curve
-    np.testing.assert_allclose(found, np.interp(values, knots, curve))
-    assert not Polyline(knots).at(np.array([np.nan])).any()
 
 
 def test_neighbours_are_the_expectation_of_a_normal_field() -> None:
@@ -36,13 +27,6 @@ def test_neighbours_are_the_expectation_of_a_normal_field() -> None:
     apart = np.linalg.norm(new[:, None] - field.centres, axis=-1)
     kriged = np.exp(-apart / 2.0) @ np.linalg.solve(field.spread, values)
     np.testing.assert_allclose(field.at(new) @ values, kriged, atol=1e-9)
-
-
-def test_what_does_not_vary_has_no_curve() -> None:
-    assert polyline(np.full(10, 3.0), 8) is None
-    two = polyline(np.array([1.0, 5.0, 5.0, 1.0]), 8)
-    assert two is not None
-    np.testing.assert_allclose(two.knots, [1.0, 5.0])
 
 
 @pytest.mark.parametrize("kind", ["TwistCurve", "MarkerCurve", "RangeCurve"])
@@ -84,10 +68,3 @@ def _unheld(fit: Fit, own: IntArray) -> float:
     J = fit.J.reshape(-1, fit.J.shape[-1])
     free = np.linalg.lstsq(J, fit.r.ravel() + J @ fit.values, rcond=1e-9)[0]
     return float(np.linalg.norm(J[:, own] @ free[own]))
-
-
-def test_every_candidate_has_a_key_of_its_own() -> None:
-    """Curves over the load along several axes of one frame included."""
-    cell, data, _ = measured("", [])
-    suspects, _ = candidates(cell, build(cell, data.poses).model, data)
-    assert len({c.key for c in suspects}) == len(suspects)

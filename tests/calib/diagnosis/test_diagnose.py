@@ -161,16 +161,6 @@ def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
 
 
 @pytest.mark.long
-def test_a_residual_beyond_the_repeats_is_something() -> None:
-    """Every pose off at random, alike in both of its readings: no name, no curve, and no such arm."""
-    cell, data, held = measured("", [], seed=6, twice=2 * CONFIGURATIONS)
-    off = 20.0 * cell.noise.across * np.random.default_rng(1).normal(size=(len(data) // 2, 1, 3))
-    points = data.points + np.repeat(off, 2, axis=0)
-    found = calib.diagnose(cell, replace(data, readings=points), heldout=held)
-    assert (found.verdict, found.rest.kind) == ("unknown", "too_large")
-
-
-@pytest.mark.long
 def test_friction_is_another_name_of_lost_motion() -> None:
     """Where the joint yields, friction winds it up by as much: the class says so."""
     cell, data, held = measured("backlash:A3", [3e-4])

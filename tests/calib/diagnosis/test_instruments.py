@@ -64,15 +64,11 @@ CASES = {
         BODY, Fault(creep=CREPT), {f"{DRIFT}:{MOCAP}"}, "time", None
     ),
 }  # fmt: skip
-QUICK = ("pitch", "camera on the tip", "seat", "wire that creeps", "6-D tracker")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
-    ("make", "fault", "names", "depends_on", "value"),
-    [
-        pytest.param(*case, id=name, marks=() if name in QUICK else pytest.mark.long)
-        for name, case in CASES.items()
-    ],
+    ("make", "fault", "names", "depends_on", "value"), CASES.values(), ids=CASES
 )
 def test_what_is_wrong(
     tmp_path: Path, make: Make, fault: Fault, names: set[str], depends_on: str, value: float | None
@@ -90,9 +86,8 @@ def test_what_is_wrong(
         assert abs(cause.values[0] / p.scale - value) < 4.0 * cause.std[0] / p.scale
 
 
-@pytest.mark.parametrize(
-    "make", [TIP, BODY, *(pytest.param(m, marks=pytest.mark.long) for m in (WORLD, SOCKETS))]
-)
+@pytest.mark.sampled
+@pytest.mark.parametrize("make", [TIP, BODY, WORLD, SOCKETS])
 def test_nothing_is_wrong(tmp_path: Path, make: Make) -> None:
     cell, data = make(tmp_path, Fault(), 0)
     found = calib.diagnose(cell, data)

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import cast
+
 import numpy as np
 import pytest
+from scipy.stats import chi2, f
 
 from calib.arrays import Array
+from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.detection_limit import detectable, entry_limit
+from calib.diagnosis.quadratic import chance_above, ratio_above
 from calib.diagnosis.screen import Field, ScoreRequest, field, score, scored
+from calib.effects.protocol import Effect
+from calib.identification.noise_level import replicate_factor
+from tests.calib.diagnosis.test_diagnose import measured
 
 N, X = np.split(np.random.default_rng(0).normal(size=(300, 13)), [8], axis=1)
 
@@ -129,3 +138,55 @@ def test_nothing_is_chosen_from_noise() -> None:
         one = score(field_of(X, r), np.arange(20), None, np.full(20, 100.0), True)
         found += one.p < 0.05
     assert found <= 11  # 5 expected of a p value that holds; 11 once in a hundred
+
+
+# -- Who leads, who stays, and how sure the verdict is of a name -----------------------------------
+
+
+class _Suspect(Candidate):
+    """A candidate without an effect: leaders are chosen by scores alone."""
+
+    @property
+    def key(self) -> str:
+        return self.depends_on
+
+
+NAMED, CURVE = (_Suspect(cast(Effect, None), name, str(name)) for name in (True, False))
+
+
+def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:
+    cell, data, _ = measured("", [], seed=4, twice=12)
+    weights = np.broadcast_to(np.eye(3) / cell.noise.across, (*data.seen.shape, 3, 3))
+    assert replicate_factor(data, weights) == pytest.approx(1.0, abs=0.35)
+    assert replicate_factor(data, 1.6 * weights) == pytest.approx(1.6, rel=0.3)
+    points = data.points.copy()
+    points[3] += 50.0 * cell.noise.across
+    assert replicate_factor(replace(data, readings=points), weights) == pytest.approx(1.0, abs=0.35)
+
+
+# -- Chances of weighted sums of squares, against chi-square, F and drawn ones ---------------------
+
+
+@pytest.mark.parametrize("k", [1, 2, 4, 12, 60])
+def test_equal_weights_are_chi_square(k: int) -> None:
+    for p in (0.9, 0.5, 0.1, 0.03, 1e-3, 1e-10):
+        found = chance_above(np.full(k, 0.3), 0.3 * float(chi2.isf(p, k)))
+        assert found == pytest.approx(p, rel=0.05 if k > 1 else 0.12)
+
+
+@pytest.mark.parametrize(
+    "weights", [[1.0, 0.5, 0.1, 0.02], [1.0, 1e-3, 1e-3], [1.0, 0.8, 0.7, -0.3, -0.4]]
+)
+def test_unequal_weights_against_drawn_sums(weights: list[float]) -> None:
+    drawn = np.random.default_rng(0).normal(size=(400_000, len(weights))) ** 2 @ np.array(weights)
+    for p in (0.8, 0.5, 0.1, 0.03, 0.005):
+        found = chance_above(np.array(weights), float(np.quantile(drawn, 1.0 - p)))
+        assert found == pytest.approx(p, rel=0.06)
+
+
+def test_shares_of_equal_weights_are_an_F_ratio() -> None:
+    k, dof = 4, 90
+    for p in (0.5, 0.03, 1e-6):
+        F = float(f.isf(p, k, dof - k))
+        share = F * k / (dof - k + F * k)
+        assert ratio_above(np.ones(k), dof, share * dof) == pytest.approx(p, rel=0.03)

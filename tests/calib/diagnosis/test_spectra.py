@@ -145,12 +145,3 @@ def test_a_ripple_of_the_model_shows_and_does_not_leak() -> None:
     for joint in ("j1", "j2", "j4"):
         assert found[joint].fall.max() < found[joint].false_alarm
         assert not found[joint].named
-
-
-def test_a_joint_that_stands_still_has_none() -> None:
-    cell, rng = arm(), np.random.default_rng(10)
-    poses = session(cell, rng, 60)
-    q = poses.q.copy()
-    q[:, 3] = 0.4
-    found = spectra_at(cell, read(cell, replace(poses, q=q), rng))
-    assert list(found) == ["j1", "j2", "j3"]

@@ -76,6 +76,7 @@ def test_causes_that_make_up_a_curve_are_preferred_to_it(
         assert tuple(sorted(asked(shape(v), v, seed))) == members
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [2.5, 5.0])
 @pytest.mark.parametrize(
     "shape",

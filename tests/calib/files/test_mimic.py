@@ -239,18 +239,6 @@ def test_the_published_column_and_one_joint_in_its_place_are_identified_alike(
     np.testing.assert_allclose(*predicted, atol=1e-8)
 
 
-@pytest.mark.long
-def test_the_published_column_is_diagnosed(data: Path, tmp_path: Path) -> None:
-    """A payload was found beside nothing elastic there, and moved nothing in full."""
-    for name in ("mimic.urdf", "cell.toml"):
-        (tmp_path / name).write_bytes((data / "hilti_column" / name).read_bytes())
-    text = (tmp_path / "cell.toml").read_text().replace("robot.urdf", "mimic.urdf")
-    (tmp_path / "cell.toml").write_text(text)
-    here = calib.load_cell(tmp_path / "cell.toml")
-    found = calib.diagnose(here, calib.load_measurements(here, data / "hilti_column" / "flat.csv"))
-    assert found.gap.fit_after < found.gap.fit_before
-
-
 def test_a_file_of_joints_needs_the_master_only(
     arm: tuple[Robot, list[Joint]], tmp_path: Path
 ) -> None:

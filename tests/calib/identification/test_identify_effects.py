@@ -84,6 +84,7 @@ def pulls(result: Identification, truth: Array, effect: str) -> Array:
     return (result.values - truth)[own] / result.std[own]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("effect", FOUND)
 def test_recovered_beside_geometry_and_compliance(kr270: Cell, effect: str) -> None:
     rng = np.random.default_rng(5)

@@ -210,6 +210,7 @@ def test_points_shifted_by_one_pose(arm: str, markers: int, by: int, tmp_path: P
     assert mistake.poses == ()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("first", "last"), [(0, 30), (12, 50), (30, 50), (43, 50)])
 def test_points_shifted_from_a_lost_one_on(first: int, last: int, tmp_path: Path) -> None:
     def lost(points: Array) -> Array:
@@ -257,6 +258,7 @@ def test_a_joint_counted_from_the_base(
     assert names(wrong, tmp_path) == {f"{arm.names[joint]} {word} {arm.names[before]}"}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("arm", "markers", "count"),
     [("heavy", 2, 1), ("heavy", 3, 19), ("scara", 3, 6), ("seven", 2, 19), ("seven", 3, 1)],
@@ -311,6 +313,7 @@ def test_gross_errors_beside_a_mistake(tmp_path: Path) -> None:
     assert found(day(seed=13).with_points(gross), tmp_path) is None
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("arm", "markers"), [("heavy", 1), ("scara", 3), ("seven", 1)])
 def test_nothing_is_said_of_an_arm_that_errs(arm: str, markers: int, tmp_path: Path) -> None:
     for seed, (poses, link) in enumerate([(50, 0.0), (12, 0.03), (50, 0.1)]):
@@ -318,6 +321,7 @@ def test_nothing_is_said_of_an_arm_that_errs(arm: str, markers: int, tmp_path: P
         assert found(honest, tmp_path) is None
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", ["irb120_faro", "irb120_wu2015", "fanuc_r2000", "ur10_leica_b", "meca500_right80"]
 )

@@ -39,26 +39,6 @@ def test_outliers_by_chance_share_nothing() -> None:
     assert found <= 600 * SURELY + 3.0 * np.sqrt(600 * SURELY)
 
 
-def test_nothing_shared_by_none_or_without_variables() -> None:
-    values = np.random.default_rng(0).uniform(size=(20, 2))
-    assert shared(names(values), np.zeros(20, dtype=bool)) is None
-    assert shared((), np.ones(20, dtype=bool)) is None
-
-
-def test_all_but_one_in_a_tenth_of_the_range() -> None:
-    rng = np.random.default_rng(2)
-    values = rng.uniform(-100.0, 100.0, (200, 6))
-    out = (values[:, 3] > 60.0) & (values[:, 3] < 75.0)
-    out[np.flatnonzero(values[:, 3] < -50.0)[0]] = True
-    found = shared(names(values), out)
-    assert found is not None
-    assert found.variable == "q:j3"
-    assert 60.0 < found.low < 63.0
-    assert 72.0 < found.high < 75.0
-    assert found.outliers == found.inside == int(out.sum()) - 1 == found.of - 1
-    assert found.p < 1e-6
-
-
 def test_a_pose_far_beyond_all_others() -> None:
     rng = np.random.default_rng(3)
     values = rng.uniform(-1.0, 1.0, (40, 3))

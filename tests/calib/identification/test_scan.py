@@ -10,7 +10,6 @@ import pytest
 import calib
 from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
-from calib.effects.gear_ripple import GearRipple
 from calib.effects.tuned import Tuned
 from calib.identification.scan import carried, scores, times
 from calib.model.build import context_of, place_effect
@@ -79,21 +78,3 @@ def test_what_has_a_tuning_is_found_with_it(
     assert found.gap.heldout_after is not None
     assert found.gap.heldout_before is not None
     assert found.gap.heldout_after < found.gap.heldout_before
-
-
-def test_a_joint_read_at_equal_steps_shows_images_of_a_ripple() -> None:
-    """Steps of ten degrees: 36 cycles a turn more or less look the same."""
-    cell, stage = stage_of_a_day()
-    ripple = place_effect("gear_ripple", "A3", context_of(cell, stage.data.poses))
-    assert isinstance(ripple, GearRipple)
-    values = np.array([100.0, 5e-5, -3e-5])
-    poses = stage.data.poses
-    assert not len(ripple.aliases(poses, values))
-    step = np.radians(10.0)
-    grid = replace(poses, q=np.round(poses.q / step) * step)
-    images = ripple.aliases(grid, values)
-    away = np.abs(images[:, None] - np.array([100.0 + 36.0 * k for k in range(-5, 10)]))
-    mirrored = np.abs(images[:, None] - np.array([36.0 * k - 100.0 for k in range(3, 16)]))
-    near = np.minimum(away.min(axis=1), mirrored.min(axis=1))
-    assert len(images) > 10
-    assert near.max() < ripple.width(grid)

@@ -77,6 +77,7 @@ def shifted(data: Measurements, poses: list[int], by: Array) -> Measurements:
     return replace(data, readings=points)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("count", "size"), [(15, 2e-3), (15, 2.0), (28, 1e-1)])
 def test_a_wrong_pose_among_few_is_found(kr270: Cell, count: int, size: float) -> None:
     rng = np.random.default_rng(count)
@@ -89,6 +90,7 @@ def test_a_wrong_pose_among_few_is_found(kr270: Cell, count: int, size: float) -
         assert result.rms("fitted") < 2e-5 * np.sqrt(3)
 
 
+@pytest.mark.long
 def test_gross_errors_do_not_bend_an_elastic_arm(kr270: Cell) -> None:
     """Six poses of sixty are metres off; compliances must not follow them."""
     cell = with_effects(
@@ -126,6 +128,7 @@ def test_an_arm_too_soft_to_stand_is_refused(kr270: Cell) -> None:
         calib.predict(cell, np.zeros((1, 6)), {"joint_compliance:A2.compliance": 1e-3})
 
 
+@pytest.mark.long
 def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     cell, data, _ = day(kr270, 3, 40, MARKERS)
     with pytest.raises(CalibError, match="check the units"):

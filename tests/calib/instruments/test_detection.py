@@ -66,6 +66,7 @@ def points_in(image: Any, pattern: Any, folder: Path) -> list[Any]:
         return []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", PRINTED)
 @pytest.mark.parametrize("tilt_deg", [0.0, 45.0, 59.0])
 def test_the_limits_are_those_of_opencv(kind: str, tilt_deg: float, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
+from calib.arrays import Array
 from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of
 from calib.model.covariance import (
@@ -20,6 +21,7 @@ from calib.model.covariance import (
     errors_at,
     ignorance,
 )
+from calib.solver import inverse_factor, levenberg_marquardt
 from calib.uncertainty.expanded import effective_freedom
 from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
@@ -120,3 +122,36 @@ def test_a_direction_that_moves_nothing_has_no_deviation() -> None:
 
 def test_freedom_beyond_all_bounds_is_none() -> None:
     assert float(effective_freedom([(1.0, np.inf), (1e-20, 3.0)])) == np.inf
+
+
+# -- Many small matrices against numpy's of one, and minima that are none --------------------------
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0])
+@pytest.mark.parametrize("count", [5, 80])
+def test_one_matrix_that_is_not_positive_definite_is_refused(count: int, wrong: float) -> None:
+    V = np.repeat(np.eye(4)[None], count, axis=0)
+    V[3, 2, 2] = wrong
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse_factor(V)
+
+
+def test_a_covariance_singular_by_rounding_has_a_factor() -> None:
+    """A level of noise beyond all others leaves the small ones below rounding."""
+    H = np.random.default_rng(0).normal(size=(3, 20, 4))
+    V = 1e17 * H @ np.swapaxes(H, -1, -2) + np.eye(20)
+    for some in (V, V[:, :6, :6].repeat(30, axis=0)):
+        assert np.isfinite(inverse_factor(some)).all()
+
+
+def test_the_solver_does_not_call_a_dead_end_a_minimum() -> None:
+    def wrong_way(v: Array) -> tuple[Array, Array]:
+        return 1.0 - v, -np.eye(1)
+
+    found = levenberg_marquardt(wrong_way, np.zeros(1), np.eye(1))
+    assert not found.converged
+
+    def nothing(v: Array) -> tuple[Array, Array]:
+        return np.full(1, np.nan), np.eye(1)
+
+    assert not levenberg_marquardt(nothing, np.zeros(1), np.eye(1)).converged

@@ -89,6 +89,7 @@ def test_intervals_hold_for_one_robot_more_and_few_are_called_strangers(robots: 
     assert np.mean(strangers) < 0.04
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("together", [0.0, 0.9])
 def test_intervals_hold_at_the_edge_of_a_type(together: float) -> None:
     """One in twenty stands farther out; the type is known, so that no doubt about it helps."""
@@ -120,6 +121,7 @@ def test_few_are_called_strangers_where_parameters_go_together() -> None:
     assert np.mean(strangers) < 0.025
 
 
+@pytest.mark.long
 def test_a_robot_that_is_not_of_the_type_is_said_and_not_absorbed() -> None:
     rng = np.random.default_rng(4)
     own = Type.drawn(rng)

@@ -149,6 +149,7 @@ def test_many_poses_decide_alone() -> None:
     np.testing.assert_array_equal(found.values, alone.values)
 
 
+@pytest.mark.long
 def test_stated_widths_are_a_prior_of_plans_too() -> None:
     cell, _ = arm(1, 3)
     told = replace(cell, size_prior={"geometry_mrad": 1e-3, "geometry_mm": 1e-3})

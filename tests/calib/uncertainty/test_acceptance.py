@@ -10,7 +10,9 @@ import pytest
 
 import calib
 from calib.cell.cell import Acceptance
+from calib.change.known import approaches
 from calib.uncertainty.acceptance import ConformityTest, judged
+from calib.uncertainty.expanded import freedom
 from tests.calib.uncertainty import common_days as days
 
 
@@ -62,3 +64,38 @@ def test_uncertainty_of_a_reading_holds_what_readings_are_off(folder: Path) -> N
     assert (np.array(off) <= found.expanded).mean() == pytest.approx(0.95, abs=0.01)
     assert np.mean(limit["simple"]) == pytest.approx(0.5, abs=0.05)
     assert np.mean(limit["guarded"]) < 0.025
+
+
+# -- One rule for the degrees of freedom behind a covariance ---------------------------------------
+
+
+def test_stays_count_where_poses_err_as_a_whole() -> None:
+    assert freedom(np.inf, 20, 30, as_a_whole=False) == np.inf
+    assert freedom(50.0, 20, 30, as_a_whole=True) == pytest.approx(15.0)
+    assert freedom(50.0, 4, 30, as_a_whole=True) == 1.0
+    assert freedom(0.0, 4, 30, as_a_whole=False) == 1.0
+
+
+def test_the_rule_covers_a_variance_of_whole_poses() -> None:
+    """Stays of six numbers, variances that differ: an interval by the rule covers 95 % or more."""
+    from scipy.stats import t
+
+    rng, stays, p, held = np.random.default_rng(0), 15, 12, 0
+    trials = 2000
+    for _ in range(trials):
+        J = rng.normal(size=(6 * stays, p))
+        sizes = np.repeat(rng.chisquare(4, size=(1, 6)) / 4.0, stays, axis=0).ravel()
+        y = rng.normal(size=6 * stays) * np.sqrt(sizes)
+        W = J / np.sqrt(sizes)[:, None]
+        values, *_ = np.linalg.lstsq(W, y / np.sqrt(sizes), rcond=None)
+        r = y / np.sqrt(sizes) - W @ values
+        s = np.sqrt(r @ r / (6 * stays - p))
+        half = t.ppf(0.975, freedom(np.inf, stays, p, as_a_whole=True))
+        std = s * np.sqrt(np.linalg.inv(W.T @ W)[0, 0])
+        held += abs(values[0]) <= half * std
+    assert 0.95 <= held / trials <= 0.985
+
+
+def test_two_days_are_compared_with_more_caution() -> None:
+    assert approaches(20, 30) == pytest.approx(10.0)
+    assert approaches(20, 30) < freedom(np.inf, 20, 30, as_a_whole=True)

@@ -12,8 +12,6 @@ from scipy.special import ndtr, ndtri
 import calib
 import doe
 from calib import Cell
-from calib.arm.kinematics import forward
-from calib.arm.se3 import cross, rotate
 from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.planned import Planned
@@ -21,7 +19,6 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
-from doe.ahead.conditions import loads_of_data
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.rivals import data_rows, situation_after
 from doe.ahead.search import PoseSearch
@@ -29,7 +26,7 @@ from doe.ahead.situation import CandidateRows
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.doe.ahead.day import asking_only
-from tests.helpers import designed, random_poses, random_robot
+from tests.helpers import designed
 
 RIVALS = ([8, 9], [10, 11, 12], [13])
 SCALE = 9e-6
@@ -53,46 +50,6 @@ def direct(rows: Array, truth: list[int], rival: list[int], b: Array) -> float:
     s = rows[:, truth] @ b
     rest = rows[:, [*range(8), *rival]]
     return float(((s - rest @ np.linalg.lstsq(rest, s, rcond=None)[0]) ** 2).sum())
-
-
-def test_separation_is_that_of_stacked_least_squares() -> None:
-    # Large plausible sizes: the weak prior is then no prior.
-    evidence, rows, more, y = linear(0, sizes=1e3)
-    known = evidence.data
-    for block in more[:5]:
-        known = known.added(evidence.blocks(block))
-    merged = evidence.data.added(evidence.blocks(more[:5]))
-    tried = evidence.data.tried(evidence.blocks(more))
-    np.testing.assert_allclose(merged.S, known.S, rtol=1e-9)
-    np.testing.assert_allclose(
-        merged.half @ merged.half.T, known.half @ known.half.T, rtol=1e-8, atol=1e-12
-    )
-    first = evidence.data.added(evidence.blocks(more[3]))
-    np.testing.assert_allclose(tried[3], first.S, rtol=1e-9)
-    after = np.concatenate([rows, more[:5].reshape(-1, 14)])
-    for i, pair in enumerate(PAIRS):
-        for j, (e, f) in enumerate((pair, pair[::-1])):
-            own = [*range(8), *RIVALS[e]]
-            b = np.linalg.lstsq(rows[:, own], y, rcond=None)[0][8:]
-            np.testing.assert_allclose(evidence.b[e] * 1e3, b, rtol=1e-6)
-            for have, state in ((rows, evidence.data), (after, known)):
-                expected = direct(have, RIVALS[e], RIVALS[f], b)
-                assert evidence.separation(state)[i, j] == pytest.approx(expected, rel=1e-5)
-
-
-def test_no_choice_passes_the_limit() -> None:
-    for seed in range(5):
-        evidence, _, more, _ = linear(seed)
-        blocks = evidence.blocks(more)
-        limits = evidence.reach(blocks, 3, 72)
-        found = [
-            evidence.margins(evidence.data.added(blocks[list(subset)]), rows=72)
-            for subset in itertools.combinations(range(14), 3)
-        ]
-        best = np.max(found, axis=0)
-        assert (limits >= best - 1e-9).all()
-        gain = best - evidence.margins(evidence.data, rows=72)
-        assert (limits - best < 3.0 * gain + 1e-9).all()  # a bound that says something
 
 
 @pytest.mark.long
@@ -143,21 +100,6 @@ def test_probability_is_the_frequency_of_the_right_preference(
             evidence = RivalEvidence.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
             predicted = evidence.preferences(evidence.data)[0, 0]
             assert predicted == pytest.approx(seen, abs=error)
-
-
-def test_loads_are_found_in_the_wrench() -> None:
-    rng = np.random.default_rng(3)
-    robot = random_robot(rng, 6)
-    poses = random_poses(rng, robot, 20, loaded=False)
-    lever, force = np.array([0.1, -0.05, 0.2]), np.array([0.0, 0.0, -420.0])
-    R = forward(robot, poses.q).R[:, -1]
-    wrench = np.column_stack([np.tile(force, (20, 1)), cross(rotate(R, lever), force)])
-    wrench[::2] = 0.0
-    free, loaded = loads_of_data(robot, replace(poses, wrench=wrench))
-    assert free.free
-    np.testing.assert_allclose(loaded.force, force)
-    np.testing.assert_allclose(loaded.lever, lever, atol=1e-9)
-    np.testing.assert_allclose(loaded.moment, 0.0, atol=1e-9)
 
 
 def diagnosed(kinds: tuple[str, ...], effect: str, values: list[float]) -> tuple[Cell, Diagnosis]:

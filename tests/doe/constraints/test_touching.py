@@ -74,6 +74,7 @@ def planned(cell: Cell, **asked: object) -> doe.Design:
     return doe.design(cell, **given)  # type: ignore[arg-type]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
     cell, missed = KINDS[kind]

@@ -41,7 +41,7 @@ def _announced(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.long
 def test_a_plan_is_designed_and_proved_by_its_name(kr270: Cell) -> None:
-    options = {"candidates": 600, "refine": False}
+    options = {"candidates": 250, "refine": False}
     own = doe.design(kr270, criterion="relative", **options)  # type: ignore[arg-type]
     other = doe.design(kr270, criterion="D", **options)  # type: ignore[arg-type]
     sizes = own.problem.model.sizes

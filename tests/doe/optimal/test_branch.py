@@ -8,7 +8,6 @@ import pytest
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import Proof, prove
-from doe.optimal.regions import Regions
 from doe.optimal.relax import relax
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks
 
@@ -59,17 +58,3 @@ def test_neighbours_cost_little(name: str) -> None:
     few = prove(criterion, blocks, allowed, begin, relaxed.G, most_work=1.0)
     assert few.nodes == 0
     assert few.bound == pytest.approx(relaxed.bound, rel=1e-9)
-
-
-def test_a_cut_shares_the_poses_of_its_region() -> None:
-    whole = Regions(np.arange(10, 16), np.array([0, 0, 0, 1, 1, 1]), np.array([2, 1]), False)
-    beyond = np.array([False, True, True, False, False, False])
-    part = whole.cut(beyond, 0, 1)
-    np.testing.assert_array_equal(part.counts, [1, 1, 1])
-    np.testing.assert_array_equal(part.group, [0, 2, 2, 1, 1, 1])
-    gone = whole.cut(beyond, 0, 0)
-    np.testing.assert_array_equal(gone.index, [11, 12, 13, 14, 15])
-    np.testing.assert_array_equal(gone.counts, [1, 2])
-    np.testing.assert_array_equal(gone.group, [1, 1, 0, 0, 0])
-    assert gone.feasible
-    assert not whole.cut(beyond, 0, 2).feasible

@@ -86,6 +86,7 @@ SMALL = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("rules", SMALL)
 @pytest.mark.parametrize("name", ["D", "A", "task", "E", "task-worst"])

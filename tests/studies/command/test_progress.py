@@ -7,11 +7,16 @@ import pty
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from studies import cli
+from studies.cli import COMMANDS, run
 from studies.command.deliver import _duration, working
+from studies.engines import computed
 from tests.helpers import measured_cell
 
 RUN = "from studies.cli import run; run()"
@@ -95,3 +100,61 @@ def test_long_work_is_forecast(
 
 def test_durations_have_one_figure() -> None:
     assert (_duration(89.0), _duration(120.0)) == ("89 s", "2 min")
+
+
+# -- What is said where memory ends: what the command that was called can do with less of ----------
+
+
+REMEDIES = {
+    "identify": "fewer readings",
+    "diagnose": "fewer readings",
+    "enough": "fewer readings",
+    "design": "--candidates",
+    "compare": "--monte-carlo",
+    "fleet": "--workers",
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_names_what_it_can_do_with_less_of(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def exhausted(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(cli, "main", exhausted)
+    monkeypatch.setattr(sys, "argv", ["posecal", command, "cell.toml"])
+    with pytest.raises(SystemExit) as ended:
+        run()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("posecal: out of memory; ")
+    assert said.count("\n") == 1
+    assert REMEDIES.get(command, "") in said
+    assert ("candidates" in said) == (command == "design")
+
+
+# -- Jobs by an executor: all of them, few at once, each with its number ---------------------------
+
+
+@pytest.mark.parametrize("ahead", [1, 3, 256])
+def test_every_job_once_and_few_ahead(ahead: int) -> None:
+    drawn: list[int] = []
+
+    def jobs() -> Iterator[tuple[int, int]]:
+        for k in range(20):
+            drawn.append(k)
+            yield k, 7
+
+    with ThreadPoolExecutor(2) as executor:
+        found = {}
+        for number, result in computed(divmod, jobs(), executor, ahead):
+            found[number] = result
+            assert len(drawn) <= len(found) + ahead
+    assert found == {k: divmod(k, 7) for k in range(20)}
+    assert found == dict(computed(divmod, jobs(), None, ahead))
+
+
+def test_a_fault_comes_through() -> None:
+    with ThreadPoolExecutor(2) as executor, pytest.raises(ZeroDivisionError):
+        list(computed(divmod, ((1, k) for k in (2, 1, 0)), executor))

@@ -74,13 +74,10 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("effects", [("tool",), ("base", "tool")], ids=["base known", "base too"])
-def test_thousand_refits_scatter_as_predicted(
-    kr270: Cell, table_two: Poses, effects: tuple[str, ...]
-) -> None:
+def test_five_hundred_refits_scatter_as_predicted(kr270: Cell, table_two: Poses) -> None:
     """Both approaches, every weighting, a robot that is off, free and loaded: nonlinear throughout."""
     elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
-    cell = with_effects(kr270, *effects, *elastic)
+    cell = with_effects(kr270, "base", "tool", *elastic)
     result = compare(cell, {"Table II": table_two}, trials=500, seed=1)
     for verdict in result.plans[0].verdicts:
         found = verdict.agreement
@@ -231,12 +228,6 @@ def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
     assert list(markers.counts) == [1, 2, 3]
     assert np.isinf(markers.rms["pose plain"][:2]).all()
     assert (np.diff(markers.rms["points"]) < 0.0).all()
-
-
-# -- Monte Carlo -------------------------------------------------------------------------------
-
-
-# -- what reviews found ------------------------------------------------------------------------
 
 
 def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:

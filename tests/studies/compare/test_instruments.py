@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.demo.embedded import embedded_text
+from tests.studies.command_line import result
 
 EFFECTS = 'effects = ["base", "tool", "joint_offset:A2,A3"]'
 
@@ -27,34 +28,33 @@ def written(folder: Path, name: str, sigma: float, robot: str = "") -> Path:
     return path
 
 
-def compared(folder: Path, *paths: Path) -> tuple[Result, list[dict[str, float]]]:
+def compared(folder: Path, *paths: Path) -> tuple[str, list[dict[str, float]]]:
     first, *others = map(str, paths)
     call = ["compare", first, str(folder / "plan.csv"), "--monte-carlo", "0"]
     for other in others:
         call += ["--with", other]
-    done = CliRunner().invoke(main, [*call, "--json", str(folder / "r.json")])
-    assert done.exit_code == 0, done.output
-    return done, json.loads((folder / "r.json").read_text())["read_by"]
+    fields, said = result(folder / "r.json", *call)
+    return said, fields["read_by"]
 
 
 def test_an_instrument_of_twice_the_noise_needs_four_times_the_poses(tmp_path: Path) -> None:
     good, poor = written(tmp_path, "good.toml", 0.01), written(tmp_path, "poor.toml", 0.02)
-    done, (first, second) = compared(tmp_path, good, poor)
+    said, (first, second) = compared(tmp_path, good, poor)
     assert second["task_rms_mm"] == pytest.approx(2.0 * first["task_rms_mm"], rel=1e-6)
     assert first["poses_to_match"] == pytest.approx(15.0)
     assert second["poses_to_match"] == pytest.approx(60.0, rel=1e-6)
     assert first["arm_rms_mm"] is None
-    assert "poses to" in done.output
+    assert "poses to" in said
 
 
 def test_where_the_arm_sets_the_limit_it_is_said(tmp_path: Path) -> None:
     scatter = "repeatability_mm = 0.2"
     good = written(tmp_path, "good.toml", 0.01, scatter)
     poor = written(tmp_path, "poor.toml", 0.02, scatter)
-    done, (first, second) = compared(tmp_path, good, poor)
+    said, (first, second) = compared(tmp_path, good, poor)
     assert first["arm_rms_mm"] == pytest.approx(second["arm_rms_mm"], rel=1e-3)
     assert 0.9 < first["arm_rms_mm"] / first["task_rms_mm"] < 1.0
-    assert "A better instrument gains little" in " ".join(done.output.split())
+    assert "A better instrument gains little" in said
 
 
 def test_another_robot_is_refused(tmp_path: Path) -> None:

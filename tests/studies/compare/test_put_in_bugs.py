@@ -119,6 +119,7 @@ def test_without_a_bug_it_agrees(tmp_path: Path, robot: str) -> None:
     assert "readings simulated by MuJoCo's arm" in " ".join(heard.out.split())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bug", STATICS)
 def test_statics_are_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
     STATICS[bug](monkeypatch)
@@ -135,6 +136,7 @@ def test_against_its_own_model_a_fault_of_the_statics_cancels(
     assert blind["believed"] is True
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bug", WEIGHTS)
 def test_weights_are_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
     """Whatever the truth: the noise is not drawn by the weights."""

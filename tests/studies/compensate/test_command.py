@@ -180,39 +180,3 @@ def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
         return json.dumps(result)
 
     return edit
-
-
-def renamed(result: dict[str, Any], key: str, value: object) -> None:
-    result["estimate"]["parameters"][-1][key] = value
-
-
-BAD_RESULTS = {
-    "no JSON": (lambda text: text[:-20], "is not a result of posecal identify or diagnose"),
-    "a list": (lambda text: "[]", "is not a result"),
-    "deep": (lambda text: "[" * 100_000, "is not a result"),
-    "a design": (edited(lambda r: r.update(command="design")), "is not a result"),
-    "old": (edited(lambda r: r.pop("estimate")), "holds no estimate"),
-    "astray": (edited(lambda r: r["estimate"].update(converged=False)), "did not converge"),
-    "short": (edited(lambda r: r["estimate"]["covariance_SI"].pop()), "is damaged"),
-    "text": (edited(lambda r: renamed(r, "value_SI", "x")), "is damaged"),
-    "NaN": (edited(lambda r: renamed(r, "value_SI", float("nan"))), "is damaged"),
-    "huge": (edited(lambda r: renamed(r, "value_SI", 1e30)), "is damaged"),
-    "endless": (edited(lambda r: renamed(r, "value_SI", 10**400)), "is damaged"),
-    "joint": (edited(lambda r: renamed(r, "where", "B7")), "is not of this cell"),
-    "effect": (edited(lambda r: renamed(r, "effect", "magic")), "effect 'magic' is not known here"),
-    "name": (edited(lambda r: renamed(r, "name", "charm")), "is not of this cell"),
-    "list": (edited(lambda r: renamed(r, "effect", ["a"])), "is not of this cell"),
-    "soft": (edited(lambda r: renamed(r, "value_SI", 1.0)), "no equilibrium"),
-}
-
-
-@pytest.mark.parametrize("fault", BAD_RESULTS)
-def test_unusable_result_is_one_line(demo: Path, tmp_path: Path, fault: str) -> None:
-    edit, text = BAD_RESULTS[fault]
-    result, out = tmp_path / "result.json", tmp_path / "out.csv"
-    result.write_text(edit((demo / "result.json").read_text()))
-    done = run("compensate", demo / "cell.toml", result, demo / "targets.csv", "-o", out)
-    assert done.exit_code == 2, done.output
-    assert text in done.output
-    assert len(done.output.strip().splitlines()) == 1
-    assert not out.exists()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import pytest
-from click.testing import Result
 
 from tests.helpers import measured_cell
-from tests.studies.command_line import run
+from tests.studies.command_line import result, run
 
 
 @pytest.fixture(scope="module")
@@ -33,22 +32,26 @@ def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> No
 
 
 @pytest.fixture(scope="module")
-def one_effect(data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
-    """The published case with an effect, and the folder of what was written."""
-    folder, out = data / "examples" / "one_effect", tmp_path_factory.mktemp("one_effect")
-    done = run(
-        "diagnose", folder / "cell.toml", folder / "measurements.csv",
-        "--holdout", folder / "heldout.csv",
-        "--json", out / "found.json", "--cell-out", out / "better.toml",
-    )  # fmt: skip
-    return done, out
+def one_effect(
+    data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, Any], str, Path]:
+    """The published case with an effect, and the better cell."""
+    better = tmp_path_factory.mktemp("one_effect") / "better.toml"
+    call = ("diagnose", *example(data, "one_effect"), "--cell-out", better)
+    return *result(better.with_name("found.json"), *call), better
+
+
+def example(data: Path, name: str) -> tuple[object, ...]:
+    """Cell and table of a published case, and its poses held out."""
+    folder = data / "examples" / name
+    return folder / "cell.toml", folder / "measurements.csv", "--holdout", folder / "heldout.csv"
 
 
 @pytest.mark.long
-def test_a_published_case_with_an_effect(one_effect: tuple[Result, Path]) -> None:
-    done, folder = one_effect
-    assert done.exit_code == 0, done.output
-    fields = json.loads((folder / "found.json").read_text(), parse_constant=pytest.fail)
+def test_a_published_case_with_an_effect(
+    one_effect: tuple[dict[str, Any], str, Path],
+) -> None:
+    fields, _, _ = one_effect
     assert fields["verdict"] == "explained"
     (effect,) = fields["effects"]
     assert (effect["effect"], effect["where"]) == ("backlash", "a5")
@@ -60,23 +63,16 @@ def test_a_published_case_with_an_effect(one_effect: tuple[Result, Path]) -> Non
 
 @pytest.mark.long
 def test_a_published_case_without_one(data: Path, tmp_path: Path) -> None:
-    folder, out = data / "examples" / "no_effect", tmp_path / "found.json"
-    done = run(
-        "diagnose", folder / "cell.toml", folder / "measurements.csv",
-        "--holdout", folder / "heldout.csv", "--json", out,
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
-    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    fields, _ = result(tmp_path / "found.json", "diagnose", *example(data, "no_effect"))
     assert fields["verdict"] == "no_gap"
 
 
 @pytest.mark.long
 def test_the_next_run_starts_from_the_better_model(
-    data: Path, one_effect: tuple[Result, Path]
+    data: Path, one_effect: tuple[dict[str, Any], str, Path]
 ) -> None:
-    first, written = one_effect
-    better = written / "better.toml"
-    assert "Cause found: backlash:a5" in first.output
+    _, said, better = one_effect
+    assert "Cause found: backlash:a5" in said
     assert '"backlash:a5"' in better.read_text()
     second = run("diagnose", better, data / "examples" / "one_effect" / "measurements.csv")
     assert second.exit_code == 0, second.output

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
 import calib
 from calib.files.write_tables import measurements_csv
-from studies.results import json_schema
 from tests.doe.ahead.day import MODEL, of_poses, whole_day
-from tests.studies.command_line import paper_cell, run
+from tests.studies.command_line import paper_cell, result
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +24,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def asked(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
-    out = folder / "out.json"
-    done = run("enough", folder / "cell.toml", folder / "half.csv", *more, "--json", out)
-    assert done.exit_code == 0, done.output
-    assert max(len(line) for line in done.output.splitlines() if "wrote" not in line) <= 110
-    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
-    jsonschema.validate(fields, json_schema("enough"))
-    return fields, " ".join(done.output.split())
+    call = ("enough", folder / "cell.toml", folder / "half.csv", *more)
+    return result(folder / "out.json", *call, kind="enough")
 
 
 @pytest.mark.long

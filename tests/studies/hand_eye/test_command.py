@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -14,10 +12,9 @@ import calib
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
 from studies.hand_eye.telling import told
-from studies.results import json_schema
 from tests.calib.handeye.days import OFF, Arm, Kind
 from tests.plain_arm import turn
-from tests.studies.command_line import run
+from tests.studies.command_line import result, run
 from tests.studies.examples import EXAMPLES
 
 
@@ -29,13 +26,8 @@ def written(folder: Path, kind: Kind, off: Array | float, count: int) -> Arm:
 
 
 def found(folder: Path, *more: object) -> tuple[dict[str, Any], str]:
-    done = run(
-        "hand-eye", folder / "cell.toml", folder / "day.csv", "--json", folder / "r.json", *more
-    )
-    assert done.exit_code == 0, done.output
-    fields = json.loads((folder / "r.json").read_text())
-    jsonschema.validate(fields, json_schema("hand-eye"))
-    return fields, " ".join(done.output.split())
+    call = ("hand-eye", folder / "cell.toml", folder / "day.csv", *more)
+    return result(folder / "r.json", *call, kind="hand-eye")
 
 
 def test_poses_of_a_good_arm(tmp_path: Path) -> None:

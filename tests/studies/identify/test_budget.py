@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
-from studies.cli import main
 from tests.calib.uncertainty import common_days as days
+from tests.studies.command_line import result, run
 
 Told = dict[str, tuple[dict[str, Any], str]]
 MORE = """
@@ -43,20 +41,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def both(folder: Path) -> Told:
     """The JSON and the terminal of a cell with and without common errors."""
-    found = {}
-    for cell in ("stated", "silent"):
-        out = folder / f"{cell}.json"
-        arguments = [
-            "identify",
-            f"{folder / cell}.toml",
-            str(folder / "data.csv"),
-            "--holdout",
-            "0.25",
-        ]
-        done = CliRunner().invoke(main, [*arguments, "--json", str(out)])
-        assert done.exit_code == 0, done.output
-        found[cell] = json.loads(out.read_text()), " ".join(done.stdout.split())
-    return found
+    return {
+        cell: result(folder / f"{cell}.json", "identify", f"{folder / cell}.toml",
+                     folder / "data.csv", "--holdout", 0.25)
+        for cell in ("stated", "silent")
+    }  # fmt: skip
 
 
 def test_rows_add_up_to_the_total_and_absent_keys_change_nothing(both: Told) -> None:
@@ -110,7 +99,7 @@ def test_tolerance_and_what_the_cell_tells_reach_result_and_page(folder: Path, b
     about = {"serial": "R-0815", "operator": "A. Meier", "date": "2026-11-22", "gripper": "old one"}
     assert fields["about"] == about
     page = folder / "page.html"
-    done = CliRunner().invoke(main, ["report", str(folder / "stated.json"), "-o", str(page)])
+    done = run("report", folder / "stated.json", "-o", page)
     assert done.exit_code == 0, done.output
     text = page.read_text()
     for words in (*about.values(), "guard band", "claims no accreditation", "write customer into"):
@@ -119,7 +108,5 @@ def test_tolerance_and_what_the_cell_tells_reach_result_and_page(folder: Path, b
 
 
 def test_without_poses_held_out_nothing_is_judged(folder: Path) -> None:
-    done = CliRunner().invoke(
-        main, ["identify", str(folder / "stated.toml"), str(folder / "data.csv")]
-    )
+    done = run("identify", folder / "stated.toml", folder / "data.csv")
     assert "Not judged by the tolerance of 0.0800 mm" in " ".join(done.stdout.split())

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from calib import load_cell, load_plan, readings
 from calib.arm.statics import wrench_with_load
@@ -17,8 +15,7 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from studies.cli import main
-from tests.studies.command_line import paper_cell
+from tests.studies.command_line import paper_cell, result
 
 RATES = np.array([40.0, -60.0, 20.0, 20.0, 0.0, -30.0])  # um/h and urad/h
 
@@ -58,18 +55,10 @@ def measured(folder: Path, rates: np.ndarray, timed: bool = True) -> Path:
     return path
 
 
-def run(*arguments: object) -> Result:
-    done = CliRunner().invoke(main, [str(a) for a in arguments])
-    assert done.exit_code == 0, done.output
-    return done
-
-
 def identified(folder: Path, data: Path, *more: object) -> tuple[dict[str, Any], str]:
     out = folder / "result.json"
-    done = run("identify", folder / "cell.toml", data, "--json", out, *more)
-    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
-    assert max(map(len, done.output.splitlines())) <= 120
-    return fields["drift"], " ".join(done.output.split())
+    fields, said = result(out, "identify", folder / "cell.toml", data, *more)
+    return fields["drift"], said
 
 
 def test_a_still_day(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 from calib.arrays import Array
 from tests.calib.uncertainty import common_days as days
 from tests.plain_arm import rotation
-from tests.studies.command_line import run
+from tests.studies.command_line import result
 
 CYCLES, POSES = 30, 4
 AGAIN = 4e-5  # rad, of each joint, from approach to approach
@@ -34,10 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     days.write_cell(folder, "")
     q = days.joints(30, rng)
     (folder / "day.csv").write_text(days.table(q, days.read(points(q, 0.0 * q), SILENT, rng)))
-    result = run(
-        "identify", folder / "cell.toml", folder / "day.csv", "--json", folder / "result.json"
-    )
-    assert result.exit_code == 0, result.output
+    result(folder / "result.json", "identify", folder / "cell.toml", folder / "day.csv")
     q = np.tile(days.joints(POSES, rng), (CYCLES, 1))
     seen = days.read(points(q, AGAIN * rng.standard_normal(q.shape)), SILENT, rng)
     (folder / "cycles.csv").write_text(days.table(q, seen))
@@ -64,10 +60,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def criteria(folder: Path, table: str, *more: object) -> tuple[dict[str, Any], str]:
-    path = folder / f"{table}.json"
-    done = run("iso9283", folder / "cell.toml", folder / f"{table}.csv", *more, "--json", path)
-    assert done.exit_code == 0, done.output
-    return json.loads(path.read_text()), " ".join(done.stdout.split())
+    call = ("iso9283", folder / "cell.toml", folder / f"{table}.csv", *more)
+    return result(folder / f"{table}.json", *call)
 
 
 def arrays(folder: Path, table: str) -> dict[str, Array]:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 
 from calib.arrays import Array
-from studies.results import json_schema
-from tests.studies.command_line import run
+from tests.studies.command_line import result
 from tests.studies.fleet.robots import MARKERS, SIGMA, points, put, table
 
 OFFSETS = (1e-3, -5e-4)
@@ -25,12 +22,8 @@ def cell(tmp_path: Path) -> Path:
 
 
 def proposed(cell: Path, *more: object) -> tuple[dict[str, Any], str]:
-    out = cell.with_name("next.json")
-    done = run("next", cell, cell.with_name("measurements.csv"), "--json", out, *more)
-    assert done.exit_code == 0, done.output
-    fields = json.loads(out.read_text())
-    jsonschema.validate(fields, json_schema("next"))
-    return fields, done.output
+    call = ("next", cell, cell.with_name("measurements.csv"), *more)
+    return result(cell.with_name("next.json"), *call, kind="next")
 
 
 def read(cell: Path, q: Array, first: int, rng: np.random.Generator) -> None:

@@ -29,14 +29,6 @@ def test_each_gets_its_line(mistake) -> None:  # type: ignore[no-untyped-def]
     assert row["ended"], row["status"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "mistake", [m for m in MISTAKES if m.did not in QUICK], ids=lambda m: m.did
-)
-def test_each_other_gets_its_line(mistake) -> None:  # type: ignore[no-untyped-def]
-    test_each_gets_its_line(mistake)
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize("index", range(6))
 def test_healthy_days_are_called_nothing(index: int) -> None:

@@ -11,6 +11,7 @@ from studies.compare.prediction import predict
 from studies.research.paper.losses import Case, cases, experiment_of_case, ratios
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", list(cases()), ids=str)
 def test_full_covariance_loses_only_with_an_unequal_unknown_geometry(case: Case) -> None:
     found = ratios(experiment_of_case(case))

@@ -27,6 +27,7 @@ DIGESTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("population", "family", "index"), DIGESTS)
 def test_cases_stay(population: str, family: str, index: int, tmp_path: Path) -> None:
     own = POPULATIONS[population]

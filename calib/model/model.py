@@ -10,6 +10,7 @@ displaced arm transmits, found by fixed-point iteration. Derivatives are those o
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -50,6 +51,7 @@ from calib.poses import Measurements, Poses
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7
 _MAX_ROUNDS = 30
+_AT_ONCE = 2**20  # derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -446,6 +448,22 @@ class Model:
         return {**self.__dict__, "_last": {}}  # the memo does not travel
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """In blocks of poses that the processor's cache holds: what is between is many times larger."""
+        channels, m = self.readout.channels, len(poses)
+        batch, shape = values.shape[:-1], (len(channels), channels.width)
+        each = max(1, _AT_ONCE // max(1, math.prod((*batch, *shape, values.shape[-1]))))
+        if m <= each:
+            return self._jacobian_at(values, poses)
+        readings = np.empty((*batch, m, *shape))
+        J = np.empty((*readings.shape, values.shape[-1]))
+        for first in range(0, m, each):
+            own = slice(first, first + each)
+            readings[..., own, :, :], J[..., own, :, :, :] = self._jacobian_at(
+                values, poses.take(own)
+            )
+        return readings, J
+
+    def _jacobian_at(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
         points = self.tip_points(state.frames, values, poses)
         J = self._by_arm(values, state, points)

@@ -52,7 +52,7 @@ from calib.scatter import (
     unnoticed,
 )
 from calib.scatter.search import problem_of
-from calib.solver import Minimum
+from calib.solver import Minimum, condensed
 
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
 _TOLD = 30
@@ -429,9 +429,10 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     r, J = (rows / scale for rows in observation.whitened(values))
     beside = known.beside(values)
     y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
-    y = y + J @ values
+    used = int(np.count_nonzero(J.any(axis=1)))
+    rows = condensed(np.column_stack([J, y + J @ values]))
+    J, y = rows[:, :-1], rows[:, -1]
     Q = orthonormal(np.delete(J, of.at, axis=1))
-    used = int(np.count_nonzero(np.abs(J).any(axis=1)))
     own = J[:, of.at]
     return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
 

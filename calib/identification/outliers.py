@@ -20,9 +20,11 @@ from calib.arrays import Array, IntArray, Mask, stacked
 from calib.identification.pattern import beyond
 from calib.model.covariance import covariance
 from calib.poses import Poses
+from calib.solver import condensed
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
+_AT_ONCE = 2**20  # derivatives that are looked at
 _FEWEST = 12  # poses below which a wrong one cannot be told from a right one
 _FEW = 30  # poses below which quartiles mean little and poses are tested one by one
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
@@ -39,8 +41,8 @@ def pose_statistics(
     span : ndarray, shape (p, k), the directions that were estimated
     held : ndarray, shape (h, p), derivatives of what is known beside the poses
     """
-    rows = np.concatenate([stacked(J[kept]), held])
-    return fit_statistics(r, J, kept, covariance(rows, span))
+    rows = condensed(stacked(J if kept.all() else J[kept]))
+    return fit_statistics(r, J, kept, covariance(np.concatenate([rows, held]), span))
 
 
 def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
@@ -53,6 +55,14 @@ def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tupl
     than their noise says owe less to it. What lies across the columns of J scatters as it does by
     itself; of few rows nothing does.
     """
+    each = max(1, _AT_ONCE // max(1, J[0].size if len(J) else 1))
+    parts = np.array_split(np.arange(len(J)), max(1, -(-len(J) // each)))
+    found = [_fit_statistics(r[own], J[own], weight[own], cov) for own in parts]
+    statistics, counted = (np.concatenate(part) for part in zip(*found, strict=True))
+    return statistics, counted
+
+
+def _fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
     sign = 1.0 - 2.0 * np.square(weight, dtype=float)
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)

@@ -73,7 +73,7 @@ def triangle(A: Array) -> Array:
     while A.shape[0] >= 2 * _STACK and 0 < A.shape[1] < _STACK // 2:
         k, cut = A.shape[1], A.shape[0] // _STACK * _STACK
         parts = np.split(A[:cut].reshape(-1, _STACK, k), range(_STACKS, cut // _STACK, _STACKS))
-        found = [np.linalg.qr(part, mode="r").reshape(-1, k) for part in parts]
+        found = [np.asarray(np.linalg.qr(part, mode="r")).reshape(-1, k) for part in parts]
         A = np.concatenate([*found, A[cut:]])
     return np.asarray(np.linalg.qr(A, mode="r"))
 

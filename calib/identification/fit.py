@@ -426,7 +426,9 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     """
     observation, values = fit.counted, fit.values
     scale = fit.noise.divisor if observation.mixing is None else 1.0
-    r, J = (rows / scale for rows in observation.whitened(values))
+    r, J = observation.whitened(values)
+    if scale != 1.0:
+        r, J = r / scale, J / scale
     beside = known.beside(values)
     y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
     used = int(np.count_nonzero(J.any(axis=1)))

@@ -11,12 +11,13 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.identification.pattern import beyond
 from calib.model.covariance import covariance
 from calib.poses import Poses
@@ -24,7 +25,6 @@ from calib.solver import condensed
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
-_AT_ONCE = 2**20  # derivatives that are looked at
 _FEWEST = 12  # poses below which a wrong one cannot be told from a right one
 _FEW = 30  # poses below which quartiles mean little and poses are tested one by one
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
@@ -55,8 +55,7 @@ def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tupl
     than their noise says owe less to it. What lies across the columns of J scatters as it does by
     itself; of few rows nothing does.
     """
-    each = max(1, _AT_ONCE // max(1, J[0].size if len(J) else 1))
-    parts = np.array_split(np.arange(len(J)), max(1, -(-len(J) // each)))
+    parts = in_parts(len(J), math.prod(J.shape[1:]))
     found = [_fit_statistics(r[own], J[own], weight[own], cov) for own in parts]
     statistics, counted = (np.concatenate(part) for part in zip(*found, strict=True))
     return statistics, counted

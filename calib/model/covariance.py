@@ -101,7 +101,7 @@ def determined(span: Array) -> Mask:
 def gain(J: Array, span: Array) -> Array:
     """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
     half = _half(J, span)
-    return np.asarray(half @ (J @ half).T)
+    return np.asarray((J @ half @ half.T).T)
 
 
 def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:

@@ -22,7 +22,7 @@ from calib.arm import statics
 from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray, room
+from calib.arrays import Array, IntArray, in_parts, room
 from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
@@ -51,7 +51,6 @@ from calib.poses import Measurements, Poses
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7
 _MAX_ROUNDS = 30
-_AT_ONCE = 2**20  # derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,16 +450,14 @@ class Model:
         """In blocks of poses that the processor's cache holds: what is between is many times larger."""
         channels, m = self.readout.channels, len(poses)
         batch, shape = values.shape[:-1], (len(channels), channels.width)
-        each = max(1, _AT_ONCE // max(1, math.prod((*batch, *shape, values.shape[-1]))))
-        if m <= each:
+        parts = in_parts(m, math.prod((*batch, *shape, values.shape[-1])))
+        if len(parts) < 2:
             return self._jacobian_at(values, poses)
         readings = np.empty((*batch, m, *shape))
         J = np.empty((*readings.shape, values.shape[-1]))
-        for first in range(0, m, each):
-            own = slice(first, first + each)
-            readings[..., own, :, :], J[..., own, :, :, :] = self._jacobian_at(
-                values, poses.take(own)
-            )
+        for own in parts:
+            found = self._jacobian_at(values, poses.take(own))
+            readings[..., own, :, :], J[..., own, :, :, :] = found
         return readings, J
 
     def _jacobian_at(self, values: Array, poses: Poses) -> tuple[Array, Array]:

@@ -21,12 +21,13 @@ root in its place, which the levers make: rows of the group are then independent
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, by_size, stacked
+from calib.arrays import Array, IntArray, by_size, in_parts, stacked
 from calib.solver import inverse_factor
 
 _DENSE = 4  # rows of a reading for each lever, up to which its factor is a triangle
@@ -82,6 +83,14 @@ class ReadingBlock:
     told: Array
     factor: InverseFactor
 
+    def part(self, own: slice) -> ReadingBlock:
+        """Some of its groups."""
+        factor = self.factor
+        L = None if factor.L is None else factor.L[..., own, :, :, :]
+        part = InverseFactor(factor.T[..., own, :, :, :], L)
+        at = (..., own, slice(None), slice(None), slice(None))
+        return ReadingBlock(self.index[own], self.K[at], self.told[at], part)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -104,11 +113,13 @@ class Level:
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, both (..., m, R, p)."""
         out = np.empty(rows.shape)
-        for block in self.blocks:
-            own = rows[..., block.index, :, :]
-            if block.index.shape[1] > 1:
-                own = own - block.told @ _before(_t(block.K) @ own)
-            out[..., block.index, :, :] = block.factor(own)
+        for whole in self.blocks:
+            each = whole.index.shape[1] * math.prod((*rows.shape[:-3], *rows.shape[-2:]))
+            for block in map(whole.part, in_parts(len(whole.index), each)):
+                own = rows[..., block.index, :, :]
+                if block.index.shape[1] > 1:
+                    own = own - block.told @ _before(_t(block.K) @ own)
+                out[..., block.index, :, :] = block.factor(own)
         return out
 
     def back(self, gains: Array) -> Array:

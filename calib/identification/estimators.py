@@ -159,7 +159,7 @@ def prior_residual_freedom(observation: Observation, values: Array, span: Array)
     rows = observation.model.prior_rows
     if not rows:
         return 0.0
-    follow = observation.linear(values, span).gains[1][-rows:]
+    follow = observation.linear(values, span).held_gains[-rows:]
     return rows - float(np.trace(observation.model.by_prior @ follow.T))
 
 

@@ -84,8 +84,8 @@ def covariance(J: Array, span: Array) -> Array:
 
     J : ndarray, shape (N, p); span : ndarray, shape (p, k), directions that are estimated
     """
-    half = _half(J, span)
-    return np.asarray(half @ half.T)
+    own = root(J, span)
+    return np.asarray(own @ own.T)
 
 
 def determined(span: Array) -> Mask:
@@ -100,8 +100,8 @@ def determined(span: Array) -> Mask:
 
 def gain(J: Array, span: Array) -> Array:
     """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
-    half = _half(J, span)
-    return np.asarray((J @ half @ half.T).T)
+    own = root(J, span)
+    return np.asarray((J @ own @ own.T).T)
 
 
 def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
@@ -132,8 +132,8 @@ def half(cov: Array) -> Array:
     return np.asarray((axes * scale)[:, scale > 0.0])
 
 
-def _half(J: Array, span: Array) -> Array:
-    """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
+def root(J: Array, span: Array) -> Array:
+    """H (p, k) with ``H H^T`` the :func:`covariance`, ``span (span^T J^T J span)^-1 span^T``."""
     back, scale = _inverse((condensed(J) if len(span) <= _ALL * span.shape[1] else J) @ span)
     return np.asarray(span @ (back / scale[:, None]))
 

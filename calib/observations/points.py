@@ -126,12 +126,11 @@ class Observation(ABC):
 
     def gains(self, values: Array, span: Array) -> Array:
         """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
-        return self.linear(values, span).gains[0]
+        return self.linear(values, span).gains
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""
-        own = np.moveaxis(self.gains(values, span), -1, 0).reshape(len(values), -1)
-        return np.asarray(own @ self.rows(moved).reshape(own.shape[1], -1))
+        return self.linear(values, span).followed(self.rows(moved))
 
     def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""

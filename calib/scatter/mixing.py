@@ -147,8 +147,12 @@ class Mixing:
 
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
-        rows = rows / self.scale
-        for level in self.levels:
+        first, *others = self.levels or (None,)
+        if first is None:
+            return rows / self.scale
+        rows = first(rows)  # a copy
+        rows /= self.scale
+        for level in others:
             rows = level(rows)
         return rows
 

@@ -139,9 +139,11 @@ def levenberg_marquardt(
         r, _ = linearise(values)
         return Minimum(values, np.sum(r**2, axis=-1), np.ones(batch, dtype=bool), 0)
 
+    everything = np.array_equal(span, np.eye(len(span)))
+
     def equations(v: Array) -> tuple[Array, Array, Array]:
-        cost, g, A = normal_equations(*linearise(v))
-        return cost, g @ span, span.T @ A @ span
+        r, J = linearise(v)
+        return normal_equations(r, J if everything else J @ span)
 
     cost, g, A = equations(values)
     damping, growth = np.full(batch, _DAMPING[0]), np.full(batch, _GROWTH)

@@ -7,6 +7,7 @@ turned out to be.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -340,11 +341,12 @@ def _judged(
     lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
     statistics = statistics / lack
     if not small_set(len(kept)):
-        limit = threshold(statistics, judged.r.shape[-1])
+        limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
         return _Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((judged.r[kept] ** 2).sum())
     dof = _spare(estimator, observation.only(kept), values, span)
-    tested = statistics, rows, kept, cost, dof, independent_share(judged.r, kept)
+    each = observation.data.in_place(judged.r).reshape(len(kept), -1)
+    tested = statistics, rows, kept, cost, dof, independent_share(each, kept)
     fresh = kept.copy()
     if (back := wrongly_out(*tested)) is not None:
         fresh[back] = True

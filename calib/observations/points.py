@@ -151,6 +151,8 @@ class Observation(ABC):
 class Points(Observation):
     """Every number of every reading: of a tracker, every coordinate of every marker.
 
+    Rows are those of the c channels that were read, so many of each pose as of the one that has most.
+
     centred : subtract the mean of each configuration: only differences between readings at equal
         joints count, what is common to them (geometry) drops out
     """
@@ -162,15 +164,18 @@ class Points(Observation):
         return self.residuals(predicted), self.rows(J)
 
     def residuals(self, predicted: Array) -> Array:
-        """Weighted residuals, shape (..., m, r C)."""
+        """Weighted residuals, shape (..., m, r c)."""
         off = self.model.readout.difference(self.data.readings, predicted)
-        r = self._relative(off[..., None])
-        return (self.weights @ r).reshape((*r.shape[:-3], -1))
+        return self.rows(off[..., None])[..., 0]
 
     def rows(self, J: Array) -> Array:
-        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r C, p)."""
-        weighted = self.weights @ self._relative(J)
-        return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
+        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p)."""
+        J, W = self._relative(J), self.weights
+        *batch, m, C, _, p = J.shape
+        if self.data.read.shape[1] < C:
+            at = np.arange(m)[:, None], self.data.read
+            J, W = J[(..., *at, slice(None), slice(None))], W[at]
+        return (W @ J).reshape((*batch, m, -1, p))
 
     def _relative(self, a: Array) -> Array:
         """Subtract the weighted mean of each configuration: what its readings have in common."""

@@ -21,7 +21,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 TextArray: TypeAlias = NDArray[np.str_]
 """Names that stand for each of something, and differ from one to another."""
 
-_AT_ONCE = 2**20  # numbers
+_AT_ONCE = 2**21  # numbers
 
 # glibc gives freed arrays above a threshold back to the system and asks for them again a moment later,
 # up to a quarter of the time of a design. The threshold grows to the largest block that was freed, to

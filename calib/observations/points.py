@@ -169,12 +169,15 @@ class Points(Observation):
         return self.rows(off[..., None])[..., 0]
 
     def rows(self, J: Array) -> Array:
-        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p)."""
+        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p).
+
+        It may have the c channels alone that are read, unless means are subtracted.
+        """
         J, W = self._relative(J), self.weights
         *batch, m, C, _, p = J.shape
-        if self.data.read.shape[1] < C:
-            at = np.arange(m)[:, None], self.data.read
-            J, W = J[(..., *at, slice(None), slice(None))], W[at]
+        at = np.arange(m)[:, None], self.data.read
+        if at[1].shape[1] < W.shape[1]:
+            J, W = J if at[1].shape[1] == C else J[(..., *at, slice(None), slice(None))], W[at]
         return (W @ J).reshape((*batch, m, -1, p))
 
     def _relative(self, a: Array) -> Array:

@@ -26,6 +26,7 @@ class Determinant(Criterion):
     unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
     larger_is_better: ClassVar[bool] = True
     smooth: ClassVar[bool] = True
+    ranked: ClassVar[bool] = True
 
     @classmethod
     def of(cls, question: Question) -> Self:

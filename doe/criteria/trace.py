@@ -23,6 +23,7 @@ class Trace(Criterion):
 
     F: Array
     smooth: ClassVar[bool] = True
+    ranked: ClassVar[bool] = True
 
     @property
     def whole(self) -> bool:

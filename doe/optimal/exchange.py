@@ -21,6 +21,7 @@ from doe.optimal.blocks import Blocks, lessened
 from doe.optimal.function import InformationFunction
 
 _JUDGED = 24  # candidates in place of a pose that are judged exactly
+_SURE = 3  # so many where what ranks them is the criterion itself
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -90,11 +91,12 @@ def _likely(
     if not allowed.repeats:
         free &= ~np.isin(here, plan)
     live: IntArray = here[free]
-    if len(live) <= _JUDGED:
+    judged = _SURE if criterion.ranked else _JUDGED
+    if len(live) <= judged:
         return live
     rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, blocks.rows[live])
-    best: IntArray = live[np.argpartition(-brought, _JUDGED)[:_JUDGED]]
+    best: IntArray = live[np.argpartition(-brought, judged)[:judged]]
     return best
 
 

@@ -41,6 +41,8 @@ class InformationFunction(ABC):
 
     name: ClassVar[str]
     smooth: ClassVar[bool] = False
+    ranked: ClassVar[bool] = False
+    """Whether :meth:`brought` ranks candidates as the criterion does."""
 
     @abstractmethod
     def value(self, M: Array) -> Array:

@@ -12,6 +12,7 @@ most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,20 +54,34 @@ def _singles(
     criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> tuple[IntArray, float]:
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
-    M = blocks.total(plan)
-    value, idle, slot = float(criterion.value(M)), 0, 0
-    G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
+    at = _At.of(criterion, blocks, plan)
+    value, idle, slot = float(criterion.value(at.M)), 0, 0
     while idle < len(plan):
-        base = M - blocks.matrices(plan[slot : slot + 1])[0]
-        likely = _likely(criterion, blocks, allowed, plan, slot, base, G, cov, value)
-        reached = criterion.value(base + blocks.matrices(likely))
+        base = at.M - blocks.matrices(plan[slot : slot + 1])[0]
+        likely = _likely(criterion, blocks, allowed, plan, slot, base, at, value)
         idle += 1
-        if len(likely) and reached.max() > value * (1.0 + _WORTH):
-            plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
-            M = blocks.total(plan)
-            G, cov = criterion.gradient(M), np.asarray(np.linalg.inv(M))
+        if len(likely):
+            reached = criterion.value(base + blocks.matrices(likely))
+            if reached.max() > value * (1.0 + _WORTH):
+                plan[slot], value, idle = likely[reached.argmax()], float(reached.max()), 0
+                at = _At.of(criterion, blocks, plan)
         slot = (slot + 1) % len(plan)
     return plan, value
+
+
+class _At(NamedTuple):
+    """Information, gradient and covariance of a plan, (p, p) each, and <G, M> of candidates, (n,)."""
+
+    M: Array
+    G: Array
+    cov: Array
+    scores: Array
+
+    @classmethod
+    def of(cls, criterion: InformationFunction, blocks: Blocks, plan: IntArray) -> _At:
+        M = blocks.total(plan)
+        G = criterion.gradient(M)
+        return cls(M, G, np.asarray(np.linalg.inv(M)), blocks.scores(G))
 
 
 def _likely(
@@ -76,25 +91,25 @@ def _likely(
     plan: IntArray,
     slot: int,
     base: Array,
-    G: Array,
-    cov: Array,
+    at: _At,
     value: float,
 ) -> IntArray:
     """Candidates in place of one pose that are worth an exact judgement.
 
     base : ndarray, shape (p, p), information without the pose
-    G, cov : ndarray, shape (p, p), gradient and covariance with it
     """
     here = allowed.members[allowed.group[plan[slot]]]
-    at_most = blocks.scores(G)[here] + float((G * base).sum())
+    at_most = at.scores[here] + float((at.G * base).sum())
     free = at_most > value * (1.0 + _WORTH)
     if not allowed.repeats:
-        free &= ~np.isin(here, plan)
+        taken = np.zeros(len(blocks), dtype=bool)
+        taken[plan] = True
+        free &= ~taken[here]
     live: IntArray = here[free]
     judged = _SURE if criterion.ranked else _JUDGED
     if len(live) <= judged:
         return live
-    rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
+    rest = lessened(at.cov, blocks.rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, blocks.rows[live])
     best: IntArray = live[np.argpartition(-brought, judged)[:judged]]
     return best

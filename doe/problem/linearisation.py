@@ -80,7 +80,7 @@ class Linearisation:
         W = weights(points)
         rows = weighted(W, self._heard(J))
         if not self.arm.any:
-            return LinearProblem.of_rows(rows / self.arm.scale)
+            return LinearProblem.of_rows(rows if self.arm.scale == 1.0 else rows / self.arm.scale)
         scatter = self.scatter(poses, visit)
         return LinearProblem.of_rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 

@@ -21,6 +21,8 @@ Mask: TypeAlias = NDArray[np.bool_]
 TextArray: TypeAlias = NDArray[np.str_]
 """Names that stand for each of something, and differ from one to another."""
 
+_AT_ONCE = 2**21  # numbers
+
 # glibc gives freed arrays above a threshold back to the system and asks for them again a moment later,
 # up to a quarter of the time of a design. The threshold grows to the largest block that was freed, to
 # 32 MB at most, so such a block is freed here; it is never touched, and takes no memory.
@@ -43,6 +45,12 @@ def batch_first(a: Array, n: int) -> Array:
 def stacked(a: Array) -> Array:
     """All axes but the last as one, shape (.., k), even of no columns: ``reshape`` cannot tell."""
     return a.reshape(math.prod(a.shape[:-1]), a.shape[-1])
+
+
+def in_parts(count: int, each: int) -> list[slice]:
+    """Parts of so many things, with ``each`` numbers each, that the processor's cache holds."""
+    step = max(1, _AT_ONCE // max(1, each))
+    return [slice(first, first + step) for first in range(0, count, step)]
 
 
 def by_size(group: IntArray) -> list[IntArray]:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
-from calib.model.covariance import covariance, gain
+from calib.model.covariance import covariance, root
 from calib.scatter.mixing import Mixing
 
 DEPENDENT = 1e-8
@@ -113,21 +113,37 @@ class LinearProblem:
         return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
 
     @cached_property
-    def gains(self) -> tuple[Array, Array]:
-        """How the least-squares values follow whitened rows, (m, R, p), and what is held, (h, p)."""
-        follow = gain(self.fitted[1], self.span).T
-        own = follow[: self.r.size].reshape(self.J.shape)
-        if self.weighing is not None:
-            own = self.weighing.back(own)
-        return own, self.pull * follow[self.r.size :]
+    def gains(self) -> Array:
+        """How the least-squares values follow whitened rows, shape (m, R, p)."""
+        return np.asarray(self._by_root @ self._root.T)
+
+    @cached_property
+    def held_gains(self) -> Array:
+        """How they follow what is held, shape (h, p)."""
+        return np.asarray(self.pull**2 * self.held @ self._root @ self._root.T)
+
+    def followed(self, rows: Array) -> Array:
+        """How they follow whitened rows displaced by (m, R, b), shape (p, b)."""
+        return np.asarray(self._root @ (stacked(self._by_root).T @ stacked(rows)))
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance (p, p) of the least-squares values, the noise as stated."""
         if self.mixing is None:
             return covariance(self.fitted[1], self.span)
-        own, held = self.gains
-        return self.mixing.covariance(own) + held.T @ held
+        own, held = self.mixing.covariance(self._by_root), self.held_gains
+        return np.asarray(self._root @ own @ self._root.T + held.T @ held)
+
+    @cached_property
+    def _root(self) -> Array:
+        """Root (p, k) of the covariance of the values, were the rows as independent as they weighed."""
+        return root(self.fitted[1], self.span)
+
+    @property
+    def _by_root(self) -> Array:
+        """How its k coordinates follow whitened rows, shape (m, R, k)."""
+        own = (self.fitted[1][: self.r.size] @ self._root).reshape((*self.r.shape, -1))
+        return own if self.weighing is None else self.weighing.back(own)
 
 
 @dataclass(frozen=True, eq=False)

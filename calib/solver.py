@@ -26,7 +26,7 @@ _STEP = 1e-3
 _WALL = 1e3  # damping from which a step to where nothing can be computed means that there it ends
 _ROUNDING = 2.0**-52  # share of the cost below which no gain shows
 _MAX_ITERATIONS = 60
-_STACK = 256  # rows
+_STACK, _STACKS = 256, 16  # rows, and how many times as many at once
 _ROUNDED = 1e-13  # share of a variance that rounding takes or gives
 _SMALL, _MANY = 12, 60  # matrices whose factors are found all at once
 
@@ -67,16 +67,20 @@ def damped_step(A: Array, g: Array, damping: Array) -> Array:
 def triangle(A: Array) -> Array:
     """R of ``A = Q R``, of shape (N, k) with N at least k: the triangle (k, k) of all rows.
 
-    In stacks that the processor's cache holds: of long matrices several times faster (Demmel, Grigori,
-    Hoemmen, Langou, SIAM J. Sci. Comput. 34(1), 2012).
+    In stacks that the processor's cache holds, and of their triangles again: of long matrices several
+    times faster (Demmel, Grigori, Hoemmen, Langou, SIAM J. Sci. Comput. 34(1), 2012).
     """
-    N, k = A.shape
-    stacks, rows = N // _STACK, _STACK
-    if 0 < k < rows // 2 and stacks > 1:
-        cut = stacks * rows
-        R = np.asarray(np.linalg.qr(A[:cut].reshape(stacks, rows, k), mode="r"))
-        A = np.concatenate([R.reshape(-1, k), A[cut:]])
+    while A.shape[0] >= 2 * _STACK and 0 < A.shape[1] < _STACK // 2:
+        k, cut = A.shape[1], A.shape[0] // _STACK * _STACK
+        parts = np.split(A[:cut].reshape(-1, _STACK, k), range(_STACKS, cut // _STACK, _STACKS))
+        found = [np.asarray(np.linalg.qr(part, mode="r")).reshape(-1, k) for part in parts]
+        A = np.concatenate([*found, A[cut:]])
     return np.asarray(np.linalg.qr(A, mode="r"))
+
+
+def condensed(A: Array) -> Array:
+    """As few rows as (N, k) have columns, whose products ``A^T A`` are the same."""
+    return triangle(A) if A.shape[0] > A.shape[1] else A
 
 
 def inverse_factor(V: Array) -> Array:
@@ -135,9 +139,11 @@ def levenberg_marquardt(
         r, _ = linearise(values)
         return Minimum(values, np.sum(r**2, axis=-1), np.ones(batch, dtype=bool), 0)
 
+    everything = np.array_equal(span, np.eye(len(span)))
+
     def equations(v: Array) -> tuple[Array, Array, Array]:
         r, J = linearise(v)
-        return normal_equations(r, J @ span)
+        return normal_equations(r, J if everything else J @ span)
 
     cost, g, A = equations(values)
     damping, growth = np.full(batch, _DAMPING[0]), np.full(batch, _GROWTH)

@@ -6,7 +6,7 @@ The estimate is in SI and read by :func:`calib.files.estimate.load_estimate`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -126,9 +126,13 @@ class ResidualEntry(Entry):
 
     @property
     def _told(self) -> list[tuple[float, ...]]:
-        found = (tuple(getattr(self, name) for name in place) for place in _PLACES)
-        told = (tuple(x for x in place if x is not None) for place in found)
-        return [own for own, place in zip(told, _PLACES, strict=True) if len(own) == len(place)]
+        found = (
+            (self.x_mm, self.y_mm, self.z_mm),
+            (self.d_mm,),
+            (self.u_px, self.v_px),
+            (self.azimuth_mrad, self.elevation_mrad),
+        )
+        return [cast("tuple[float, ...]", place) for place in found if None not in place]
 
     @property
     def vector(self) -> tuple[float, ...]:

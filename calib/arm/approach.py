@@ -57,7 +57,8 @@ def approached(
         step = _least(J, -off, reluctant) * units
         # A joint at its limit that is pushed beyond it stays, and the others go the way.
         stuck = ((q[now] <= low) & (step < 0.0)) | ((q[now] >= high) & (step > 0.0))
-        step = _least(J * ~stuck[:, None, :], -off, reluctant) * units
+        held = stuck.any(axis=1)
+        step[held] = _least((J * ~stuck[:, None, :])[held], -off[held], reluctant) * units
         size = np.linalg.norm(step / units, axis=1, keepdims=True)
         step *= np.minimum(1.0, _LONGEST / np.maximum(size, 1e-300))
         q[now] = robot.tied(np.clip(q[now] + step, low, high))

@@ -203,7 +203,7 @@ def _without(fit: Fitted, end: IntArray, r: Array, Q: Array) -> Unseen | None:
     grown = np.linalg.solve(np.linalg.cholesky(rest), F.T).T
     missed = r.ravel() + grown @ (grown.T @ r.ravel())
     data, W = fit.data.take(end), fit.weights[end]
-    off, *moved = (unwhitened(W, v.reshape(W.shape[:-1])) for v in (missed, *grown.T))
+    off, *moved = (unwhitened(W, fit.data.in_place(v, end)) for v in (missed, *grown.T))
     spread, told = np.stack(moved, axis=-1), _told(fit, data)
     # As uncertain as the parameters are, which may follow poses that err as a whole.
     growth = float((grown**2).sum()) / max(float((F**2).sum()), 1e-300)
@@ -259,7 +259,7 @@ def left_out(fit: Fitted) -> tuple[Array, Array, Mask]:
         errors[index] = off.reshape(*index.shape, R)
         inside = np.maximum(held.sum(axis=-1), 1e-300)
         growth[index] = (gained.sum(axis=-1) / inside)[:, None]
-    return unwhitened(fit.weights, errors.reshape(fit.weights.shape[:-1])), growth, known
+    return unwhitened(fit.weights, fit.data.in_place(errors)), growth, known
 
 
 def _directions(F: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ screened at that fit; what the contest ends with is fitted in full by whoever as
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -259,5 +260,5 @@ def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
     """Poses that the model with all its effects does not explain."""
     plain = stage.statistics(fit)
     statistic = plain / stage.extrapolation_factor(fit, plain)
-    limit = threshold(statistic, fit.r.shape[-1])
+    limit = threshold(statistic, math.prod(stage.weights.shape[-3:-1]))
     return judge(statistic, limit), statistic, limit

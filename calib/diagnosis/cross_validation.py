@@ -270,7 +270,7 @@ def _rms(stage: Stage, fit: Fit, errors: Array) -> float:
     """3-D root mean square per point, m, of whitened errors (m, R)."""
     counted = stage.data.seen & ~stage.dropped[:, None]
     weights = stage.weights * np.maximum(fit.weight, 1e-9)[:, None, None, None]
-    points = unwhitened(weights, errors.reshape(weights.shape[:-1]))
+    points = unwhitened(weights, stage.data.in_place(errors))
     return float(np.sqrt((points[counted] ** 2).sum() / max(1, counted.sum())))
 
 

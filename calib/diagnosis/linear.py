@@ -7,13 +7,14 @@ full (:meth:`calib.diagnosis.stage.Stage.exact`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, in_parts
 from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
 from calib.identification.scan import times
@@ -25,13 +26,15 @@ from calib.poses import Poses
 class LinearModel(Model):
     """A model whose readings at some poses are taken to first order; elsewhere it is the model itself.
 
-    at : Poses, where
+    at : Poses, where; read : ndarray of int, shape (m, c), channels that are read: others stay as they
+        are
     readings_at_zero : ndarray, shape (m, C, r), with all values at zero, to first order
-    columns : ndarray, shape (m, C, r, P), derivatives by everything; known : dict, id of an effect ->
+    columns : ndarray, shape (m, c, r, P), derivatives by everything; known : dict, id of an effect ->
         its columns; carried : dict, (kind, where) of an effect with a tuning -> those of its carrier
     """
 
     at: Poses
+    read: IntArray
     readings_at_zero: Array
     columns: Array
     known: dict[int, IntArray]
@@ -69,12 +72,14 @@ class LinearModel(Model):
         """Derivatives by the present parameters, (m, C, r, p); the same array each time."""
         own = self._last.get("own")
         if own is None:
-            own = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
+            by = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
+            own = np.zeros((*self.readings_at_zero.shape, by.shape[-1]))
+            own[_rows_of(self.read)] = by
             self._last["own"] = own
         return np.asarray(own)
 
     def of(self, effect: Effect) -> Array:
-        """Derivatives by an effect's parameters, (m, C, r, k), by its tuning none."""
+        """Derivatives of what is read by an effect's parameters, (m, c, r, k), by its tuning none."""
         if not isinstance(effect, Tuned):
             return self.columns[..., self.known[id(effect)]]
         carrier = self.columns[..., self.carried[effect.kind, effect.where]]
@@ -84,11 +89,16 @@ class LinearModel(Model):
 
 
 def linearised(
-    model: Model, values: Array, poses: Poses, suspects: Sequence[Effect]
+    model: Model,
+    values: Array,
+    poses: Poses,
+    suspects: Sequence[Effect],
+    read: IntArray | None = None,
 ) -> LinearModel:
     """A model to first order about some values, with suspects that it may be given.
 
-    values : ndarray, shape (p,); suspects : those that are not in the model stand at nothing, and of
+    values : ndarray, shape (p,); read : ndarray of int, shape (m, c), channels that are read, all by
+        default; suspects : those that are not in the model stand at nothing, and of
         those with a tuning the carrier, which has them at any
     """
     exact = model.exact if isinstance(model, LinearModel) else model
@@ -96,7 +106,13 @@ def linearised(
     carriers = {(e.kind, e.where): e.carrier for e in tuned}
     fixed = [e for e in suspects if not isinstance(e, Tuned)]
     whole, everything = exact.extended(values, [*fixed, *carriers.values()])
-    readings, J = whole.jacobian(everything, poses)
+    m, shape = len(poses), (len(whole.readout.channels), whole.readout.channels.width)
+    if read is None:
+        read = np.tile(np.arange(shape[0]), (m, 1))
+    readings, J = np.empty((m, *shape)), np.empty((*read.shape, shape[1], len(everything)))
+    for own in in_parts(m, math.prod((*shape, len(everything)))):
+        readings[own], by = whole.jacobian(everything, poses.take(own))
+        J[own] = by[_rows_of(read[own])]
     known = {
         id(effect): np.arange(part.start, part.stop)
         for effect, part in zip(whole.effects, whole.slices, strict=True)
@@ -104,14 +120,21 @@ def linearised(
     carried = {key: known[id(carrier)] for key, carrier in carriers.items()}
     moving = everything.copy()
     moving[whole.tunings] = 0.0
+    readings[_rows_of(read)] -= J @ moving
     return LinearModel(
         **_described(exact),
         at=poses,
-        readings_at_zero=readings - J @ moving,
+        read=read,
+        readings_at_zero=readings,
         columns=J,
         known=known,
         carried=carried,
     )
+
+
+def _rows_of(read: IntArray) -> tuple[IntArray, IntArray]:
+    """The index of channels (m, c) that are read in an array (m, C, ..)."""
+    return np.arange(len(read))[:, None], read
 
 
 def _described(model: Model) -> dict[str, Any]:

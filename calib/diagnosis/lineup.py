@@ -124,8 +124,9 @@ class Lineup:
     """All suspects, and derivatives of the readings by them; fits that differ by errors have the same.
 
     fixed : tuple of Candidate, those without a tuning; grids : tuple of TuningGrid, the others
-    J : ndarray, shape (m, C, r, K), SI; where : dict, key of a candidate without a tuning, or of a
-        grid's, -> ndarray of int, its columns or its carrier's
+    J : ndarray, shape (m, c, r, K), SI, of the channels that are read
+    where : dict, key of a candidate without a tuning, or of a grid's, -> ndarray of int, its columns or
+        its carrier's
     closed : keys of candidates that are not offered
     """
 
@@ -262,7 +263,9 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGr
     at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}
     ends = np.cumsum([0, *map(len, at.values())])
     where = {key: np.arange(a, b) for key, a, b in zip(at, ends, ends[1:], strict=False)}
-    J = whole.columns[..., np.concatenate(list(at.values()))]
+    chosen = np.concatenate(list(at.values()))
+    row = bool((np.diff(chosen) == 1).all())  # then there is no need of a copy
+    J = whole.columns[..., slice(chosen[0], chosen[-1] + 1) if row and len(chosen) else chosen]
     return Lineup(fixed, tuple(tuned.values()), J, where)
 
 

@@ -163,7 +163,7 @@ def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
     """
     Q = orthonormal(N) if Q is None else Q
     rows = int(np.count_nonzero(N.any(axis=1) | X.any(axis=1)))
-    lengths = np.linalg.norm(X, axis=0)
+    lengths = np.sqrt(np.einsum("nk,nk->k", X, X))
     return Field(X, r - Q @ (Q.T @ r), lengths, rows, rows - Q.shape[1], Q)
 
 

@@ -232,7 +232,8 @@ class Stage:
 
     def about(self, fit: Fit, suspects: Sequence[Effect]) -> Stage:
         """The same stage to first order about a fit, for it and all suspects."""
-        whole = linearised(fit.model, fit.values, self.data.poses, suspects)
+        read = self.data.read
+        whole = linearised(fit.model, fit.values, self.data.poses, suspects, read)
         return replace(self, model=whole.with_effects(self.model.effects))
 
     def _settled(self, fit: Fit) -> Fit:

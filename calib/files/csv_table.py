@@ -64,7 +64,7 @@ class CsvTable:
         i = self.columns.index(column)
         chosen = range(len(self.rows)) if rows is None else rows.tolist()
         try:
-            values = np.array([self.rows[r][i] for r in chosen], dtype=float)
+            values = np.fromiter((float(self.rows[r][i]) for r in chosen), float, len(chosen))
         except ValueError:
             values = np.array([self._number(i, r) for r in chosen])
         usable = np.abs(values) < _LARGEST_NUMBER
@@ -145,6 +145,8 @@ def read_table(
                 what = f"has {len(row)} fields, the header {len(columns)}"
                 where = f"line {reader.line_num}"
                 raise InputError(path, where, what, remedy if more else "complete the row")
+            if rows:  # what a pose repeats in each of its rows is kept once
+                row = [old if old == new else new for old, new in zip(rows[-1], row, strict=True)]
             rows.append(row)
             lines.append(reader.line_num)
     except UnicodeDecodeError:

@@ -15,7 +15,7 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable, identifiable
 from calib.observations import Observation, Points, points_of
-from calib.solver import Linearise, Minimum, levenberg_marquardt, normal_equations
+from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
@@ -159,7 +159,7 @@ def prior_residual_freedom(observation: Observation, values: Array, span: Array)
     rows = observation.model.prior_rows
     if not rows:
         return 0.0
-    follow = observation.linear(values, span).gains[1][-rows:]
+    follow = observation.linear(values, span).held_gains[-rows:]
     return rows - float(np.trace(observation.model.by_prior @ follow.T))
 
 
@@ -200,7 +200,7 @@ def choose_directions(
         alone = len(members) == 1
         sizes.append(model.sizes[members].max())
         names.append(ids[members[0]] if alone else "tool (as one body)")
-    return identifiable(J @ span, np.array(sizes), tuple(names))
+    return identifiable(condensed(J) @ span, np.array(sizes), tuple(names))
 
 
 # -- the paper's two steps -------------------------------------------------------------------------

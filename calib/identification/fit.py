@@ -7,6 +7,7 @@ turned out to be.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,7 +53,7 @@ from calib.scatter import (
     unnoticed,
 )
 from calib.scatter.search import problem_of
-from calib.solver import Minimum
+from calib.solver import Minimum, condensed
 
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
 _TOLD = 30
@@ -340,11 +341,12 @@ def _judged(
     lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
     statistics = statistics / lack
     if not small_set(len(kept)):
-        limit = threshold(statistics, judged.r.shape[-1])
+        limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
         return _Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((judged.r[kept] ** 2).sum())
     dof = _spare(estimator, observation.only(kept), values, span)
-    tested = statistics, rows, kept, cost, dof, independent_share(judged.r, kept)
+    each = observation.data.in_place(judged.r).reshape(len(kept), -1)
+    tested = statistics, rows, kept, cost, dof, independent_share(each, kept)
     fresh = kept.copy()
     if (back := wrongly_out(*tested)) is not None:
         fresh[back] = True
@@ -426,12 +428,15 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     """
     observation, values = fit.counted, fit.values
     scale = fit.noise.divisor if observation.mixing is None else 1.0
-    r, J = (rows / scale for rows in observation.whitened(values))
+    r, J = observation.whitened(values)
+    if scale != 1.0:
+        r, J = r / scale, J / scale
     beside = known.beside(values)
     y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
-    y = y + J @ values
+    used = int(np.count_nonzero(J.any(axis=1)))
+    rows = condensed(np.column_stack([J, y + J @ values]))
+    J, y = rows[:, :-1], rows[:, -1]
     Q = orthonormal(np.delete(J, of.at, axis=1))
-    used = int(np.count_nonzero(np.abs(J).any(axis=1)))
     own = J[:, of.at]
     return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
 

@@ -226,8 +226,13 @@ def _std_by_pose(fit: Estimation) -> Array | None:
         return None
     r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
     held = counted.beside(fit.values)[1]
-    known = counted.linear(fit.values, span).gains[1]
-    return np.sqrt(np.diag(clustered(r[kept], J[kept], span, held) + known.T @ known))
+    if not kept.all():
+        r, J = r[kept], J[kept]
+    cov = clustered(r, J, span, held)
+    if len(held):
+        known = counted.linear(fit.values, span).held_gains
+        cov = cov + known.T @ known
+    return np.sqrt(np.diag(cov))
 
 
 def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:

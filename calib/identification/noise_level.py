@@ -192,13 +192,13 @@ class Growth:
 def growth_with_range(data: Measurements, r: Array) -> Growth | None:
     """How the residual grows with range, None where it does not.
 
-    r : ndarray, shape (m, r C), whitened residuals, zero for what does not count
+    r : ndarray, shape (m, r c), whitened residuals of what was read, zero for what does not count
     Koenker's test (Journal of Econometrics 17(1), 1981) of the squared residuals against the range;
     then ``variance = a + b range^2`` by weighted least squares.
     """
     from scipy.special import chdtrc
 
-    squares = (r.reshape(data.readings.shape) ** 2).mean(axis=-1)
+    squares = (data.in_place(r) ** 2).mean(axis=-1)
     ranges = np.linalg.norm(np.where(data.seen[..., None], data.points, 0.0), axis=-1)
     used = data.seen & (squares > 0.0)
     x, y = ranges[used], squares[used]

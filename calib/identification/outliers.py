@@ -11,15 +11,17 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.identification.pattern import beyond
 from calib.model.covariance import covariance
 from calib.poses import Poses
+from calib.solver import condensed
 
 _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
@@ -39,8 +41,8 @@ def pose_statistics(
     span : ndarray, shape (p, k), the directions that were estimated
     held : ndarray, shape (h, p), derivatives of what is known beside the poses
     """
-    rows = np.concatenate([stacked(J[kept]), held])
-    return fit_statistics(r, J, kept, covariance(rows, span))
+    rows = condensed(stacked(J if kept.all() else J[kept]))
+    return fit_statistics(r, J, kept, covariance(np.concatenate([rows, held]), span))
 
 
 def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
@@ -53,6 +55,13 @@ def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tupl
     than their noise says owe less to it. What lies across the columns of J scatters as it does by
     itself; of few rows nothing does.
     """
+    parts = in_parts(len(J), math.prod(J.shape[1:]))
+    found = [_fit_statistics(r[own], J[own], weight[own], cov) for own in parts]
+    statistics, counted = (np.concatenate(part) for part in zip(*found, strict=True))
+    return statistics, counted
+
+
+def _fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
     sign = 1.0 - 2.0 * np.square(weight, dtype=float)
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)

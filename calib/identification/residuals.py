@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -101,7 +102,8 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     model, values, observation = fit.model, fit.values, fit.observation
     r, J = points_of(observation).linearise(values)
     held = observation.beside(values)[1]
-    limit = threshold(pose_statistics(r, J, fit.kept, fit.span, held)[0], r.shape[-1])
+    rows = math.prod(observation.weights.shape[-3:-1])
+    limit = threshold(pose_statistics(r, J, fit.kept, fit.span, held)[0], rows)
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))

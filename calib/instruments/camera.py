@@ -304,7 +304,7 @@ class ArmCamera(Camera):
     def viewed(self, points: Array) -> Array | None:
         if self.standing is None:
             return None
-        centre, axes = self.frame(points.reshape((*points.shape[:-1], CORNERS, 3)))
+        centre, axes = self._seen_at(points)
         targets, _, _ = self._targets(self.standing, np.zeros(0))
         return rotate(axes, targets - centre)
 
@@ -321,6 +321,10 @@ class ArmCamera(Camera):
         frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
         x, y = frame[..., 1, :], frame[..., 2, :]
         return frame[..., 0, :], np.stack([x, y, cross(x, y)], axis=-2)
+
+    def _seen_at(self, points: Array) -> tuple[Array, Array]:
+        """The same (..., 1, 3) and (..., 1, 3, 3) of points (..., C, 9), which are alike."""
+        return self.frame(points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3)))
 
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
@@ -347,31 +351,30 @@ class ArmCamera(Camera):
 
     def read(self, place: Array, points: Array) -> Array:
         standing, lens, loose = self._split(place)
-        corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-        centre, axes = self.frame(corners)
+        centre, axes = self._seen_at(points)
         targets, _, _ = self._targets(standing, loose[..., MOTION.stop :])
         own = rotate(axes, targets[..., None, :, :] - centre)
         return lens.project(_viewed(own, loose)[0])
 
     def linearise(self, place: Array, points: Array) -> Linear:
         standing, lens, loose = self._split(place)
-        corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-        centre, axes = self.frame(corners)
+        centre, axes = self._seen_at(points)
         targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
         ray = targets[..., None, :, :] - centre
         viewed, turned, by_motion = _viewed(rotate(axes, ray), loose)
         rows, by_viewed, by_lens = lens.linearise(viewed)
         by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
+        by_target = by_own @ axes
         x, y = axes[..., 0, :], axes[..., 1, :]
-        none = np.zeros_like(x)
+        none = np.zeros_like(ray)
         by_x = np.stack([ray, none, cross(y, ray)], axis=-2)  # of (x, y, x cross y) . ray
         by_y = np.stack([none, ray, cross(ray, x)], axis=-2)
         by_corners = np.concatenate([-axes - by_x - by_y, by_x, by_y], axis=-1)
         parts = [
-            by_own @ (axes @ by_board[..., None, :, :, :]),
+            by_target @ by_board[..., None, :, :, :],
             by_lens[..., self.free],
             by_viewed @ by_motion,
-            by_own @ (axes @ by_part[..., None, :, :, :]),
+            by_target @ by_part[..., None, :, :, :],
         ]
         return Linear(rows, by_own @ by_corners, np.concatenate(parts, axis=-1))
 

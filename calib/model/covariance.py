@@ -6,17 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.poses import Poses
-from calib.solver import triangle
+from calib.solver import condensed, triangle
 
 _UNSEEN = 0.05  # a standard deviation of twenty plausible sizes: the data say nothing
 _NUMERICAL = 1e-9  # relative to the largest column
 _NAMED = 0.1
+_ALL = 2.0  # times the directions, up to so many values the rows of all are condensed
 _OUTSIDE = 1e-6  # length of a unit vector's part outside the span
 
 
@@ -83,8 +84,8 @@ def covariance(J: Array, span: Array) -> Array:
 
     J : ndarray, shape (N, p); span : ndarray, shape (p, k), directions that are estimated
     """
-    half = _half(J, span)
-    return np.asarray(half @ half.T)
+    own = root(J, span)
+    return np.asarray(own @ own.T)
 
 
 def determined(span: Array) -> Mask:
@@ -99,8 +100,8 @@ def determined(span: Array) -> Mask:
 
 def gain(J: Array, span: Array) -> Array:
     """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
-    half = _half(J, span)
-    return np.asarray(half @ (J @ half).T)
+    own = root(J, span)
+    return np.asarray((J @ own @ own.T).T)
 
 
 def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
@@ -117,6 +118,7 @@ def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
     only lower it.
     """
     own = np.diag(sizes)[:, lost]
+    J = condensed(J)
     back, scale = _inverse(J @ span)
     absorbed = back @ back.T @ ((J @ span / scale).T @ (J @ own))
     V = own - (span / scale) @ absorbed
@@ -130,9 +132,9 @@ def half(cov: Array) -> Array:
     return np.asarray((axes * scale)[:, scale > 0.0])
 
 
-def _half(J: Array, span: Array) -> Array:
-    """H (p, k) with ``H H^T = span (span^T J^T J span)^-1 span^T``."""
-    back, scale = _inverse(J @ span)
+def root(J: Array, span: Array) -> Array:
+    """H (p, k) with ``H H^T`` the :func:`covariance`, ``span (span^T J^T J span)^-1 span^T``."""
+    back, scale = _inverse((condensed(J) if len(span) <= _ALL * span.shape[1] else J) @ span)
     return np.asarray(span @ (back / scale[:, None]))
 
 
@@ -156,14 +158,12 @@ def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
     residuals themselves and wants several times more poses than k.
     """
     m, k = len(r), span.shape[1]
-    projected = J @ span
-    flat = projected.reshape(-1, k)
-    flat = np.concatenate([flat, held @ span])
-    back, scale = _inverse(flat)
+    back, scale = _inverse(np.concatenate([condensed(stacked(J)), held]) @ span)
     inverse = back / scale[:, None]
-    scores = np.einsum("mrk,mr->mk", projected, r) @ inverse @ inverse.T
+    scores = (r[:, None] @ J)[:, 0] @ span @ inverse @ inverse.T
     half = scores @ span.T
-    N = int(np.count_nonzero(np.abs(flat).sum(axis=1)))
+    moved = span.any(axis=1)
+    N = sum(int(rows[..., moved].any(axis=-1).sum()) for rows in (*J, held))
     return np.asarray(half.T @ half * (m / (m - 1) * (N - 1) / (N - k)))
 
 

@@ -10,6 +10,7 @@ displaced arm transmits, found by fixed-point iteration. Derivatives are those o
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,7 +22,7 @@ from calib.arm import statics
 from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray, room
+from calib.arrays import Array, IntArray, in_parts, room
 from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
@@ -446,6 +447,20 @@ class Model:
         return {**self.__dict__, "_last": {}}  # the memo does not travel
 
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
+        """In blocks of poses that the processor's cache holds: what is between is many times larger."""
+        channels, m = self.readout.channels, len(poses)
+        batch, shape = values.shape[:-1], (len(channels), channels.width)
+        parts = in_parts(m, math.prod((*batch, *shape, values.shape[-1])))
+        if len(parts) < 2:
+            return self._jacobian_at(values, poses)
+        readings = np.empty((*batch, m, *shape))
+        J = np.empty((*readings.shape, values.shape[-1]))
+        for own in parts:
+            found = self._jacobian_at(values, poses.take(own))
+            readings[..., own, :, :], J[..., own, :, :, :] = found
+        return readings, J
+
+    def _jacobian_at(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         state = self.state(values, poses)
         points = self.tip_points(state.frames, values, poses)
         J = self._by_arm(values, state, points)

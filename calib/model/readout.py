@@ -93,7 +93,7 @@ class Readout:
             else:
                 place, each = _pose_by_pose(stand.place, points, apart[0])
                 found = _of_each(instrument.linearise(place, each))
-            J = J if found.by_points is None else found.by_points @ J
+            J = J if found.by_points is None else _followed(found.by_points, J)
             known = stand.place.shape[-1]
             if stand.part is not None:
                 J[..., stand.part] = found.by_place[..., :known]
@@ -103,7 +103,7 @@ class Readout:
             return found.rows, J
 
         own = _of(instrument, J, -3)
-        own = own.copy() if len(self.instruments) > 1 else own
+        own = own.copy() if len(self.instruments) > 1 and own is J else own
         given = [(_of(instrument, points, -2), -3), (own, -4)]
         given += list(zip(self._apart(instrument, values, poses), (-2, -3), strict=False))
         rows, J = self._at_stands(instrument, values, poses, linearise, given, [-3, -4])
@@ -119,7 +119,7 @@ class Readout:
         def one(instrument: Instrument) -> Array:
             def follow(stand: Stand, points: Array, moved: Array) -> tuple[Array]:
                 by_points = instrument.linearise(stand.place, points).by_points
-                return (moved if by_points is None else by_points @ moved,)
+                return (moved if by_points is None else _followed(by_points, moved),)
 
             given = [(_of(instrument, points, -2), -3), (_of(instrument, moved, -3), -4)]
             return self._at_stands(instrument, values, poses, follow, given, [-4])[0]
@@ -272,11 +272,28 @@ def _of_each(found: Linear) -> Linear:
 
 
 def _of(instrument: Instrument, a: Array, axis: int) -> Array:
-    """What belongs to the markers that an instrument reads, which stand along an axis, by reading."""
+    """What belongs to the markers that an instrument reads, which stand along an axis, by reading.
+
+    A view, not to be written to, where all its readings are of the same markers.
+    """
     each = instrument.each
     if instrument.markers is None and each == 1:
         return a
-    taken = np.take(a, instrument.read_of(a.shape[axis]), axis=axis)
+    read = instrument.read_of(a.shape[axis]).reshape(-1, each)
+    alike = len(read) > 1 and bool((read == read[0]).all())
+    taken = np.take(a, (read[0] if alike else read.ravel()), axis=axis)
     shape = [*taken.shape]
     shape[axis], shape[axis + 1] = shape[axis] // each, each * shape[axis + 1]
-    return taken.reshape(shape)
+    taken = taken.reshape(shape)
+    shape[axis] = len(read)
+    return np.broadcast_to(taken, shape) if alike else taken
+
+
+def _followed(by_points: Array, moved: Array) -> Array:
+    """How readings (..., m, C, r) follow points (..., m, C, 3 k, p), of which C may be the same."""
+    if moved.strides[-3] or not moved.shape[-3]:
+        return np.asarray(by_points @ moved)
+    *whole, r, _ = by_points.shape
+    flat = by_points.reshape((*whole[:-1], whole[-1] * r, by_points.shape[-1]))
+    found = flat @ moved[..., 0, :, :]
+    return np.asarray(found.reshape((*found.shape[:-2], whole[-1], r, moved.shape[-1])))

@@ -126,12 +126,11 @@ class Observation(ABC):
 
     def gains(self, values: Array, span: Array) -> Array:
         """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
-        return self.linear(values, span).gains[0]
+        return self.linear(values, span).gains
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""
-        own = np.moveaxis(self.gains(values, span), -1, 0).reshape(len(values), -1)
-        return np.asarray(own @ self.rows(moved).reshape(own.shape[1], -1))
+        return self.linear(values, span).followed(self.rows(moved))
 
     def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""
@@ -152,6 +151,8 @@ class Observation(ABC):
 class Points(Observation):
     """Every number of every reading: of a tracker, every coordinate of every marker.
 
+    Rows are those of the c channels that were read, so many of each pose as of the one that has most.
+
     centred : subtract the mean of each configuration: only differences between readings at equal
         joints count, what is common to them (geometry) drops out
     """
@@ -163,15 +164,21 @@ class Points(Observation):
         return self.residuals(predicted), self.rows(J)
 
     def residuals(self, predicted: Array) -> Array:
-        """Weighted residuals, shape (..., m, r C)."""
+        """Weighted residuals, shape (..., m, r c)."""
         off = self.model.readout.difference(self.data.readings, predicted)
-        r = self._relative(off[..., None])
-        return (self.weights @ r).reshape((*r.shape[:-3], -1))
+        return self.rows(off[..., None])[..., 0]
 
     def rows(self, J: Array) -> Array:
-        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r C, p)."""
-        weighted = self.weights @ self._relative(J)
-        return weighted.reshape((*J.shape[:-3], -1, J.shape[-1]))
+        """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p).
+
+        It may have the c channels alone that are read, unless means are subtracted.
+        """
+        J, W = self._relative(J), self.weights
+        *batch, m, C, _, p = J.shape
+        at = np.arange(m)[:, None], self.data.read
+        if at[1].shape[1] < W.shape[1]:
+            J, W = J if at[1].shape[1] == C else J[(..., *at, slice(None), slice(None))], W[at]
+        return (W @ J).reshape((*batch, m, -1, p))
 
     def _relative(self, a: Array) -> Array:
         """Subtract the weighted mean of each configuration: what its readings have in common."""

@@ -134,9 +134,12 @@ class PoseObservation(Observation):
             return super().covariance(values, span)
         response = self._response(values, span)
         half = response @ blockwise_inverse(self.weights)
-        held, of_points = self.linear(values, span).gains[1], points_of(self).mixing
+        held, of_points = self.linear(values, span).held_gains, points_of(self).mixing
         if of_points is not None:
-            return of_points.covariance(np.swapaxes(half, -1, -2)) + held.T @ held
+            gains = np.swapaxes(half, -1, -2).reshape(*self.weights.shape[:3], -1)
+            at = np.arange(len(gains))[:, None], self.data.read
+            rows = gains[at].reshape(len(gains), -1, gains.shape[-1])
+            return of_points.covariance(rows) + held.T @ held
         of_held = held.T @ held / self.pull**2  # as stated: the residual widens all alike
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_held)
 

@@ -211,6 +211,22 @@ class Measurements(Result):
         """
         return self.readings[..., :3]
 
+    @cached_property
+    def read(self) -> IntArray:
+        """Channels of each pose (m, c), those that were read first, c at most of one pose."""
+        most = int(self.seen.sum(axis=1).max(initial=0))
+        return np.argsort(~self.seen, axis=1, kind="stable")[:, :most]
+
+    def in_place(self, rows: Array, index: Any = slice(None)) -> Array:
+        """Numbers (m, C, r) of rows (m, c r) of the channels that were read, zero of the others.
+
+        index : of the poses that they are of, all by default
+        """
+        read, (_, C, r) = self.read[index], self.readings.shape[-3:]
+        out = np.zeros((len(read), C, r))
+        out[np.arange(len(read))[:, None], read] = rows.reshape((*read.shape, r))
+        return out
+
     def only(self, channels: slice, rows: int) -> Measurements:
         """What some channels read, so many numbers each."""
         return replace(

@@ -15,18 +15,58 @@ variance. What the readings before tell of c has the mean ``M^-1 t`` and the cov
 
 (Kalman, J. Basic Eng. 82(1), 1960), and reading j leaves the innovation ``T_j (y_j - K_j M^-1 t)`` with
 T_j the inverse Cholesky factor of ``I + K_j M^-1 K_j^T``. All together are the inverse Cholesky factor
-of the whole group, at a cost that grows as the readings do.
+of the whole group, at a cost that grows as the readings do. A reading of many rows has the symmetric
+root in its place, which the levers make: rows of the group are then independent all the same.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, by_size, stacked
+from calib.arrays import Array, IntArray, by_size, in_parts, stacked
 from calib.solver import inverse_factor
+
+_DENSE = 4  # rows of a reading for each lever, up to which its factor is a triangle
+
+
+@dataclass(frozen=True, eq=False)
+class InverseFactor:
+    """T with ``T (I + L L^T) T^T = I`` of the R rows of each reading: a triangle, or symmetric.
+
+    ``T = I - L S L^T`` where rows are many times the levers: of an image of many corners the R columns
+    of T would be the largest array of all.
+
+    T : ndarray, shape (..., R, R), where rows are few, else S, shape (..., k, k)
+    L : ndarray, shape (..., R, k), or None where T is given
+    """
+
+    T: Array
+    L: Array | None = None
+
+    @classmethod
+    def of(cls, K: Array, told: Array, M: Array | None) -> InverseFactor:
+        """Of levers K (..., R, k) of what has the covariance ``M^-1``; told : ``K M^-1``."""
+        rows, k = K.shape[-2:]
+        if rows <= _DENSE * k:
+            return cls(inverse_factor(np.eye(rows) + told @ _t(K)))
+        L = K if M is None else K @ _t(inverse_factor(M))
+        squares, axes = np.linalg.eigh(_t(L) @ L)
+        grown = np.sqrt(1.0 + np.maximum(squares, 0.0))[..., None, :]
+        return cls((axes / (grown * (1.0 + grown))) @ _t(axes), L)
+
+    def __call__(self, rows: Array) -> Array:
+        """T times rows (..., R, p)."""
+        if self.L is None:
+            return np.asarray(self.T @ rows)
+        return np.asarray(rows - self.L @ (self.T @ (_t(self.L) @ rows)))
+
+    def back(self, rows: Array) -> Array:
+        """Its transpose times rows (..., R, p)."""
+        return np.asarray(_t(self.T) @ rows) if self.L is None else self(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +75,21 @@ class ReadingBlock:
 
     index : ndarray of int, shape (B, r), the readings
     K, told : ndarray, shape (..., B, r, R, k), levers, and how c as told by the readings before enters
-    T : ndarray, shape (..., B, r, R, R), inverse factors of what each reading leaves
+    factor : InverseFactor, of what each reading leaves
     """
 
     index: IntArray
     K: Array
     told: Array
-    T: Array
+    factor: InverseFactor
+
+    def part(self, own: slice) -> ReadingBlock:
+        """Some of its groups."""
+        factor = self.factor
+        L = None if factor.L is None else factor.L[..., own, :, :, :]
+        part = InverseFactor(factor.T[..., own, :, :, :], L)
+        at = (..., own, slice(None), slice(None), slice(None))
+        return ReadingBlock(self.index[own], self.K[at], self.told[at], part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +113,20 @@ class Level:
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, both (..., m, R, p)."""
         out = np.empty(rows.shape)
-        for block in self.blocks:
-            own = rows[..., block.index, :, :]
-            if block.index.shape[1] > 1:
-                own = own - block.told @ _before(_t(block.K) @ own)
-            out[..., block.index, :, :] = block.T @ own
+        for whole in self.blocks:
+            each = whole.index.shape[1] * math.prod((*rows.shape[:-3], *rows.shape[-2:]))
+            for block in map(whole.part, in_parts(len(whole.index), each)):
+                own = rows[..., block.index, :, :]
+                if block.index.shape[1] > 1:
+                    own = own - block.told @ _before(_t(block.K) @ own)
+                out[..., block.index, :, :] = block.factor(own)
         return out
 
     def back(self, gains: Array) -> Array:
         """Gains on the rows, from those on the independent ones, both (..., m, R, p)."""
         out = np.empty(gains.shape)
         for block in self.blocks:
-            own = _t(block.T) @ gains[..., block.index, :, :]
+            own = block.factor.back(gains[..., block.index, :, :])
             if block.index.shape[1] > 1:
                 after = _t(block.told) @ own
                 own = own - block.K @ _before(after[..., ::-1, :, :])[..., ::-1, :, :]
@@ -97,8 +147,12 @@ class Mixing:
 
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, from whitened ones, both (..., m, R, p)."""
-        rows = rows / self.scale
-        for level in self.levels:
+        first, *others = self.levels or (None,)
+        if first is None:
+            return rows / self.scale
+        rows = first(rows)  # a copy
+        rows /= self.scale
+        for level in others:
             rows = level(rows)
         return rows
 
@@ -131,12 +185,11 @@ class Mixing:
 
 
 def _block(index: IntArray, K: Array) -> ReadingBlock:
-    R, k = K.shape[-2:]
-    told = K
-    if index.shape[1] > 1:
-        M = np.eye(k) + _before(_t(K) @ K)
-        told = _t(np.asarray(np.linalg.solve(M, _t(K))))
-    return ReadingBlock(index, K, told, inverse_factor(np.eye(R) + told @ _t(K)))
+    if index.shape[1] == 1:
+        return ReadingBlock(index, K, K, InverseFactor.of(K, K, None))
+    M = np.eye(K.shape[-1]) + _before(_t(K) @ K)
+    told = _t(np.asarray(np.linalg.solve(M, _t(K))))
+    return ReadingBlock(index, K, told, InverseFactor.of(K, told, M))
 
 
 def _before(each: Array) -> Array:

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, by_size, stacked
+from calib.arrays import Array, IntArray, by_size, in_parts, stacked
 from calib.scatter.blocks import Block, Half, Levers
 from calib.scatter.poses import Scatter
 from calib.solver import triangle
@@ -109,10 +109,10 @@ def turned(
     The variances are the instrument's, those of approaches, and those of configurations.
     """
     two = approaches or scatter.has_approaches
-    sizes = np.sqrt((weighted**2).sum(axis=1).mean(axis=0))
+    sizes = np.sqrt(np.einsum("mrl,mrl->l", weighted, weighted) / len(weighted))
     kinds, count = scatter.kinds, int(scatter.kinds.max()) + 1
     scale = np.array([np.sqrt((sizes[kinds == k] ** 2).mean()) or 1.0 for k in range(count)])
-    H_in, F_in, outside, config = _by_approach(scatter, weighted / scale[kinds], F)
+    H_in, F_in, outside, config = _by_approach(scatter, weighted, 1.0 / scale[kinds], F)
     of_approach, of_place = 1 + kinds[: len(kinds) * two], 1 + count * two + kinds
     blocks = []
     for members in by_size(config):
@@ -126,11 +126,12 @@ def turned(
                 levers = np.concatenate([fresh, H], axis=-1)
                 owner = np.concatenate([of_approach, of_place])
                 blocks.append(Block(levers, H[..., :0], owner, of_place[:0], F_own))
-    lengths = np.sqrt((F[..., :-1] ** 2).sum(axis=(0, 1)) + (held[:, :-1] ** 2).sum(axis=0))
+    squares = np.einsum("mrf,mrf->f", F, F) + (held**2).sum(axis=0)
+    lengths = np.sqrt(squares[:-1])
     faint = _FAINT * np.diag(np.where(lengths > 0.0, lengths, 1.0))
     held = np.concatenate([held, np.pad(faint, ((0, 0), (0, 1)))])
     inside = sum(b.rows for b in blocks)
-    rows = int(np.count_nonzero(np.abs(F).sum(axis=-1)))
+    rows = int(np.count_nonzero(F.any(axis=-1)))
     rigid = sum(b.moved for b in blocks)
     units = np.concatenate([[1.0], *([1.0 / scale**2] * (2 if two else 1))])
     problem = Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
@@ -310,8 +311,10 @@ def step(found: Likelihood, theta: Array, free: IntArray) -> tuple[Array, float]
     return move, promised
 
 
-def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Array, IntArray]:
-    """Turn the rows of every approach.
+def _by_approach(
+    scatter: Scatter, H: Array, scale: Array, F: Array
+) -> tuple[Array, Array, Array, IntArray]:
+    """Turn the rows of every approach; levers H count in units of ``scale`` (n + 6,).
 
     Returns what scatters, levers (a, d, n + 6) and columns (a, d, f), the triangle (.., f) of the
     rest, and the configuration of each of the a approaches, (a,).
@@ -319,9 +322,12 @@ def _by_approach(scatter: Scatter, H: Array, F: Array) -> tuple[Array, Array, Ar
     groups = by_size(scatter.approach)
     d = min(_RIGID, max((index.shape[1] for index in groups), default=1) * H.shape[1])
     levers, columns, rest, config = [], [], [np.zeros((0, F.shape[-1]))], []
-    for index in groups:
+    each = H.shape[1] * F.shape[-1]
+    parts = [own[p] for own in groups for p in in_parts(len(own), own.shape[1] * each)]
+    for index in parts:
         B = len(index)
         own, left = (a[index].reshape(B, -1, a.shape[-1]) for a in (H, F))
+        own = own * scale
         U = np.linalg.svd(own, full_matrices=False)[0][..., :d]
         Ut = np.swapaxes(U, -1, -2)
         inside = Ut @ left

@@ -68,7 +68,9 @@ def problem_of(
     levers : ndarray, shape (m, R, n + 6), whitened as the rows of the problem are
     known : the arm's repeatability where the cell says it; None to be estimated
     """
-    F = np.concatenate([linear.J @ linear.span, linear.r[..., None]], axis=-1)
+    F = np.empty((*linear.r.shape, linear.span.shape[1] + 1))
+    np.matmul(linear.J, linear.span, out=F[..., :-1])
+    F[..., -1] = linear.r
     held = np.zeros((0, F.shape[-1]))
     if len(linear.off):
         held = np.column_stack([linear.held @ linear.span, linear.off])

@@ -19,10 +19,11 @@ from calib.effects.protocol import Effect
 from calib.identification import Identification
 from calib.instruments import Camera
 from calib.linear import LinearProblem
+from calib.observations import Points
 from doe.ahead.evidence import RivalEvidence
 from doe.ahead.likeness import SURE
 from doe.ahead.situation import Situation, situation_of
-from doe.problem.linearisation import Linearisation, weighted
+from doe.problem.linearisation import Linearisation
 
 _SOMETHING = 1.0  # noise variances that a rival must explain to be one
 _REACH = 25.0
@@ -118,10 +119,9 @@ def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]
     """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
     data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
     W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
-    predicted, J = situation.model.jacobian(situation.values, data.poses)
-    off = situation.model.readout.difference(data.readings, predicted)
-    columns = np.concatenate([J, off[..., None]], axis=-1)
-    flat = LinearProblem.of_rows(weighted(W, columns), after.mixing).independent[1]
+    r, J = Points(situation.model, data, W).whitened(situation.values)
+    columns = np.concatenate([J, r[..., None]], axis=-1)
+    flat = LinearProblem.of_rows(columns, after.mixing).independent[1]
     return flat[:, -1], flat[:, :-1]
 
 

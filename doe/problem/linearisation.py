@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.api import readings
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.cell import Cell
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
 from calib.instruments import Tracker
@@ -80,7 +80,7 @@ class Linearisation:
         W = weights(points)
         rows = weighted(W, self._heard(J))
         if not self.arm.any:
-            return LinearProblem.of_rows(rows / self.arm.scale)
+            return LinearProblem.of_rows(rows if self.arm.scale == 1.0 else rows / self.arm.scale)
         scatter = self.scatter(poses, visit)
         return LinearProblem.of_rows(rows, scatter.mixing(weighted(W, scatter.levers)))
 
@@ -219,8 +219,12 @@ class Regressor(Linearisation):
 
     def information(self, q: Array, visible: Mask | None = None) -> Array:
         """Information matrix of each configuration, shape (m, p, p)."""
-        rows = self.rows(q, visible)
-        return np.swapaxes(rows, -1, -2) @ rows
+        p, each = len(self.T), self.model.readout.channels.rows.sum() * len(self.T)
+        found = np.empty((len(q), p, p))
+        for own in in_parts(len(q), int(each)):
+            rows = self.rows(q[own], None if visible is None else visible[own])
+            np.matmul(np.swapaxes(rows, -1, -2), rows, out=found[own])
+        return found
 
     def whitened(self, mean: Array) -> Regressor:
         """The same in coordinates in which ``mean`` (p, p), in the present ones, is the identity."""
@@ -230,7 +234,8 @@ class Regressor(Linearisation):
 
 def _by_visit(rows: Array, visits: int) -> Array:
     """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k)."""
-    return np.concatenate(list(rows.reshape(-1, visits, *rows.shape[1:])), axis=1)
+    first, *others = rows.reshape(-1, visits, *rows.shape[1:])
+    return np.concatenate([first, *others], axis=1) if others else np.asarray(first)
 
 
 def moved_rows(

@@ -239,18 +239,27 @@ def pool_of(
     return together(parts, packed[:start])
 
 
+def probing(cell: Cell, request: Request) -> Iterator[Array]:
+    """Configurations by which a cell is known, in chunks of shape (m, dof)."""
+    return drawn(cell, _LONGEST, request.levels, request.seed + 1)
+
+
 def probe_of(
-    regressor: Regressor, constraints: tuple[Constraint, ...], request: Request
+    regressor: Regressor,
+    constraints: tuple[Constraint, ...],
+    request: Request,
+    chunks: Iterable[Array],
 ) -> tuple[Array, Mask]:
     """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
 
-    What the cell is like. Raises CalibError where a level has none.
+    What the cell is like, of chunks of :func:`probing`, as many as it takes. Raises CalibError where a
+    level has none.
     """
     levels = request.levels
     count = 1 if levels is None else len(levels.values)
     found: list[Pool] = []
     per_level = np.zeros(count, dtype=int)
-    for q in drawn(regressor.cell, _LONGEST, levels, request.seed + 1):
+    for q in chunks:
         found.append(judge(regressor, constraints, levels, q))
         per_level += np.bincount(found[-1].level, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL

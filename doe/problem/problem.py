@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -20,7 +21,15 @@ from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.problem.linearisation import Regressor, nominal
-from doe.problem.pool import PROBE, Pool, check_identifiable, drawn, is_silent, probe_of, rounded
+from doe.problem.pool import (
+    PROBE,
+    Pool,
+    check_identifiable,
+    is_silent,
+    probe_of,
+    probing,
+    rounded,
+)
 from doe.problem.request import (
     CannotIdentify,
     Request,
@@ -119,10 +128,12 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
-    angles = readings(cell, _angles(cell, request))
+    chunks = probing(cell, request)
+    first = next(chunks)
+    angles = readings(cell, _angles(cell, request, first[:PROBE]))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
-    probe, seen = probe_of(regressor, constraints, request)
+    probe, seen = probe_of(regressor, constraints, request, chain([first], chunks))
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
@@ -154,9 +165,11 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     return Problem(cell, request, regressor, constraints, criterion, targets, at)
 
 
-def _angles(cell: Cell, request: Request) -> Poses:
-    """Poses from which angle-dependent effects take their knots: the levels, else the whole range."""
-    probe = np.concatenate(list(drawn(cell, PROBE, request.levels, request.seed + 1)))
+def _angles(cell: Cell, request: Request, probe: Array) -> Poses:
+    """Poses from which angle-dependent effects take their knots: the levels, else the whole range.
+
+    probe : ndarray, shape (m, dof), some of them
+    """
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]

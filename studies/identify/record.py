@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -136,7 +137,7 @@ class IdentifyRecord(Record):
         """Whether there were poses that took no part."""
         return any(row.heldout for row in self.residuals)
 
-    @property
+    @cached_property
     def error(self) -> BeforeAfter:
         """RMS by the nominal and by the identified model, held out where anything was."""
         return self.error_at(heldout=self.held_out)

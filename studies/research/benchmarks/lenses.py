@@ -38,7 +38,7 @@ from doe.constraints import scene_of, visible
 from studies.research.bench import Output, Row, bench, data_folder, each, several, table
 
 _FOCAL, _CENTER, _NOISE = 900.0, (640.0, 480.0), 0.1  # px
-_POSES, _DRAWN = 45, 4000
+_POSES, _DRAWN, _FOR_EACH = 45, 4000, 8  # poses, and candidates: at least so many for each
 _PAYLOAD, _GRAVITY = 3.0, 9.81  # kg at the tip, m/s^2
 _COMPLIANCE = 8e-5  # rad/(N m) of the fourth joint
 _INTERVAL = 120.0  # s, from one pose to the next
@@ -179,8 +179,10 @@ def a_day(name: str, seed: int, on: str = "tip") -> Row:
     }
 
 
-def written(folder: Path, name: str, seed: int, on: str = "tip") -> tuple[Path, Path]:
-    """Cell and table of a day in a folder."""
+def written(
+    folder: Path, name: str, seed: int, on: str = "tip", poses: int = _POSES
+) -> tuple[Path, Path]:
+    """Cell and table of a day of so many poses in a folder."""
     truth = _CASES[name]
     rng = np.random.default_rng([seed, ord(name), len(on)])
     chain = Chain(data_folder("panda_sockets_2") / "robot.urdf")
@@ -191,8 +193,8 @@ def written(folder: Path, name: str, seed: int, on: str = "tip") -> tuple[Path, 
     known |= {"camera": on, "board": other, "camera_at": camera_at, "board_at": board_at}
     path.write_text(_CELL.format(urdf=chain.path, **known))
     cell = calib.load_cell(path)
-    shown = _poses(cell, rng)
-    q = true = shown[:_POSES]
+    shown = _poses(cell, rng, max(_DRAWN, _FOR_EACH * poses))
+    q = true = shown[:poses]
     time: Array = _INTERVAL * np.arange(float(len(q)))
     if truth.delay:
         q, true, time = _film(chain, shown, truth, on)
@@ -207,11 +209,11 @@ def _stated(place: tuple[tuple[float, ...], tuple[float, ...]]) -> str:
     return f"position_mm = {[1e3 * x for x in position]}\nrpy_deg = {list(rpy)}"
 
 
-def _poses(cell: calib.Cell, rng: np.random.Generator) -> Array:
+def _poses(cell: calib.Cell, rng: np.random.Generator, drawn: int) -> Array:
     low, high = cell.robot.sample_limits().T
-    q = rng.uniform(low, high, (_DRAWN, cell.robot.dof))
-    even, free = rng.uniform(size=(_DRAWN, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
-    q = looking(cell, q, np.zeros(_DRAWN, dtype=int), even, free)
+    q = rng.uniform(low, high, (drawn, cell.robot.dof))
+    even, free = rng.uniform(size=(drawn, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
+    q = looking(cell, q, np.zeros(drawn, dtype=int), even, free)
     return q[visible(scene_of(cell, q)).all(axis=1)]
 
 

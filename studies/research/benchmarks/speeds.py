@@ -153,6 +153,37 @@ def identify(repeats: int) -> list[float]:
     return [clocked(partial(calib.identify, cell, own)) for own in fresh][1:]
 
 
+def images(repeats: int, count: int = 500) -> list[float]:
+    """So many images of 88 corners by a camera on a Panda's hand, 34 parameters."""
+    import calib
+    from studies.research.benchmarks.lenses import written
+
+    with TemporaryDirectory() as folder:
+        path, table_path = written(Path(folder), "N", 0, poses=count)
+        cell = calib.load_cell(path)
+        data = calib.load_measurements(cell, table_path)
+    fresh = [data.take(slice(None)) for _ in range(repeats + 1)]
+    return [clocked(partial(calib.identify, cell, own)) for own in fresh][1:]
+
+
+def images_mb(repeats: int) -> list[float]:
+    """Megabytes at most of ten times as many, read and identified once."""
+    del repeats
+    images(0, 5000)
+    return [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB]
+
+
+def camera_plan(repeats: int) -> list[float]:
+    """40 poses of a camera on a Panda's hand, from 4 000 candidates."""
+    import doe
+    from studies.research.benchmarks.camera_plans import PLACES
+
+    with TemporaryDirectory() as folder:
+        cell = PLACES["panda"].cell(Path(folder), "tip")
+    plan = partial(doe.design, cell, poses=40, candidates=4000, fresh=False, reapproach=0)
+    return [clocked(plan) for _ in range(repeats + 1)][1:]
+
+
 def refits(repeats: int) -> list[float]:
     """1000 simulated experiments of 15 poses and 9 parameters."""
     run = _refits()
@@ -191,7 +222,10 @@ def _refits() -> Callable[..., Any]:
     return run
 
 
-LIBRARY = {f.__name__: f for f in (pool, pool_mb, identify, refits, two_workers)}
+LIBRARY: dict[str, Runs] = {
+    f.__name__: f
+    for f in (pool, pool_mb, identify, images, images_mb, camera_plan, refits, two_workers)
+}
 SPEEDS: dict[str, tuple[str, str, Runs]] = {
     "import": ("import calib", "s", partial(process, ["-c", "import calib"])),
     "help": ("posecal --help", "s", command("--help")),
@@ -205,6 +239,9 @@ SPEEDS: dict[str, tuple[str, str, Runs]] = {
     "pool": ("pool of 1e6, link weights, in the library", "s", inside("pool")),
     "pool-mb": ("its memory", "MB", inside("pool_mb")),
     "identify": ("identify 1495 x 3, in the library", "s", inside("identify")),
+    "images": ("identify 500 images of 88 corners, in the library", "s", inside("images")),
+    "images-mb": ("memory of 5 000 of them", "MB", inside("images_mb")),
+    "camera-plan": ("40 poses of a camera, in the library", "s", inside("camera_plan")),
     "refits": ("1000 refits of 15 poses, in the library", "s", inside("refits")),
     "workers": ("their gain by two workers", "x", inside("two_workers")),
     "readings": ("identify 12 000 readings of one marker", "s", readings(12_000)),

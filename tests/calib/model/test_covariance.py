@@ -21,7 +21,7 @@ from calib.model.covariance import (
     errors_at,
     ignorance,
 )
-from calib.solver import inverse_factor, levenberg_marquardt
+from calib.solver import condensed, inverse_factor, levenberg_marquardt
 from calib.uncertainty.expanded import effective_freedom
 from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
@@ -155,3 +155,15 @@ def test_the_solver_does_not_call_a_dead_end_a_minimum() -> None:
         return np.full(1, np.nan), np.eye(1)
 
     assert not levenberg_marquardt(nothing, np.zeros(1), np.eye(1)).converged
+
+
+@pytest.mark.parametrize("shape", [(9, 12), (300, 12), (40_000, 12), (700, 130)])
+def test_condensed_columns_have_the_same_products(shape: tuple[int, int]) -> None:
+    """The last of them nearly the sum of the others, which squares would not show."""
+    A = np.random.default_rng(1).normal(size=shape)
+    A[:, -1] = A[:, :-1].sum(axis=1) + 1e-9 * A[:, -1]
+    found = condensed(A)
+    assert len(found) <= shape[1]
+    np.testing.assert_allclose(found.T @ found, A.T @ A, rtol=1e-9, atol=1e-9 * shape[0])
+    apart = np.append(-np.ones(shape[1] - 1), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(found @ apart), np.linalg.norm(A @ apart), rtol=1e-4)

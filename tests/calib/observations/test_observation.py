@@ -14,6 +14,7 @@ import calib
 from calib import Cell, Poses
 from calib.arrays import Array
 from calib.cell import Load
+from calib.diagnosis.linear import linearised
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.observations import Points, PoseObservation
@@ -45,6 +46,50 @@ def both(seed: int, dof: int, markers: int, effects: tuple[str, ...]) -> tuple[A
         information(Points(model, data, weights), values),
         information(PoseObservation(model, data, weights, marked), values),
     )
+
+
+def test_rows_are_those_of_what_was_read() -> None:
+    """Of four markers two at most are seen at a pose: the others have no rows, and lose nothing."""
+    rng = np.random.default_rng(3)
+    robot = random_robot(rng, 4, prismatic=())
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (4, 3)), ("base", "geometry"))
+    poses = random_poses(rng, robot, 12)
+    model = build(cell, poses).model
+    values = model.sizes * rng.normal(size=len(model.parameters)) * 0.1
+    read = model.predict(values, poses) + rng.normal(scale=1e-4, size=(12, 4, 3))
+    seen = np.array([[k in (i % 4, (i * i) % 4) for k in range(4)] for i in range(12)])
+    data = Measurements(poses, read * seen[..., None], seen, np.full(seen.shape, np.nan))
+    weights = (
+        np.linalg.inv(rng.normal(size=(12, 4, 3, 3)) + 4.0 * np.eye(3)) * seen[..., None, None]
+    )
+    points = Points(model, data, weights)
+    r, J = points.whitened(values)
+    assert r.shape == (12, 6)
+    predicted, slopes = model.jacobian(values, poses)
+    full = (weights @ (data.readings - predicted)[..., None])[..., 0]
+    np.testing.assert_allclose(data.in_place(r), full, rtol=1e-12)
+    columns = (weights @ slopes).reshape(12, 12, -1)
+    np.testing.assert_allclose(
+        information(points, values), sum(c.T @ c for c in columns), rtol=1e-9
+    )
+    packed = slopes[np.arange(12)[:, None], data.read]
+    np.testing.assert_array_equal(points.rows(packed), J)
+    some = np.array([7, 2])
+    np.testing.assert_array_equal(data.in_place(r[some], some), data.in_place(r)[some])
+    linear = linearised(model, values, poses, (), data.read)
+    np.testing.assert_allclose(Points(linear, data, weights).whitened(values)[0], r, atol=1e-9)
+    np.testing.assert_array_equal(Points(linear, data, weights).whitened(values)[1], J)
+
+
+def test_derivatives_in_parts_are_those_of_all_poses(
+    kr270: Cell, table_two: Poses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = build(kr270, table_two).model
+    values = model.sizes * np.random.default_rng(0).normal(size=len(model.parameters)) * 0.1
+    whole = replace(model).jacobian(values, table_two)
+    monkeypatch.setattr("calib.arrays._AT_ONCE", 3 * whole[1][0].size)
+    for part, expected in zip(replace(model).jacobian(values, table_two), whole, strict=True):
+        np.testing.assert_allclose(part, expected, rtol=1e-9, atol=1e-12)
 
 
 @settings(max_examples=30)

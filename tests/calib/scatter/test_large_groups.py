@@ -10,6 +10,7 @@ import pytest
 from calib.arrays import Array, by_size
 from calib.poses import Poses, poses_at
 from calib.scatter import Scatter, Variances
+from calib.scatter.mixing import InverseFactor, Mixing
 from calib.scatter.restricted import likelihood, turned
 from tests.calib.scatter.arms import Day, visits_of
 from tests.calib.scatter.test_scatter import APPROACH, PLACE, scattering, spread_over
@@ -53,6 +54,25 @@ def test_rows_are_mixed_by_the_inverse_cholesky_factor(
             flat = own.reshape(len(rows), -1)
             inverse[np.ix_(rows, rows)] -= flat @ flat.T
     np.testing.assert_allclose(inverse / 1.7**2, np.linalg.inv(V), rtol=0.0, atol=1e-9)
+
+
+def test_readings_of_many_rows_are_mixed_by_their_levers() -> None:
+    """Each pose less what those before it tell, its own rows by a symmetric root."""
+    scatter, weighted, day = scattering(uneven(), 20)
+    mixing = scatter.at(Variances(1.7, APPROACH, PLACE)).mixing(weighted)
+    V = dense(day, 1.7, APPROACH, PLACE)
+    N, shape = len(V), weighted.shape[:2]
+    unit = np.eye(N).reshape(*shape, N)
+    W = mixing(unit).reshape(N, N)
+    np.testing.assert_allclose(W @ V @ W.T, np.eye(N), rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(mixing.back(unit).reshape(N, N), W.T, rtol=0.0, atol=1e-9)
+    rows = V.shape[0] // shape[0]
+    assert not W[:rows, rows:].any()
+    assert all(factor.L is not None for factor in _factors(mixing))
+
+
+def _factors(mixing: Mixing) -> list[InverseFactor]:
+    return [block.factor for level in mixing.levels for block in level.blocks]
 
 
 @pytest.mark.parametrize("markers", [1, 2, 3])

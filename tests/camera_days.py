@@ -103,6 +103,10 @@ SETUPS = {
         {"table": Stands("world", [1500, -100, 300], [180, 0, 0])},
         tracker=True,
     ),
+    "kr270, hand": Setup(
+        {"cam": Stands("tip", [60, 0, 80], [0, 0, 90])},
+        {"table": Stands("world", [1500, -100, 300], [180, 0, 0])},
+    ),
     "kr270, two": Setup(
         {
             "left": Stands("world", [3200, 700, 1800], [-90, 0, 105]),
@@ -125,6 +129,8 @@ class Truth:
     moved : how far cameras and boards are from where the cell says, (m, rad); size : of the boards
     seed : of the noise; stands : of where cameras and boards are
     louder : times the stated noise, of each instrument by its name
+    grows : whether noise of an image grows as squares look smaller, else it is the same in all
+    scatter : rad, of every joint anew at every stop
     """
 
     offsets: Array
@@ -134,6 +140,8 @@ class Truth:
     seed: int = 0
     stands: int = 0
     louder: Mapping[str, float] = field(default_factory=dict)
+    grows: bool = True
+    scatter: float = 0.0
 
 
 def grid() -> Array:
@@ -141,6 +149,13 @@ def grid() -> Array:
     across, down = SQUARES[0] - 1, SQUARES[1] - 1
     i = np.indices((down, across))[::-1].reshape(2, -1).T + 1.0
     return np.c_[i, np.zeros(len(i))] * PITCH
+
+
+def grown(uv: Array) -> float:
+    """Noise of a detector over that of large squares: of so many pixels across as they look."""
+    flat = np.c_[grid()[:, :2] / PITCH, np.ones(len(uv))]
+    sides = np.linalg.svd(np.linalg.lstsq(flat, uv, rcond=None)[0][:2], compute_uv=False)
+    return float(np.hypot(1.0, 20.0 / sides[1]))
 
 
 def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Sequence[str]) -> str:
@@ -161,7 +176,8 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
     lines = [",".join(["pose", "instrument", "marker", *joints, *read])]
     points = grid() * truth.size
     station = frame(np.array([-3.0, -1.0, -1.0, 0.3, -0.2, 0.5]))
-    for name, own, tip in zip(names, q, tips(robot, q + truth.offsets), strict=True):
+    true_q = q + truth.offsets + truth.scatter * rng.normal(size=q.shape)
+    for name, own, tip in zip(names, q, tips(robot, true_q), strict=True):
         shared = ",".join(f"{value:.9f}" for value in own)
         for camera, s in setup.cameras.items():
             sigma_px = SIGMA_PX * truth.louder.get(camera, 1.0)
@@ -175,7 +191,8 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
                 uv, _ = cv2.projectPoints(
                     points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:]
                 )
-                uv = uv[:, 0] + rng.normal(0.0, sigma_px, (len(points), 2))
+                sigma = sigma_px * (grown(uv[:, 0]) if truth.grows else 1.0)
+                uv = uv[:, 0] + rng.normal(0.0, sigma, (len(points), 2))
                 if (uv < 0.0).any() or (uv > np.array(IMAGE) - 1.0).any():
                     continue
                 lines += [

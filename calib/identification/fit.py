@@ -7,6 +7,7 @@ turned out to be.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,6 +24,7 @@ from calib.identification.estimators import (
     prior_residual_freedom,
     rigid_directions,
 )
+from calib.identification.loudness import AS_LOUD, loudness, with_stated
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.outliers import (
     extrapolation_factor,
@@ -38,7 +40,7 @@ from calib.identification.start import outnumbered, strayed
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
-from calib.observations import Observation, points_of
+from calib.observations import Observation, Points, points_of
 from calib.population import Departure, adapted, departure, loosened
 from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths, widths_of
@@ -60,6 +62,7 @@ _ROUNDS = 12  # times that outliers are judged anew
 _STRAYED = "these poses tell so little of it that its estimate ran away"
 _WIDTH_ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
+_LOUDNESS_ROUNDS = 4  # of fit and loudness of several instruments in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +135,7 @@ class Estimation:
         """Noise scale of the readings, from the poses that were kept."""
         data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
         alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
+        alone = with_stated(alone, self.model.readout, data, weights)
         if self.observation.mixing is None or self.levels is None:
             return alone
         return of_levels(self.levels, alone)
@@ -253,6 +257,35 @@ def search(
     )
 
 
+def searched(estimator: Estimator, observation: Observation, start: Array) -> Estimation:
+    """The search with each of several instruments weighed by how loud its own readings are."""
+    found = search(estimator, observation, start)
+    if not isinstance(observation, Points) or isinstance(estimator, Differences):
+        return found
+    for _ in range(_LOUDNESS_ROUNDS):
+        by = _louder(found)
+        if all(abs(s - 1.0) < AS_LOUD for s in by.values()):
+            break
+        known = found.model.loudness
+        whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
+        observation = replace(
+            observation,
+            model=replace(observation.model, loudness=whole),
+            weights=observation.model.readout.by_loudness(observation.weights, by),
+        )
+        found = search(estimator, observation, start)
+    return found
+
+
+def _louder(found: Estimation) -> Mapping[str, float]:
+    """By how much instruments are louder than they were taken to be in a fit."""
+    counted, model = points_of(found.counted), found.model
+    none = Variances.none(model.robot.dof)
+    levers = scatter_of(model, found.values, counted.data.poses, none).levers[..., -6:]
+    r, J = counted.whitened(found.values)
+    return loudness(model.readout.channels, r, J @ found.span, counted.rows(levers))
+
+
 @dataclass(frozen=True, eq=False)
 class _Choice:
     """What is estimated.
@@ -372,7 +405,7 @@ def fitted(
         fit = _beside_type(cell, estimator, observation, start, prior)
     else:
         bare = replace(observation, model=replace(observation.model, prior=None))
-        fit = search(estimator, bare, start).under_levels(cell)
+        fit = searched(estimator, bare, start).under_levels(cell)
         if prior is not None:
             return _beside(cell, fit, prior)
     return fit if errors is None else _beside_sizes(cell, fit, errors)
@@ -443,9 +476,11 @@ def _beside_type(
     model = observation.model
     at, sizes = model.own_prior_at, model.sizes[model.own_prior_at]
     loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
-    alone = search(estimator, loose, start).under_levels(cell)
+    alone = searched(estimator, loose, start).under_levels(cell)
     own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
     found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.loudness)
-    believed = replace(model, prior=adapted(found, sizes))
-    beside = replace(observation, model=believed, pull=alone.loudness)
+    believed = replace(alone.model, prior=adapted(found, sizes))
+    beside = replace(
+        observation, model=believed, weights=alone.observation.weights, pull=alone.loudness
+    )
     return replace(search(estimator, beside, alone.values).under_levels(cell), of_type=found)

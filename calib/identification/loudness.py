@@ -1,0 +1,102 @@
+"""How loud each of several instruments is: a variance component for each.
+
+One scale for all would take from a tracker as stated what a louder camera beside it has too much. So
+each instrument has its own by restricted likelihood, found as Helmert's and Förstner's variance
+component estimation does (Koch, Parameter Estimation and Hypothesis Testing in Linear Models, 1999,
+3.6): of the residuals v of its whitened rows and their redundancies, ``s^2 = v^T v / sum(1 - h)``, the
+rows weighed anew by it until nothing changes. The tip is free at every pose: what the arm does, or its
+model lacks, moves all that rides on the tip as one, and is no instrument's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calib.arrays import Array, Mask, stacked
+from calib.identification.noise_level import REPLICATES, NoiseLevel, believed_sigma, refuted
+from calib.instruments import Channels
+from calib.linear import orthonormal
+from calib.model.readout import Readout
+from calib.poses import Measurements
+
+AS_LOUD = 0.01
+"""Change of a loudness that is not worth another fit."""
+_ROUNDS = 30
+_SETTLED = 1e-4
+_LEAST = 0.2  # nobody's instrument is five times better than its maker says
+_SHOWN = 1e-6  # of the largest: directions in which the tip moves no row
+
+
+def loudness(channels: Channels, r: Array, J: Array, levers: Array) -> Mapping[str, float]:
+    """Actual over stated noise of those of several instruments that err by more or less than stated.
+
+    r : ndarray, shape (m, R), whitened residuals, zero for what does not count; J : (m, R, k), what was
+    fitted; levers : (m, R, 6), how the rows follow the tip, whitened as they are
+    An instrument is judged where its rows have ten degrees of freedom beside all that, two-sided at one
+    per cent. Nothing is said of a single one: its noise has a level of its own.
+    """
+    if len(channels.instruments) < 2:
+        return {}
+    width = r.shape[1] // len(channels)
+    parts = [slice(p.start * width, p.stop * width) for _, p in channels.blocks]
+    counts: Mask = np.any(J, axis=-1)
+    may: Mask = np.ones(len(parts), dtype=bool)
+    while True:
+        scale, dof = _scales(parts, r, J, levers, counts, may)
+        told = np.array([d >= REPLICATES for d in dof])
+        off = [refuted(float(d * s**2), round(d)) for s, d in zip(scale, dof, strict=True)]
+        keep: Mask = np.logical_and(may, np.logical_and(told, off))
+        if np.array_equal(keep, may):
+            break
+        may = keep
+    return {
+        instrument.name: float(s)
+        for instrument, s, own in zip(channels.instruments, scale, may, strict=True)
+        if own
+    }
+
+
+def _scales(
+    parts: list[slice], r: Array, J: Array, levers: Array, counts: Mask, may: Mask
+) -> tuple[Array, Array]:
+    """Scale of each instrument, one where it may not differ, and degrees of freedom, both (I,)."""
+    scale, dof = np.ones(len(parts)), np.zeros(len(parts))
+    for _ in range(_ROUNDS):
+        by = np.ones(r.shape[1])
+        for part, s in zip(parts, scale, strict=True):
+            by[part] = 1.0 / s
+        left, spare = _left(r * by, J * by[:, None], levers * by[:, None], counts)
+        dof = np.array([spare[:, part].sum() for part in parts])
+        squares = np.array([(left[:, part] ** 2).sum() for part in parts])
+        ratio = np.where(may & (dof >= REPLICATES), squares / np.maximum(dof, 1e-9), 1.0)
+        fresh = np.maximum(scale * np.sqrt(ratio), _LEAST)
+        settled, scale = np.abs(fresh - scale).max() < _SETTLED, fresh
+        if settled:
+            break
+    return scale, dof
+
+
+def _left(r: Array, J: Array, levers: Array, counts: Mask) -> tuple[Array, Array]:
+    """Residuals and redundancies of rows, both (m, R), the tip free at every pose."""
+    U, s, _ = np.linalg.svd(levers, full_matrices=False)
+    U = U * (s > _SHOWN * s.max(axis=-1, keepdims=True))[:, None, :]
+    Ut = np.swapaxes(U, -1, -2)
+    r = r - (U @ (Ut @ r[..., None]))[..., 0]
+    Q = orthonormal(stacked(J - U @ (Ut @ J)))
+    left = r.ravel() - Q @ (Q.T @ r.ravel())
+    taken = (U**2).sum(axis=-1) + (Q**2).sum(axis=-1).reshape(r.shape)
+    return left.reshape(r.shape), np.where(counts, 1.0 - taken, 0.0)
+
+
+def with_stated(
+    noise: NoiseLevel, readout: Readout, data: Measurements, weights: Array
+) -> NoiseLevel:
+    """The noise beside what the cell says of it; weights : (m, C, r, r), by how loud each is."""
+    if not readout.loudness:
+        return noise
+    quiet = {name: 1.0 / s for name, s in readout.loudness.items()}
+    stated = readout.by_loudness(weights, quiet)
+    return replace(noise, stated=believed_sigma(data, stated, readout.channels.lengths))

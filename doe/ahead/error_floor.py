@@ -19,6 +19,8 @@ from calib.poses import Poses
 from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner, parted
 
+_PART = 0.5  # of what the model seems to lack, that must be more than chance
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorFloor:
@@ -31,7 +33,7 @@ class ErrorFloor:
         and an hour later; None where no clock tells
     seen : what poses showed that the fit was without, zero where there are none
     rest_of : whose what differs from configuration to configuration is
-    surely : whether what the model lacks, or the larger part of it, is more than chance
+    surely : whether what the model lacks, or half of it, is more than chance
     after : s after the last reading at which the arm comes to the targets; None where nobody says it
     at_targets : ndarray, shape (targets,), m, all of it
     hidden : what the data neither show nor rule out, for which a bound allows beside all that: scatter
@@ -102,7 +104,8 @@ def error_floor(
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
         rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
     seen = seen or Unseen(0.0, 0.0, 0.0, "")
-    surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= rest.rms)
+    part = _PART * float(np.hypot(rms(lacks), rest.rms))
+    surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
     lacking = ErrorFloor(
         rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
         seen, rest_of, surely, after,

@@ -14,8 +14,16 @@ if TYPE_CHECKING:
     from calib.scatter import Scatter, VarianceEstimate
 
 _COUNTS = 0.5  # of what is expected: less hides beside the rest
+_HEARD = 0.1  # of the stated noise
 _SAME = 1e-3  # of the stated noise
 _MM, _URAD = 1e3, 1e6
+
+
+class NoiseScale(Entry):
+    """An instrument of several whose noise is so many times the stated one."""
+
+    instrument: str
+    times: Positive
 
 
 class NoiseEntry(Entry):
@@ -29,6 +37,7 @@ class NoiseEntry(Entry):
     usual_mm : between what arms of this size repeat by data sheets
     pixel_mm : of a pixel at the points read, where no reading is a length; lengths are then those of
         pixels at the points
+    noise_scales : of several instruments those whose noise is other than the cell states
     """
 
     sigma_mm: NotNegative
@@ -42,6 +51,7 @@ class NoiseEntry(Entry):
     configuration_of: Owner | None = None
     usual_mm: tuple[NotNegative, NotNegative] | None = None
     pixel_mm: MaybePositive = None
+    noise_scales: tuple[NoiseScale, ...] = ()
 
     @property
     def scatters(self) -> bool:
@@ -104,11 +114,15 @@ def noise_fields(
     for name, own in (("repeatability", found.arm), ("configuration", fixed)):
         shown[f"{name}_mm"] = None if own is None else own.translation * _MM
         shown[f"{name}_urad"] = None if own is None else own.rotation * _URAD
+    told = noise.source == "cell" and noise.stated != noise.believed
     return {
         **shown,
         "sigma_mm": noise.sigma * footprint * _MM,
-        "believed_sigma_mm": noise.believed * footprint * _MM,
-        "source": noise.source,
+        "believed_sigma_mm": noise.stated * footprint * _MM,
+        "source": "residual" if told else noise.source,
+        "noise_scales": [
+            {"instrument": name, "times": s} for name, s in model.noise_scales.items()
+        ],
         "pixel_mm": pixel_mm(model, footprint),
         "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,
         "configuration_of": found.of,
@@ -133,7 +147,14 @@ def in_its_unit(sigma_mm: float, pixel_mm: float | None) -> str:
 
 def noise_words(noise: NoiseEntry) -> list[str]:
     """Lines on the noise of a result."""
-    return [_instrument(noise), *_arm(noise), *_untold(noise)]
+    return [_instrument(noise), *_each(noise), *_arm(noise), *_untold(noise)]
+
+
+def _each(noise: NoiseEntry) -> Iterator[str]:
+    """Instruments whose noise is other than stated, where that is worth a word."""
+    for own in noise.noise_scales:
+        if abs(own.times - 1.0) >= _HEARD:
+            yield f"noise of {own.instrument}: {own.times:.1f} times as stated"
 
 
 def _instrument(noise: NoiseEntry) -> str:

@@ -12,9 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import load_cell
+from calib import Cell, Measurements, load_cell, load_measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.cell.views import NUMBERS, looking, views_of
+from doe.constraints import scene_of, visible
+from studies.demo.embedded import embedded_text
 from tests.plain_arm import frame, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
@@ -94,6 +97,23 @@ SETUPS = {
         {"plate": Stands("tip", [130, -75, 20], [0, 180, 0])},
     ),
     "tracker": Setup({"cam": HAND}, {"table": TABLE}, tracker=True),
+    # The same before a KR 270, which is larger.
+    "kr270": Setup(
+        {"cam": Stands("tip", [60, 0, 80], [0, 0, 90])},
+        {"table": Stands("world", [1500, -100, 300], [180, 0, 0])},
+        tracker=True,
+    ),
+    "kr270, hand": Setup(
+        {"cam": Stands("tip", [60, 0, 80], [0, 0, 90])},
+        {"table": Stands("world", [1500, -100, 300], [180, 0, 0])},
+    ),
+    "kr270, two": Setup(
+        {
+            "left": Stands("world", [3200, 700, 1800], [-90, 0, 105]),
+            "right": Stands("world", [3200, -700, 1800], [-90, 0, 75]),
+        },
+        {"plate": Stands("tip", [100, -130, -90], [0, 180, 0])},
+    ),
     "boards": Setup(
         {"cam": HAND},
         {"table": TABLE, "side": Stands("world", [-100, 480, 20], [180, 0, 0])},
@@ -108,6 +128,9 @@ class Truth:
     offsets : of the joints, rad; lens : of every camera, as OpenCV writes it, px
     moved : how far cameras and boards are from where the cell says, (m, rad); size : of the boards
     seed : of the noise; stands : of where cameras and boards are
+    scales : times the stated noise, of each instrument by its name
+    grows : whether noise of an image grows as squares look smaller, else it is the same in all
+    scatter : rad, of every joint anew at every stop
     """
 
     offsets: Array
@@ -116,6 +139,9 @@ class Truth:
     size: float = 1.0
     seed: int = 0
     stands: int = 0
+    scales: Mapping[str, float] = field(default_factory=dict)
+    grows: bool = True
+    scatter: float = 0.0
 
 
 def grid() -> Array:
@@ -123,6 +149,13 @@ def grid() -> Array:
     across, down = SQUARES[0] - 1, SQUARES[1] - 1
     i = np.indices((down, across))[::-1].reshape(2, -1).T + 1.0
     return np.c_[i, np.zeros(len(i))] * PITCH
+
+
+def grown(uv: Array) -> float:
+    """Noise of a detector over that of large squares: of so many pixels across as they look."""
+    flat = np.c_[grid()[:, :2] / PITCH, np.ones(len(uv))]
+    sides = np.linalg.svd(np.linalg.lstsq(flat, uv, rcond=None)[0][:2], compute_uv=False)
+    return float(np.hypot(1.0, 20.0 / sides[1]))
 
 
 def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Sequence[str]) -> str:
@@ -143,9 +176,11 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
     lines = [",".join(["pose", "instrument", "marker", *joints, *read])]
     points = grid() * truth.size
     station = frame(np.array([-3.0, -1.0, -1.0, 0.3, -0.2, 0.5]))
-    for name, own, tip in zip(names, q, tips(robot, q + truth.offsets), strict=True):
+    true_q = q + truth.offsets + truth.scatter * rng.normal(size=q.shape)
+    for name, own, tip in zip(names, q, tips(robot, true_q), strict=True):
         shared = ",".join(f"{value:.9f}" for value in own)
         for camera, s in setup.cameras.items():
+            sigma_px = SIGMA_PX * truth.scales.get(camera, 1.0)
             eye = np.linalg.inv(tip @ true[camera] if s.on == "tip" else true[camera])
             for board, b in setup.boards.items():
                 if b.on == s.on:
@@ -156,7 +191,8 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
                 uv, _ = cv2.projectPoints(
                     points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:]
                 )
-                uv = uv[:, 0] + rng.normal(0.0, SIGMA_PX, (len(points), 2))
+                sigma = sigma_px * (grown(uv[:, 0]) if truth.grows else 1.0)
+                uv = uv[:, 0] + rng.normal(0.0, sigma, (len(points), 2))
                 if (uv < 0.0).any() or (uv > np.array(IMAGE) - 1.0).any():
                     continue
                 lines += [
@@ -164,10 +200,44 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
                     for k, (u, v) in enumerate(uv)
                 ]
         if setup.tracker:
+            sigma_m = SIGMA_M * truth.scales.get("tracker", 1.0)
             seen = MARKERS @ tip[:3, :3].T + tip[:3, 3] @ np.eye(3)
-            seen = seen @ station[:3, :3].T + station[:3, 3] + rng.normal(0.0, SIGMA_M, (3, 3))
+            seen = seen @ station[:3, :3].T + station[:3, 3] + sigma_m * rng.normal(size=(3, 3))
             lines += [
                 f"{name},tracker,m{k},{shared},,,{x:.5f},{y:.5f},{z:.5f}"
                 for k, (x, y, z) in enumerate(1e3 * seen, 1)
             ]
     return "\n".join([*lines, ""])
+
+
+def kr270_day(
+    folder: Path, setup: Setup, truth: Truth, count: int = 40, again: int = 0,
+    effects: str = '"base", "tool", "geometry"', more: str = "",
+) -> tuple[Cell, Measurements]:  # fmt: skip
+    """A day of a KR 270 at poses that show the boards; the first ``again`` are visited twice more."""
+    (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    path = folder / "cell.toml"
+    path.write_text(setup.text("kr270.urdf", "base_link", "tool0", effects, more))
+    cell = load_cell(path)
+    q = poses_that_show(cell, truth.seed, count)
+    names = [f"p{k:02d}" for k in range(count)]
+    if again:
+        half = count // 2
+        q = np.concatenate([q[:half], q[:again], q[half:], q[:again]])
+        names = [f"p{k:02d}" for k in range(len(q))]
+    table = folder / "measurements.csv"
+    table.write_text(measured(path, setup, truth, q, names))
+    return cell, load_measurements(cell, table)
+
+
+def poses_that_show(cell: Cell, seed: int, count: int) -> Array:
+    """Joints (count, dof) at which every view of a cell is whole."""
+    rng = np.random.default_rng([seed, 7])
+    low, high = cell.robot.sample_limits().T
+    n = 60 * count
+    q = rng.uniform(low, high, (n, cell.robot.dof))
+    even, free = rng.uniform(size=(n, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
+    wanted = np.arange(n) % len(views_of(cell))
+    q = looking(cell, q, wanted, even, free)
+    shown = visible(scene_of(cell, q))
+    return q[shown.all(axis=1)][:count]

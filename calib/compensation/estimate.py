@@ -136,6 +136,8 @@ def _instrument(result: Identification) -> float:
     )
     if told or noise.source != "residual":
         return noise.factor
+    if levels is not None and levels.instrument_seen:
+        return levels.variances.scale  # points of one pose tell it, whatever repeated ones do
     return noise.replicate_factor or 1.0  # the residual is what is to be explained
 
 

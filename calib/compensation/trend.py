@@ -4,21 +4,27 @@ A base or an instrument that warms or drifts moves all readings of a station as 
 ``a g(t)`` with six amplitudes a. Which g nobody knows: it is averaged over ``1 - exp(-t / tau)``, from
 soon settled to steady, each by its likelihood. A fit without it stands where the day was on average:
 at another time it is off by the trend there, less what its values took up.
+
+An F test of the readings alone counts every one of them, and would be fooled where whole poses err
+together in other ways than was found. So the stays of the arm are put in other orders as well: what
+comes of no trend would as soon come in any of them (Freedman and Lane, J. Bus. Econ. Stat. 1(4), 1983).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, stacked
+from calib.arrays import Array, IntArray, stacked
 from calib.compensation.unexplained import Fitted
 from calib.effects.base import Base
 from calib.linear import Complement, LinearProblem
 from calib.model import Model
 from calib.model.covariance import working_points
 from calib.poses import Poses
+from calib.poses.moves import visits
 
 _SURE = 0.01  # p value below which there is a trend
 _TAUS = (0.25, 0.5, 1.0, 2.0, 1e3)  # of the session; the last one is a steady drift
@@ -56,7 +62,8 @@ class DayTrend:
 def trend_of(fit: Fitted, sure: float = _SURE) -> DayTrend | None:
     """The trend of a residual; None where none is shown, nothing tells the time, or the model has one.
 
-    sure : p value below which there is one: an F test of the best of the functions, each of them tried
+    sure : p value below which there is one: an F test of the best of the functions, each of them tried,
+        and the share of other orders of the stays in which as much follows it
     """
     poses, own = fit.data.poses, fit.model.where(Base)
     timed = any("time" in effect.uses for effect in fit.model.effects)
@@ -65,7 +72,7 @@ def trend_of(fit: Fitted, sure: float = _SURE) -> DayTrend | None:
     taus = np.array(_TAUS) * float(np.ptp(poses.clock))
     grown = -np.expm1(-poses.clock[:, None] / taus)
     problem, moved = fit.linear, fit.linear.J[..., own]
-    found = _regressed(problem, moved, grown, sure)
+    found = _regressed(problem, moved, grown, visits(poses), sure)
     if found is None:
         return None
     likely, amplitudes = found
@@ -76,34 +83,47 @@ def trend_of(fit: Fitted, sure: float = _SURE) -> DayTrend | None:
 
 
 def _regressed(
-    problem: LinearProblem, moved: Array, grown: Array, sure: float
+    problem: LinearProblem, moved: Array, grown: Array, stay: IntArray, sure: float
 ) -> tuple[Array, Array] | None:
     """How likely each function (m, K) is, and its amplitudes (K, b); None where chance may be all.
 
-    moved : ndarray, shape (m, R, b), how the readings follow the bases
+    moved : ndarray, shape (m, R, b), how the readings follow the bases; stay : ndarray of int, (m,)
     """
     from scipy.special import fdtrc
 
     r, J = problem.independent
     Q, _ = np.linalg.qr(_unit(J @ problem.span)[0])
     beside = Complement(problem, Q, r - Q @ (Q.T @ r))
-    moved = problem.columns(moved).reshape(moved.shape)
-    falls, amplitudes, rank = np.zeros(grown.shape[1]), [], 0
-    for k, g in enumerate(grown.T):
-        columns, scale = _unit(stacked(moved * g[:, None, None]))
+
+    def followed(g: Array) -> tuple[float, Array, int]:
+        """By how much a function (m,) lowers the sum of squares, its amplitudes, and their rank."""
+        columns, scale = _unit(problem.columns(moved * g[:, None, None]))
         outside = beside.of(columns)
         found, _, shown, _ = np.linalg.lstsq(outside, beside.left, rcond=_SHOWN)
-        rank = max(rank, int(shown))
-        falls[k] = beside.left @ outside @ found
-        amplitudes.append(found / scale)
+        return float(beside.left @ outside @ found), found / scale, int(shown)
+
+    each = [followed(g) for g in grown.T]
+    falls, rank = np.array([fall for fall, _, _ in each]), max(shown for _, _, shown in each)
     dof = int(np.count_nonzero((J @ problem.span).any(axis=1))) - Q.shape[1] - rank
     if not rank or dof <= 0:
         return None
     noise = float(beside.left @ beside.left - falls.max()) / dof
     if min(1.0, len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise))) > sure:
         return None
+    best = grown[:, int(falls.argmax())]
+    others = _orders(best, stay, round(1.0 / sure) - 1)
+    if any(followed(g)[0] >= falls.max() for g in others):
+        return None
     likely = np.exp(0.5 * (falls - falls.max()) / noise)
-    return likely / likely.sum(), np.array(amplitudes)
+    return likely / likely.sum(), np.array([amplitudes for _, amplitudes, _ in each])
+
+
+def _orders(g: Array, stay: IntArray, count: int) -> Iterator[Array]:
+    """A function (m,) of the clock in so many other orders of the stays."""
+    rng = np.random.default_rng(0)
+    _, first, of = np.unique(stay, return_index=True, return_inverse=True)
+    for _ in range(count):
+        yield g[rng.permutation(first)][of.reshape(-1)]
 
 
 def _taken_up(problem: LinearProblem, moved: Array, grown: Array, amplitudes: Array) -> Array:

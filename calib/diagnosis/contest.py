@@ -32,6 +32,7 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
 from calib.identification.noise_level import Growth, growth_with_range, replicate_factor
+from calib.identification.noise_scales import SAME_SCALE, noise_scales
 from calib.identification.outliers import judge, threshold
 
 _MOST_ROUNDS = 40  # of a contest from nothing
@@ -226,10 +227,18 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
     asked = lineup(linear, suspects)
     outcome = contest(linear, asked)
-    grows = growth_with_range(data, outcome.fit.r)
-    if grows is not None:
-        stage, factor = _as_repeated(stage, stated / grows.relative[..., None, None])
-        linear = replace(linear, weights=stage.weights)
+    readout = stage.model.readout
+    lengths: Mask = np.any(readout.channels.lengths, axis=-1)
+    grows = growth_with_range(data, outcome.fit.r, lengths)
+    scales = _rescaling(stage, outcome.fit, factor)
+    if grows is not None or scales:
+        if grows is not None:
+            stated = stated / grows.relative[..., None, None]
+        stated = readout.rescaled(stated, scales)
+        stage = replace(stage, model=replace(stage.model, noise_scales=scales))
+        stage, factor = _as_repeated(stage, stated)
+        known = replace(linear.model, noise_scales=scales)
+        linear = replace(linear, weights=stage.weights, model=known)
         outcome = contest(linear, asked)
     statistic, limit = np.zeros(len(data)), np.inf
     for _ in range(_MOST_PASSES):
@@ -248,6 +257,19 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         asked = lineup(linear, suspects, asked.grids)
         outcome = contest(linear, asked, active, outcome.proved)
     return Search(stage, linear, outcome, factor, grows, statistic, limit)
+
+
+def _rescaling(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:
+    """Actual over stated noise of several instruments, where that is another for some of them.
+
+    factor : actual over stated noise by which the stage weighs all of them
+    """
+    levers = fit.observation.rows(stage.scatter.levers[..., -6:])
+    channels = stage.model.readout.channels
+    found = noise_scales(channels, stage.data, fit.r, fit.J @ fit.span, levers)
+    if all(abs(s - 1.0) < SAME_SCALE for s in found.values()):
+        return {}
+    return {i.name: factor * found.get(i.name, 1.0) for i in channels.instruments}
 
 
 def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:

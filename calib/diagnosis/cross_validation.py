@@ -39,7 +39,8 @@ BY_TIME = ("time", "temperature")
 class PredictionErrors:
     """Squared prediction errors at left-out poses, with and without some effects.
 
-    with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D
+    with_it, without : float, in variances of the readings; rms_with, rms_without : float, m, 3-D, of
+        those numbers that are lengths, of all where none is
     margin : float, standard error of what is gained, from configuration to configuration
     again : float, share of the folds without which the same cause is chosen, where there is a choice
     """
@@ -267,10 +268,11 @@ def _fold(Q: Array, here: Mask) -> Fold:
 
 
 def _rms(stage: Stage, fit: Fit, errors: Array) -> float:
-    """3-D root mean square per point, m, of whitened errors (m, R)."""
-    counted = stage.data.seen & ~stage.dropped[:, None]
+    """3-D root mean square per point, m, of whitened errors (m, R), as of :func:`squared_errors`."""
+    lengths = stage.model.readout.channels.lengths
+    counted = stage.data.seen & ~stage.dropped[:, None] & lengths.any(axis=-1)
     weights = stage.weights * np.maximum(fit.weight, 1e-9)[:, None, None, None]
-    points = unwhitened(weights, stage.data.in_place(errors))
+    points = unwhitened(weights, stage.data.in_place(errors)) * lengths
     return float(np.sqrt((points[counted] ** 2).sum() / max(1, counted.sum())))
 
 

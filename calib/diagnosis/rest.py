@@ -19,7 +19,12 @@ from calib.arrays import Array
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import REPLICATES, NoiseLevel, replicate_spread
+from calib.identification.noise_level import (
+    REPLICATES,
+    NoiseLevel,
+    replicate_spread,
+    replicate_spreads,
+)
 from calib.poses import Measurements
 from calib.uncertainty.pose_to_pose import Owner
 
@@ -85,20 +90,42 @@ def _has_place(finding: Finding, left_out: int) -> bool:
 def _lacks_fit(finding: Finding) -> bool:
     """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
 
-    Where poses err together, that counts as scatter, and is judged by its size.
+    Where poses err together, that counts as scatter, and is judged by its size. Where repeated readings
+    scatter here more than there, as images do, the places count and not the readings: Student's t.
     """
-    from scipy.special import fdtrc
+    from scipy.special import fdtrc, stdtr
 
     stage, outcome, after = finding.stage, finding.outcome, finding.after
     if after.mixing is not None:
         return False
     kept = ~stage.dropped
-    spread, repeats = replicate_spread(stage.data.take(kept), stage.weights[kept])
+    data, weights = stage.data.take(kept), stage.weights[kept]
+    spread, repeats = replicate_spread(data, weights)
     rest = outcome.last.dof - repeats
     if repeats < REPLICATES or rest <= 0:
         return False
-    F = max(outcome.last.cost - spread, 0.0) / rest / (spread / repeats)
-    return bool(fdtrc(rest, repeats, F) < _LEFT_OVER)
+    left = max(outcome.last.cost - spread, 0.0) / rest
+    each = replicate_spreads(data, weights, data.poses.repeated)
+    sums, dof = each[each[:, 1] > 0].T
+    places = len(dof)
+    if places > 1 and _unlike(sums, dof):
+        squares = sums / dof
+        t = (left - squares.mean()) / (squares.std(ddof=1) / np.sqrt(places))
+        return bool(stdtr(places - 1, -t) < _LEFT_OVER)
+    return bool(fdtrc(rest, repeats, left / (spread / repeats)) < _LEFT_OVER)
+
+
+def _unlike(sums: Array, dof: Array) -> bool:
+    """Whether sums of squares (k,) are of different variances: Bartlett's test."""
+    from scipy.special import chdtrc
+
+    k, total = len(dof), dof.sum()
+    if not sums.all():
+        return False
+    pooled = np.log(sums.sum() / total)
+    fall = total * pooled - (dof * np.log(sums / dof)).sum()
+    small = 1.0 + ((1.0 / dof).sum() - 1.0 / total) / (3.0 * (k - 1))
+    return bool(chdtrc(k - 1, fall / small) < _LEFT_OVER)
 
 
 def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:

@@ -27,6 +27,7 @@ from calib.handeye.opencv import METHODS, Method, hand_eye_by, missing
 from calib.handeye.samples import Eye, Pair, pairs_of
 from calib.identification import Identification
 from calib.identification.identify import identify
+from calib.identification.lenses import UnfitLens, lenses_before_arm
 from calib.poses import Measurements
 from calib.result import Result
 from calib.threads import one_blas_thread
@@ -84,6 +85,7 @@ class HandEye(Result):
     standing : tuple of Standing, of every camera
     alone : dict, camera -> px RMS of a point that images by themselves leave
     left_out : why methods of OpenCV are missing, empty where none is
+    lenses : tuple of UnfitLens, to be freed first: what limits the hand-eye is not known before
     """
 
     judged: tuple[Judged, ...]
@@ -97,6 +99,7 @@ class HandEye(Result):
     standing: tuple[Standing, ...]
     alone: dict[str, float]
     left_out: str
+    lenses: tuple[UnfitLens, ...] = ()
 
     @property
     def used(self) -> Method:
@@ -114,6 +117,7 @@ class HandEye(Result):
                 )
         return [
             *said,
+            *(f"the lens of {own.camera} does not fit: free it first" for own in self.lenses),
             *([self.why] if self.why else []),
             *([self.left_out] if self.left_out else []),
         ]
@@ -196,7 +200,8 @@ def hand_eye(
         why = why or ("" if p is not None else "too few poses to tell whether the arm limits it")
     elif not why:
         why = "four fifths of the poses are too few to calibrate the arm"
-    use = p is not None and p < _CHANCE
+    lenses = lenses_before_arm(rigid, full)
+    use = p is not None and p < _CHANCE and not lenses
     used = full if use and full is not None else rigid
     judged = tuple(
         Judged(pair, method, missed, _better(found, pair, method, ARM_TOO if use else ARM_AS_IT_IS))
@@ -215,6 +220,7 @@ def hand_eye(
         tuple(_standing(pair, used) for pair in {own.camera: own for own in pairs}.values()),
         {pair.camera: px for pair, px in images.items() if px is not None},
         left_out,
+        lenses,
     )
 
 

@@ -1,13 +1,14 @@
 """The fit of a model to readings: its values, the poses that do not belong, and the levels of noise.
 
 A fit judges every pose, and what it rejects stays out of the next, until the judgement stands. What is
-known of the robot's type, or of the size of errors, is weighed in afterwards, by how loud the readings
+known of the robot's type, or of the size of errors, is weighed in afterwards, by how noisy the readings
 turned out to be.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,6 +26,7 @@ from calib.identification.estimators import (
     rigid_directions,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.noise_scales import SAME_SCALE, noise_scales, with_stated
 from calib.identification.outliers import (
     extrapolation_factor,
     independent_share,
@@ -39,7 +41,7 @@ from calib.identification.start import outnumbered, strayed
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
-from calib.observations import Observation, points_of
+from calib.observations import Observation, Points, points_of
 from calib.population import Departure, adapted, departure, loosened
 from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths, widths_of
@@ -61,6 +63,7 @@ _ROUNDS = 12  # times that outliers are judged anew
 _STRAYED = "these poses tell so little of it that its estimate ran away"
 _WIDTH_ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
+_SCALE_ROUNDS = 4  # of fit and noise scales in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +123,7 @@ class Estimation:
         """What the kept poses leave, in the noise as stated, and its degrees of freedom.
 
         What is known beside the readings counts as readings do, but for the robot's type: a robot that
-        left it is no louder.
+        left it is no noisier.
         """
         judged = self.estimator.judged(self.counted, self.values, self.span)
         known = self.model.known_rows - self.model.prior_rows
@@ -133,6 +136,7 @@ class Estimation:
         """Noise scale of the readings, from the poses that were kept."""
         data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
         alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
+        alone = with_stated(alone, self.model.readout, data, weights)
         if self.observation.mixing is None or self.levels is None:
             return alone
         return of_levels(self.levels, alone)
@@ -143,7 +147,7 @@ class Estimation:
         return self.noise.factor if self.observation.mixing is None else 1.0
 
     @property
-    def loudness(self) -> float:
+    def noise_scale(self) -> float:
         """Actual over believed noise of the rows that the estimate is made of."""
         if self.observation.mixing is None:
             return self.noise.factor
@@ -252,6 +256,36 @@ def search(
         choice.span,
         regular,
     )
+
+
+def searched(estimator: Estimator, observation: Observation, start: Array) -> Estimation:
+    """The search with each of several instruments weighed by the noise of its own readings."""
+    found = search(estimator, observation, start)
+    if not isinstance(observation, Points) or isinstance(estimator, Differences):
+        return found
+    for _ in range(_SCALE_ROUNDS):
+        by = _rescaling(found)
+        if all(abs(s - 1.0) < SAME_SCALE for s in by.values()):
+            break
+        known = found.model.noise_scales
+        whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
+        observation = replace(
+            observation,
+            model=replace(observation.model, noise_scales=whole),
+            weights=observation.model.readout.rescaled(observation.weights, by),
+        )
+        found = search(estimator, observation, start)
+    return found
+
+
+def _rescaling(found: Estimation) -> Mapping[str, float]:
+    """Actual over assumed noise of several instruments."""
+    counted, model = points_of(found.counted), found.model
+    none = Variances.none(model.robot.dof)
+    levers = scatter_of(model, found.values, counted.data.poses, none).levers[..., -6:]
+    r, J = counted.whitened(found.values)
+    channels, data = model.readout.channels, counted.data
+    return noise_scales(channels, data, r, J @ found.span, counted.rows(levers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +408,7 @@ def fitted(
         fit = _beside_type(cell, estimator, observation, start, prior)
     else:
         bare = replace(observation, model=replace(observation.model, prior=None))
-        fit = search(estimator, bare, start).under_levels(cell)
+        fit = searched(estimator, bare, start).under_levels(cell)
         if prior is not None:
             return _beside(cell, fit, prior)
     return fit if errors is None else _beside_sizes(cell, fit, errors)
@@ -389,7 +423,7 @@ def _beside(cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = (
         fit.observation,
         model=replace(fit.model, prior=prior),
         scatter=None,
-        pull=fit.loudness,
+        pull=fit.noise_scale,
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
@@ -448,9 +482,11 @@ def _beside_type(
     model = observation.model
     at, sizes = model.own_prior_at, model.sizes[model.own_prior_at]
     loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
-    alone = search(estimator, loose, start).under_levels(cell)
+    alone = searched(estimator, loose, start).under_levels(cell)
     own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
-    found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.loudness)
-    believed = replace(model, prior=adapted(found, sizes))
-    beside = replace(observation, model=believed, pull=alone.loudness)
+    found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.noise_scale)
+    believed = replace(alone.model, prior=adapted(found, sizes))
+    beside = replace(
+        observation, model=believed, weights=alone.observation.weights, pull=alone.noise_scale
+    )
     return replace(search(estimator, beside, alone.values).under_levels(cell), of_type=found)

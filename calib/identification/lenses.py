@@ -7,8 +7,9 @@ hardly any: of 24 days of ``studies.research.benchmarks.lenses`` at least 0.85 a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.focal import FocalScale
 from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
+from calib.effects.protocol import Effect
 from calib.identification.identification import Identification
 from calib.instruments import Camera
 from calib.instruments.lens import FOCAL
 from calib.linear import Complement, LinearProblem
 from calib.observations import Points
 
+_Of = TypeVar("_Of")
 _PARTS: dict[str, type[LensEffect]] = {
     "focal": Focal,
     "center": PrincipalPoint,
@@ -75,11 +78,7 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
     """
     from scipy.special import fdtrc
 
-    asked = {
-        camera: own
-        for camera in found.model.readout.channels.instruments
-        if isinstance(camera, Camera) and (own := _known_of(found, camera))
-    }
+    asked = _asked(found)
     if not asked:
         return
     beside, columns = _beside(found, asked)
@@ -106,6 +105,40 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
         yield UnfitLens(camera.name, free, shown, freed_px, pixel, share)
 
 
+def lenses_before_arm(rigid: Identification, whole: Identification | None) -> tuple[UnfitLens, ...]:
+    """Lenses to free before the arm is calibrated; none where the arm is to be asked first.
+
+    rigid : without the arm's errors; whole : with them, None where the poses do not suffice
+    Either makes the readings likelier when it is freed, and Schwarz's criterion says which by more
+    (Ann. Statist. 6(2), 1978). A lens that does not fit beside a free arm comes first in any case.
+    """
+    first = tuple(unfit_lenses(rigid))
+    if whole is None:
+        return first
+    if first:
+        beside, columns = _beside(rigid, _asked(rigid))
+        names = {(effect.kind, effect.where) for effect in rigid.model.effects}
+        arm = [e for e in whole.model.effects if (e.kind, e.where) not in names]
+        by_arm = _beside(rigid, {"arm": arm})[1]["arm"]
+        if _schwarz(beside, np.concatenate([*columns.values()], axis=1)) < _schwarz(beside, by_arm):
+            return first
+    return tuple(unfit_lenses(whole))
+
+
+def _schwarz(beside: Complement, columns: Array) -> float:
+    """Schwarz's criterion of what is left with further columns (N, k) freed, the noise unknown."""
+    freed = beside.without(columns)
+    rows = int(np.count_nonzero(np.abs(beside.problem.J).any(axis=-1)))
+    k = freed.Q.shape[1] - beside.Q.shape[1]
+    return float(rows * np.log(_squares(freed)) + k * np.log(rows))
+
+
+def _asked(found: Identification) -> dict[Camera, list[LensEffect]]:
+    """Cameras whose lens is held for known, and what would free it."""
+    cameras = (i for i in found.model.instruments if isinstance(i, Camera))
+    return {camera: own for camera in cameras if (own := _known_of(found, camera))}
+
+
 def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
     """What of a camera's lens is held for known, nothing where a part of it is identified."""
     if any(isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects):
@@ -115,9 +148,9 @@ def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
 
 
 def _beside(
-    found: Identification, asked: dict[Camera, list[LensEffect]]
-) -> tuple[Complement, dict[Camera, Array]]:
-    """What the identification leaves, and columns (N, k) of each camera's lens therein."""
+    found: Identification, asked: Mapping[_Of, Sequence[Effect]]
+) -> tuple[Complement, dict[_Of, Array]]:
+    """What the identification leaves, and columns (N, k) of effects therein, by whose they are."""
     model, values = found.model.extended(found.values, [e for own in asked.values() for e in own])
     data, weights = found.fit.data.take(found.kept), found.weights[found.kept]
     r, J = Points(model, data, weights).linearise(values)

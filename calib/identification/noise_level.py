@@ -36,6 +36,8 @@ class NoiseLevel:
     dof : float, degrees of freedom behind the factor, infinite for the cell's
     replicate_factor : float or None, what repeated readings alone say
     lack_of_fit_p : float, probability of so large a residual under the noise before it was widened
+    stated : float, m, what the cell says; believed is another where an instrument beside others turned
+        out to be noisier or less noisy than stated (:mod:`calib.identification.noise_scales`)
     """
 
     believed: float
@@ -44,6 +46,7 @@ class NoiseLevel:
     dof: float
     replicate_factor: float | None
     lack_of_fit_p: float
+    stated: float
 
     @property
     def sigma(self) -> float:
@@ -174,7 +177,7 @@ def noise_level(
         if 2.0 * min(below, p_fit) < _DISAGREE:
             factor, source = float(np.sqrt(cost / dof)), "residual"
     known = {"cell": np.inf, "replicates": repeats, "residual": dof}[source]
-    return NoiseLevel(believed, factor, source, known, own, p_fit)
+    return NoiseLevel(believed, factor, source, known, own, p_fit, believed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,10 +192,11 @@ class Growth:
     farthest: float
 
 
-def growth_with_range(data: Measurements, r: Array) -> Growth | None:
-    """How the residual grows with range, None where it does not.
+def growth_with_range(data: Measurements, r: Array, lengths: Mask) -> Growth | None:
+    """How the residual of lengths grows with range, None where it does not.
 
     r : ndarray, shape (m, r c), whitened residuals of what was read, zero for what does not count
+    lengths : ndarray of bool, shape (C,), which readings are lengths: pixels have no range
     Koenker's test (Journal of Econometrics 17(1), 1981) of the squared residuals against the range;
     then ``variance = a + b range^2`` by weighted least squares.
     """
@@ -200,7 +204,7 @@ def growth_with_range(data: Measurements, r: Array) -> Growth | None:
 
     squares = (data.in_place(r) ** 2).mean(axis=-1)
     ranges = np.linalg.norm(np.where(data.seen[..., None], data.points, 0.0), axis=-1)
-    used = data.seen & (squares > 0.0)
+    used = data.seen & (squares > 0.0) & lengths
     x, y = ranges[used], squares[used]
     if len(x) < _FEWEST_POINTS or np.ptp(x) <= 1e-6 * x.max():
         return None
@@ -215,4 +219,4 @@ def growth_with_range(data: Measurements, r: Array) -> Growth | None:
     mean = float(variance.mean())
     relative = np.sqrt(np.maximum(a + b * ranges**2, 0.05 * y.mean()) / mean)
     ends = np.sqrt(np.interp([x.min(), x.max()], np.sort(x), np.sort(variance)) / mean)
-    return Growth(np.where(data.seen, relative, 1.0), float(ends[0]), float(ends[1]))
+    return Growth(np.where(data.seen & lengths, relative, 1.0), float(ends[0]), float(ends[1]))

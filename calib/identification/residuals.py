@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,22 @@ from calib.model.build import lacking
 from calib.observations import Points, points_of
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
+
+_FALSE, _RIGHT = 6.0, 2.0  # times what readings usually miss by: a false one, and those beside it
+_FEW = 0.25  # of the readings of a pose: more of them are no false ones
+
+
+@dataclass(frozen=True)
+class FalseReadings:
+    """Single readings of a pose that are off where all others of it are right.
+
+    readings : tuple of int, positions among the channels; off : by how much the worst is, in ``unit``
+    """
+
+    instrument: str
+    readings: tuple[int, ...]
+    off: float
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +101,34 @@ class Residuals:
                     own = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
                     scale = instrument.numbers[own[0]].scale
                     yield name, unit, np.linalg.norm(shown[here][..., own], axis=-1) / scale
+
+    def false_readings(self, pose: int) -> Iterator[FalseReadings]:
+        """Single readings that spoil a pose: a corner that was taken for another, a wrong target.
+
+        An arm, a lens or a board that is off moves many points of an image, a bad detection one or two.
+        """
+        for (instrument, part), (off, usual) in zip(self.channels.blocks, self._off, strict=True):
+            seen = self.data.seen[pose, part]
+            false = seen & (off[pose] > _FALSE * usual)
+            others = off[pose, seen & ~false]
+            few = 0 < int(false.sum()) <= max(1.0, _FEW * int(seen.sum()))
+            if few and len(others) and float(np.sqrt(np.mean(others**2))) < _RIGHT * usual:
+                here = np.flatnonzero(false)
+                at, worst = tuple((here + part.start).tolist()), float(off[pose, here].max())
+                yield FalseReadings(instrument.name, at, worst, instrument.numbers[0].unit)
+
+    @cached_property
+    def _off(self) -> list[tuple[Array, float]]:
+        """By how much the readings of each instrument are off, (m, c), and usually, in its unit."""
+        found = []
+        for instrument, part in self.channels.blocks:
+            number = instrument.numbers[0]
+            same = [k for k, n in enumerate(instrument.numbers) if n.unit == number.unit]
+            off = np.linalg.norm(self.shown(instrument, part)[..., same], axis=-1) / number.scale
+            right = self.data.seen[:, part] & ~self.outlier[:, None]
+            squares = (off[right] ** 2).sum() / max(int(right.sum()), 1)
+            found.append((off, float(np.sqrt(squares))))
+        return found
 
     def shown(self, instrument: Instrument, part: slice) -> Array:
         """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""

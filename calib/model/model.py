@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -66,6 +66,7 @@ class Model:
     lengths : tuple of KnownDistance, that are known beside all readings
     prior : Prior or None, what is believed beforehand, by the robot's type and by how large errors are;
         of the model's parameters alone it counts
+    noise_scales : dict, instrument -> actual over stated noise, where it is known to differ
     """
 
     robot: Robot
@@ -77,6 +78,7 @@ class Model:
     instruments: tuple[Instrument, ...]
     lengths: tuple[KnownDistance, ...] = field(default=(), kw_only=True)
     prior: Prior | None = field(default=None, kw_only=True)
+    noise_scales: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -251,6 +253,7 @@ class Model:
             tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
             tuple(sorted(reading, key=lambda own: not own[0].first)),
             tuple((e, p) for e, p in self._parts if isinstance(e, PartEffect) and e.body is None),
+            self.noise_scales,
         )
 
     def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,12 +38,14 @@ class Readout:
     """The instruments of a model, where they stand, and what else changes their rows.
 
     bases, disturbing, loose : each effect and where its parameters stand in the values
+    noise_scales : dict, instrument -> actual over stated noise, where it is known to differ
     """
 
     channels: Channels
     bases: tuple[tuple[Base, slice], ...]
     disturbing: tuple[tuple[ReadingEffect, slice], ...]
     loose: tuple[tuple[PartEffect, slice], ...] = ()
+    noise_scales: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def instruments(self) -> tuple[Instrument, ...]:
@@ -147,9 +149,17 @@ class Readout:
 
             rows = readings[..., part, : instrument.rows]
             given = [(rows, -3), (sigma[..., part], -2)]
-            return self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
+            found = self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
+            return found / self.noise_scales.get(instrument.name, 1.0)
 
         return self._beside((one(i, part) for i, part in self.channels.blocks), -2, -1)
+
+    def rescaled(self, weights: Array, scales: Mapping[str, float]) -> Array:
+        """Whitening matrices (..., m, C, r, r) of instruments whose noise is so many times as large."""
+        out = weights.copy()
+        for instrument, part in self.channels.blocks:
+            out[..., part, :, :] /= scales.get(instrument.name, 1.0)
+        return out
 
     def beams(self, instrument: Tracker, values: Array, poses: Poses, rows: Array) -> Array:
         """From a tracker to the points of its rows (m, C, r), shape (m, C, 3), m, station axes."""

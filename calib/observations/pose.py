@@ -128,7 +128,7 @@ class PoseObservation(Observation):
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p), from the noise of the points through shape, poses and fit.
 
-        What is known beside them is as uncertain as the points are loud: see :attr:`pull`.
+        What is known beside them is as uncertain as the noise of the points makes it: see :attr:`pull`.
         """
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)

@@ -224,8 +224,8 @@ def _linearised(
     Readings count with scatter that was not found, as the identification has it.
     """
     model = build(cell, day.poses).model
-    if found is not None:  # with what the readings leave to be believed of its type and its sizes
-        model = replace(model, prior=found.model.prior)
+    if found is not None:  # with what the readings leave to be believed of type, sizes and noise
+        model = replace(model, prior=found.model.prior, noise_scales=found.model.noise_scales)
     refuse_idle_effects(cell, model, day.poses)
     values = nominal(model, day.poses)
     if found is not None:

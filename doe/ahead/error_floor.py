@@ -19,6 +19,8 @@ from calib.poses import Poses
 from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner, parted
 
+_PART = 0.5  # of what the model seems to lack, that must be more than chance
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorFloor:
@@ -31,7 +33,7 @@ class ErrorFloor:
         and an hour later; None where no clock tells
     seen : what poses showed that the fit was without, zero where there are none
     rest_of : whose what differs from configuration to configuration is
-    surely : whether what the model lacks is more than chance
+    surely : whether what the model lacks, or half of it, is more than chance
     after : s after the last reading at which the arm comes to the targets; None where nobody says it
     at_targets : ndarray, shape (targets,), m, all of it
     hidden : what the data neither show nor rule out, for which a bound allows beside all that: scatter
@@ -77,7 +79,6 @@ def error_floor(
         for part in parted(arm, rest_of)
     )
     rest = Unexplained(0.0, "") if known is None else known.unexplained
-    surely = bool(lacks.any()) or rest.rms > 0.0
     trend, an_hour_on, after = np.zeros(len(targets)), None, cell.design.targets_after
     if known is not None:
         later = replace(targets, start=known.start)
@@ -98,13 +99,16 @@ def error_floor(
             seen = at_ends(fit)
         seen = None if seen is None else seen.times(found.footprint)
     scatter = rms(np.hypot(own, lacks))
+    sure = float(np.hypot(rms(lacks), rest.rms))
     if seen is not None and (scatter or rest.rms):
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
         rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
     seen = seen or Unseen(0.0, 0.0, 0.0, "")
+    part = _PART * float(np.hypot(rms(lacks), rest.rms))
+    surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
     lacking = ErrorFloor(
         rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
-        seen, rest_of, surely or seen.unexplained > 0.0, after,
+        seen, rest_of, surely, after,
         np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),
     )  # fmt: skip
     if found is None or known is None:

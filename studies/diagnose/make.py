@@ -22,6 +22,7 @@ from calib.diagnosis.spectra import Spectrum, spectra
 from calib.effects import Effect
 from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
+from calib.identification.residuals import Residuals
 from calib.poses.moves import thinned
 from doe.ahead.next_poses import NextPoses, next_poses
 from studies.command.options import faults_in
@@ -44,6 +45,7 @@ from studies.diagnose.record import (
 from studies.diagnose.shown import DiagnosisShown, shown
 from studies.entries import DetectionLimitEntry, shown_joints
 from studies.fitted import estimated
+from studies.identify.errors import read_falsely
 from studies.noise import noise_fields
 from studies.record import Envelope, Outlier, envelope
 
@@ -227,8 +229,12 @@ def _rounded(values: Sequence[float] | Array) -> tuple[float, ...]:
 
 
 def _outliers(found: Diagnosis) -> Iterator[Outlier]:
+    model = found.after.model
+    part = Residuals.of(model, found.data, found.after.values, found.outlier)
     for i in np.flatnonzero(found.outlier):
-        reason = f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
+        reason = read_falsely(part, model, int(i)) or (
+            f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
+        )
         yield Outlier(pose=found.data.poses.names[i], reason=reason)
 
 

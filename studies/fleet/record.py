@@ -14,6 +14,7 @@ from studies.record import (
     Count,
     Entry,
     Maybe,
+    MaybePositive,
     NotNegative,
     Number,
     Positive,
@@ -44,6 +45,7 @@ class SessionEntry(Entry):
 
     robot, table : their places below the folder; type : name of the robot's model
     day : YYYY-MM-DD; results : files that hold all the rest
+    pixel_mm : of a pixel at the points, where cameras alone read: errors are those of pixels there
     """
 
     robot: str
@@ -58,6 +60,7 @@ class SessionEntry(Entry):
     verdict: Verdict | None
     causes: tuple[NamedEntry, ...]
     results: Annotated[tuple[str, ...], Shown(detail=True)]
+    pixel_mm: MaybePositive = None
 
     @model_validator(mode="after")
     def _has_errors(self) -> Self:

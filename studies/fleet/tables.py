@@ -193,6 +193,7 @@ class TableOutcome:
     poses: int | None = None
     rms_mm: dict[str, float | None] = field(default_factory=dict)
     sigma_mm: float | None = None
+    pixel_mm: float | None = None
     values: Values | None = None
     verdict: str | None = None
     causes: tuple[NamedEntry, ...] = ()
@@ -305,15 +306,24 @@ def _made(verb: Verb, session: MeasuredTable) -> Record:
 
 
 def _identified(record: IdentifyRecord, done: TableOutcome) -> None:
-    rms = record.rms_mm
     done.status, done.poses, done.sigma_mm = record.status, record.poses, record.noise.sigma_mm
-    done.rms_mm = {"nominal": rms.nominal, "fitted": rms.fitted_all, "heldout": rms.heldout}
+    done.pixel_mm = pixel = record.noise.pixel_mm
+    keys = {"nominal": "nominal", "fitted": "fitted_all", "heldout": "heldout"}
+    done.rms_mm = {key: getattr(record.rms_mm, own) for key, own in keys.items()}
+    if pixel is not None:
+        done.rms_mm = {key: _at_points(record, own, pixel) for key, own in keys.items()}
     own = [p for p in record.parameters if not p.placed]
     done.values = Values(
         tuple((p.id, p.unit) for p in own),
         np.array([p.value for p in own]),
         np.array([p.std or 0.0 for p in own]),
     )
+
+
+def _at_points(record: IdentifyRecord, key: str, pixel_mm: float) -> float | None:
+    """An error of cameras alone in mm at the points; of several cameras that of the worst."""
+    of_each = [getattr(own, key) for own in record.instruments if own.unit == "px"]
+    return max((pixel_mm * px for px in of_each if px is not None), default=None)
 
 
 def _diagnosed(record: DiagnoseRecord, done: TableOutcome) -> None:

@@ -71,6 +71,8 @@ def _robots(record: FleetRecord) -> Iterator[doc.Part]:
     day = _DAY if any(own.day for own in whole) else ()
     columns = (*_TABLE, *day, *(column for verb in record.verbs for column in asked[verb]), *_FILES)
     yield doc.Table(columns, whole, "Robots and their tables", most=_MOST)
+    if any(own.pixel_mm for own in whole):
+        yield doc.Sentence("Where cameras alone read, mm are those of pixels at the points.")
     if any(own.status for own in whole):
         yield doc.Figure(lambda: errors_by_robot(record), numbers=False)
 

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from calib.handeye.opencv import Method
 from studies.document import FOUR, Rule, Shown
 from studies.entries import JointValues, check_same_joints, shown_joints
+from studies.identify.lenses import UnfitLensEntry
 from studies.record import (
     Count,
     Entry,
@@ -103,6 +104,7 @@ class HandEyeRecord(Record):
     arm_calibrated : whether the result to use has the arm calibrated
     arm_p : probability by chance that its calibration lowers the errors as much; None where untold
     arm_untold : why
+    unfit_lenses : cameras whose lens is to be freed before anything is said of the arm
     opencv : why methods of OpenCV are missing, empty where they are there
     ahead : what is expected now, then after each further pose; empty where ``ahead_untold`` says why
     poses_to_goal : None where no goal is given, or no number of poses tried reaches it
@@ -114,6 +116,7 @@ class HandEyeRecord(Record):
     arm_calibrated: Annotated[bool, From("calibrated")]
     arm_p: Annotated[Maybe, From("p")]
     arm_untold: Annotated[str, From("why")]
+    unfit_lenses: Annotated[tuple[UnfitLensEntry, ...], From("lenses")] = ()
     opencv: Annotated[str, From("left_out")]
     methods: tuple[MethodEntry, ...] = Field(min_length=1)
     cameras: tuple[CameraEntry, ...] = Field(min_length=1)

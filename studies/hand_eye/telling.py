@@ -55,6 +55,10 @@ def _named(record: HandEyeRecord, entry: MethodEntry) -> str:
 
 def _use(record: HandEyeRecord) -> Iterator[doc.Sentence]:
     """Which result to use, and whether the arm limits it."""
+    if record.unfit_lenses:
+        yield from (doc.Sentence(own.said, "next") for own in record.unfit_lenses)
+        yield doc.Sentence("Whether the arm limits this hand-eye is known after that.")
+        return
     plain, whole = (_of(record, method) for method in _OURS)
     fell = [
         f"{_named(record, a)}{FOUR(_value(a))} to {_said(b)}"
@@ -131,7 +135,9 @@ def _others(record: HandEyeRecord) -> Iterator[doc.Sentence]:
 
 
 def _limit(record: HandEyeRecord) -> Iterator[doc.Sentence]:
-    """Whether images limit the result in use."""
+    """Whether images limit the result in use, where no lens is known to."""
+    if record.unfit_lenses:
+        return
     for camera in record.cameras:
         used = [own for own in record.methods if own.camera == camera.camera and own.used]
         worst = max((own.px.value for own in used if own.px is not None), default=None)

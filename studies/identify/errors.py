@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import computed_field, model_validator
 
-from studies.document import MRAD, Detail, Part, Sentence, Shown, Table, heads
+from studies.document import FOUR, MRAD, Detail, Part, Sentence, Shown, Table, heads, listed
 from studies.fitted import Angles, Lengths, Pixels, ResidualEntry, residual_fields
 from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Outlier, Three
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from calib.identification import Residuals
     from calib.identification.pattern import Shared
+    from calib.model import Model as FittedModel
 
 _MM = 1e3
 
@@ -150,6 +151,7 @@ def residual_entries(found: Identification, part: Residuals) -> Iterator[Identif
 
 # -- poses that stand out -----------------------------------------------------------------------
 
+_MOST_FALSE = 3  # readings that a line names
 _MOST = 8  # outliers that the terminal shows
 
 
@@ -168,17 +170,31 @@ class OutliersTogether(Entry):
     beyond_all_others: Maybe
 
 
-def outlier_entries(part: Residuals, footprint: float) -> Iterator[Outlier]:
+def outlier_entries(part: Residuals, model: FittedModel, footprint: float) -> Iterator[Outlier]:
     """The entries of the outliers among the poses fitted or held out."""
     for i in np.flatnonzero(part.outlier):
+        name = part.data.poses.names[i]
+        if (false := read_falsely(part, model, int(i))) is not None:
+            yield Outlier(pose=name, reason=false)
+            continue
         errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
         largest = float(np.linalg.norm(errors, axis=-1).max()) * footprint * _MM
         allowed = ", and the other poses leave nothing"
         if part.limit > 0.0:
             ratio = float(np.sqrt(part.statistic[i] / part.limit))
             allowed = f", {ratio:.1f} times what the other poses allow"
-        name = part.data.poses.names[i]
         yield Outlier(pose=name, reason=f"residual up to {largest:.3f} mm{allowed}")
+
+
+def read_falsely(part: Residuals, model: FittedModel, pose: int) -> str | None:
+    """Which readings spoil a pose where all others of it are right; None where none does."""
+    names = part.channels.names(model.marker_names)
+    found = [
+        f"{listed([names[j] for j in own.readings], _MOST_FALSE)} of {own.instrument} off by "
+        f"{FOUR(own.off)} {own.unit}, the rest is right: a bad reading"
+        for own in part.false_readings(pose)
+    ]
+    return "; ".join(found) or None
 
 
 def together_entry(common: Shared) -> OutliersTogether:

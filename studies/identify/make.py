@@ -111,9 +111,11 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         parameters=parameter_entries(found),
         unused_poses=(*found.unused, *found.waiting),
         absorbed=absorbed_entries(found),
-        outliers=outlier_entries(fit, found.footprint),
+        outliers=outlier_entries(fit, found.model, found.footprint),
         outliers_share=found.shared and together_entry(found.shared),
-        heldout_outliers=() if held is None else outlier_entries(held, found.footprint),
+        heldout_outliers=()
+        if held is None
+        else outlier_entries(held, found.model, found.footprint),
         rms_mm=distances_entry(found, rms_of),
         max_mm=distances_entry(found, lambda d: float(d.max())),
         p95_mm=distances_entry(found, lambda d: float(np.quantile(d, 0.95))),

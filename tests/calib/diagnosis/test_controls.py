@@ -52,12 +52,14 @@ def test_noise_that_grows_with_range_is_seen_and_even_noise_is_not() -> None:
     rng, ranges = np.random.default_rng(0), np.linalg.norm(data.points, axis=-1)
     sigma = 0.5 + (ranges - ranges.min()) / np.ptp(ranges) * 1.5
     r = rng.normal(size=(*data.seen.shape, 3)) * sigma[..., None]
-    grows = growth_with_range(data, r.reshape(len(data), -1))
+    lengths = np.ones(data.seen.shape[1], dtype=bool)
+    grows = growth_with_range(data, r.reshape(len(data), -1), lengths)
     assert grows is not None
     assert grows.farthest / grows.nearest == pytest.approx(4.0, rel=0.4)
     assert np.corrcoef(grows.relative.ravel(), sigma.ravel())[0, 1] > 0.95
     even = [
-        growth_with_range(data, rng.normal(size=(len(data), data.seen.shape[1] * 3)))
+        growth_with_range(data, rng.normal(size=(len(data), data.seen.shape[1] * 3)), lengths)
         for _ in range(100)
     ]
     assert sum(g is not None for g in even) <= 2
+    assert growth_with_range(data, r.reshape(len(data), -1), ~lengths) is None, "pixels have none"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,14 +25,15 @@ def asked(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
 
 
 def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
-    """3-D RMS at folds predicted by refits without them, m."""
+    """3-D RMS of what is a length at folds predicted by refits without them, m."""
     fold, data = _folds(stage.data.poses, by_time), stage.data
+    lengths = stage.model.readout.channels.lengths
     squares = 0.0
     for f in range(int(fold.max()) + 1):
         fit = replace(stage, dropped=fold == f).fit([c.effect for c in effects])
         part: Measurements = data.take(fold == f)
-        squares += float((fit.model.off(fit.values, part) ** 2).sum())
-    return float(np.sqrt(squares / data.seen.sum()))
+        squares += float((fit.model.off(fit.values, part) ** 2 * lengths).sum())
+    return float(np.sqrt(squares / (data.seen & lengths.any(axis=-1)).sum()))
 
 
 @pytest.mark.long
@@ -50,6 +52,21 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
     assert crossed.ledger([right.effect], by_time).earns
     assert not crossed.ledger([wrong.effect], by_time).earns
+
+
+def test_beside_a_camera_lengths_alone_are_told_in_mm(tmp_path: Path) -> None:
+    """A pixel is no metre: the errors are those of the tracker's points."""
+    from tests.camera_days import SETUPS, Truth, kr270_day
+
+    off = np.array([0.0, 0.0, 8e-4, 0.0, 0.0, 0.0])
+    setup = SETUPS["kr270"]
+    cell, data = kr270_day(tmp_path, setup, Truth(off), 24, effects='"base", "tool"')
+    stage, suspects = asked(cell, data)
+    right = next(c for c in suspects if c.key == "joint_offset:A3")
+    found = CrossValidation(stage, stage.fit([right.effect])).ledger([right.effect], False)
+    assert found.rms_without == pytest.approx(predicted(stage, [], False), rel=0.1)
+    assert found.rms_with == pytest.approx(predicted(stage, [right], False), rel=0.05)
+    assert found.rms_with < 1e-4 < found.rms_without < 3e-3
 
 
 def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:

@@ -21,6 +21,7 @@ from tests.calib.diagnosis.instrument_days import (
     seen_from_the_world,
     with_a_body,
 )
+from tests.camera_days import SETUPS, Truth, kr270_day
 
 Make = Callable[..., Day]
 MOVED = (5e-4, -3e-4, 2e-4, 3e-4, -2e-4, 4e-4)
@@ -107,3 +108,12 @@ def test_a_wire_that_reads_long(tmp_path: Path) -> None:
     named = [candidate.key for candidate, _ in cause.named.members]
     assert named[0] == f"wire_scale:{DRUM}"
     assert abs(cause.values[0] - 5e-4) < 4.0 * cause.std[0]
+
+
+@pytest.mark.parametrize("seeds", [[9], pytest.param(range(10), marks=pytest.mark.long)])
+def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path, seeds: range) -> None:
+    """Though their noise is not larger where the board looks smaller, as they are taken to have it."""
+    for seed in seeds:
+        truth = Truth(np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0]), seed=seed, grows=False)
+        found = calib.diagnose(*kr270_day(tmp_path, SETUPS["kr270, two"], truth, 30, 4))
+        assert (found.verdict, found.causes, found.rest.kind) == ("no_gap", (), "none")

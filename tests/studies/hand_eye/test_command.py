@@ -12,7 +12,7 @@ import calib
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
 from studies.hand_eye.telling import told
-from tests.calib.handeye.days import OFF, Arm, Kind
+from tests.calib.handeye.days import LENS, OFF, Arm, Kind
 from tests.plain_arm import turn
 from tests.studies.command_line import result, run
 from tests.studies.examples import EXAMPLES
@@ -65,8 +65,40 @@ def test_an_arm_that_limits_a_camera_in_hand(tmp_path: Path) -> None:
     assert fields["arm_calibrated"]
     assert "The arm limits this hand-eye. Calibrate the arm as well" in said
     assert "the images limit the result" in said
+    assert not fields["unfit_lenses"]
     assert not fields["crossed"]
     assert {own["images"] for own in fields["methods"]} == {9}
+
+
+@pytest.mark.parametrize(
+    ("kind", "off"),
+    [
+        ("camera on base", 0.0),  # whose free geometry takes half of the misfit
+        pytest.param("camera on base", OFF, marks=pytest.mark.long),
+        pytest.param("camera in hand", 0.0, marks=pytest.mark.long),
+        pytest.param("camera in hand", OFF, marks=pytest.mark.long),
+    ],
+)
+def test_a_lens_that_is_off_is_named_before_the_arm(
+    tmp_path: Path, kind: Kind, off: Array | float
+) -> None:
+    """By 3 % of its focal length."""
+    written(tmp_path, kind, off, 30)
+    cell = tmp_path / "cell.toml"
+    right = f"focal_px = [{LENS[0]}, {LENS[1]}]"
+    assert right in cell.read_text()
+    wrong = f"focal_px = [{LENS[0] / 1.03}, {LENS[1] / 1.03}]"
+    cell.write_text(cell.read_text().replace(right, wrong))
+    fields, said = found(tmp_path)
+    assert said.startswith("cell: The readings do not fit the lens of cam:")
+    assert [own["camera"] for own in fields["unfit_lenses"]] == ["cam"]
+    assert "The arm" not in said
+    assert not fields["arm_calibrated"]
+    free = 'sigma_px = 0.2\nfree = ["focal", "center", "distortion"]'
+    cell.write_text(cell.read_text().replace("sigma_px = 0.2", free))
+    fields, said = found(tmp_path)
+    assert not fields["unfit_lenses"]
+    assert fields["arm_calibrated"] == bool(np.any(off))
 
 
 def test_what_is_no_hand_eye_is_one_line(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def _scales(
     for _ in range(_ROUNDS):
         by = 1.0 / scale[of_row]
         left, spare = _left(r * by, J * by[..., None], levers * by[..., None], counts)
-        dof = np.bincount(of_row.ravel(), spare.ravel(), len(may))
+        dof = np.asarray(np.bincount(of_row.ravel(), spare.ravel(), len(may)), dtype=float)
         squares = np.bincount(of_row.ravel(), left.ravel() ** 2, len(may))
         ratio = np.where(may & (dof >= REPLICATES), squares / np.maximum(dof, 1e-9), 1.0)
         fresh = np.maximum(scale * np.sqrt(ratio), _LEAST)

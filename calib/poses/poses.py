@@ -213,8 +213,13 @@ class Measurements(Result):
 
     @cached_property
     def read(self) -> IntArray:
-        """Channels of each pose (m, c), those that were read first, c at most of one pose."""
-        most = int(self.seen.sum(axis=1).max(initial=0))
+        """Channels of each pose (m, c), those that were read first, c at most of one pose.
+
+        All of them in their order where any pose has all.
+        """
+        most, every = int(self.seen.sum(axis=1).max(initial=0)), self.seen.shape[1]
+        if most == every:
+            return np.tile(np.arange(every), (len(self.seen), 1))
         return np.argsort(~self.seen, axis=1, kind="stable")[:, :most]
 
     def in_place(self, rows: Array, index: Any = slice(None)) -> Array:

@@ -48,8 +48,9 @@ def both(seed: int, dof: int, markers: int, effects: tuple[str, ...]) -> tuple[A
     )
 
 
-def test_rows_are_those_of_what_was_read() -> None:
-    """Of four markers two at most are seen at a pose: the others have no rows, and lose nothing."""
+@pytest.mark.parametrize("one_sees_all", [False, True])
+def test_rows_are_those_of_what_was_read(one_sees_all: bool) -> None:
+    """Of four markers two are seen at most poses: the others have no rows there, and lose nothing."""
     rng = np.random.default_rng(3)
     robot = random_robot(rng, 4, prismatic=())
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (4, 3)), ("base", "geometry"))
@@ -58,13 +59,14 @@ def test_rows_are_those_of_what_was_read() -> None:
     values = model.sizes * rng.normal(size=len(model.parameters)) * 0.1
     read = model.predict(values, poses) + rng.normal(scale=1e-4, size=(12, 4, 3))
     seen = np.array([[k in (i % 4, (i * i) % 4) for k in range(4)] for i in range(12)])
+    seen[5] |= one_sees_all
     data = Measurements(poses, read * seen[..., None], seen, np.full(seen.shape, np.nan))
     weights = (
         np.linalg.inv(rng.normal(size=(12, 4, 3, 3)) + 4.0 * np.eye(3)) * seen[..., None, None]
     )
     points = Points(model, data, weights)
     r, J = points.whitened(values)
-    assert r.shape == (12, 6)
+    assert r.shape == (12, 12 if one_sees_all else 6)
     predicted, slopes = model.jacobian(values, poses)
     full = (weights @ (data.readings - predicted)[..., None])[..., 0]
     np.testing.assert_allclose(data.in_place(r), full, rtol=1e-12)

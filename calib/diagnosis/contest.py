@@ -32,7 +32,7 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
 from calib.identification.noise_level import Growth, growth_with_range, replicate_factor
-from calib.identification.noise_scales import SAME_SCALE, noise_scales
+from calib.identification.noise_scales import noise_scales
 from calib.identification.outliers import judge, threshold
 
 _MOST_ROUNDS = 40  # of a contest from nothing
@@ -264,12 +264,12 @@ def _rescaling(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:
 
     factor : actual over stated noise by which the stage weighs all of them
     """
-    levers = fit.observation.rows(stage.scatter.levers[..., -6:])
     channels = stage.model.readout.channels
-    found = noise_scales(channels, stage.data, fit.r, fit.J @ fit.span, levers)
-    if all(abs(s - 1.0) < SAME_SCALE for s in found.values()):
+    if len(channels.instruments) < 2:
         return {}
-    return {i.name: factor * found.get(i.name, 1.0) for i in channels.instruments}
+    levers = fit.observation.rows(stage.scatter.levers[..., -6:])
+    found = noise_scales(channels, stage.data, fit.r, fit.J @ fit.span, levers)
+    return found and {i.name: factor * found.get(i.name, 1.0) for i in channels.instruments}
 
 
 def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:

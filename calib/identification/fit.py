@@ -26,7 +26,7 @@ from calib.identification.estimators import (
     rigid_directions,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
-from calib.identification.noise_scales import SAME_SCALE, noise_scales, with_stated
+from calib.identification.noise_scales import noise_scales, with_stated
 from calib.identification.outliers import (
     extrapolation_factor,
     independent_share,
@@ -264,8 +264,7 @@ def searched(estimator: Estimator, observation: Observation, start: Array) -> Es
     if not isinstance(observation, Points) or isinstance(estimator, Differences):
         return found
     for _ in range(_SCALE_ROUNDS):
-        by = _rescaling(found)
-        if all(abs(s - 1.0) < SAME_SCALE for s in by.values()):
+        if not (by := _rescaling(found)):
             break
         known = found.model.noise_scales
         whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
@@ -274,13 +273,15 @@ def searched(estimator: Estimator, observation: Observation, start: Array) -> Es
             model=replace(observation.model, noise_scales=whole),
             weights=observation.model.readout.rescaled(observation.weights, by),
         )
-        found = search(estimator, observation, start)
+        found = search(estimator, observation, found.values, found.kept)
     return found
 
 
 def _rescaling(found: Estimation) -> Mapping[str, float]:
     """Actual over assumed noise of several instruments."""
     counted, model = points_of(found.counted), found.model
+    if len(model.instruments) < 2:
+        return {}
     none = Variances.none(model.robot.dof)
     levers = scatter_of(model, found.values, counted.data.poses, none).levers[..., -6:]
     r, J = counted.whitened(found.values)

@@ -22,8 +22,7 @@ from calib.linear import orthonormal
 from calib.model.readout import Readout
 from calib.poses import Measurements
 
-SAME_SCALE = 0.01
-"""Change of a scale that is not worth another fit."""
+_SAME = 0.05  # change of a scale that is not worth another fit: a thousandth of the deviations
 _ROUNDS = 30
 _SETTLED = 1e-4
 _LEAST = 0.2  # nobody's instrument is five times better than its maker says
@@ -38,11 +37,9 @@ def noise_scales(
     r : ndarray, shape (m, R), whitened residuals of what was read, zero for what does not count; J :
     (m, R, k), what was fitted; levers : (m, R, 6), how the rows follow the tip, whitened as they are
     An instrument is judged where its rows have ten degrees of freedom beside all that, two-sided at one
-    per cent. Nothing is said of a single one: its noise has a level of its own.
+    per cent. A single one is not asked: its noise has a level of its own.
     """
     count = len(channels.instruments)
-    if count < 2:
-        return {}
     of_channel = np.repeat(np.arange(count), [p.stop - p.start for _, p in channels.blocks])
     of_row = np.repeat(of_channel[data.read], data.readings.shape[-1], axis=-1)
     counts: Mask = np.any(J, axis=-1)
@@ -55,11 +52,10 @@ def noise_scales(
         if np.array_equal(keep, may):
             break
         may = keep
-    return {
-        instrument.name: float(s)
-        for instrument, s, own in zip(channels.instruments, scale, may, strict=True)
-        if own
-    }
+    if np.abs(scale - 1.0).max() < _SAME:
+        return {}
+    names = [instrument.name for instrument in channels.instruments]
+    return {name: float(s) for name, s, own in zip(names, scale, may, strict=True) if own}
 
 
 def _scales(

@@ -150,7 +150,9 @@ def _entering(
     price = _PAYS if len(free) else _entry_price(len(may))
     promised = np.zeros(len(theta))
     promised[may] = _promises(found, free)[may]
-    for j in np.argsort(-promised)[:_TRIED]:
+    # Of two that are one and the same, as of a single point on the tip, rounding must not choose.
+    order = np.argsort(-promised.round(6 - int(np.log10(promised.max() + 1.0))), kind="stable")
+    for j in order[:_TRIED]:
         if promised[j] < 0.5 * _PAYS:
             break
         wider = np.sort(np.append(free, j))

@@ -121,7 +121,8 @@ def noise_fields(
         "believed_sigma_mm": noise.stated * footprint * _MM,
         "source": "residual" if told else noise.source,
         "noise_scales": [
-            {"instrument": name, "times": s} for name, s in model.noise_scales.items()
+            {"instrument": name, "times": s * noise.factor}
+            for name, s in model.noise_scales.items()
         ],
         "pixel_mm": pixel_mm(model, footprint),
         "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,

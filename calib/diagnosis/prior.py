@@ -22,7 +22,9 @@ from calib.effects.readings import ReadingEffect
 from calib.instruments import Instrument, Tracker
 from calib.instruments.common_errors import CommonError
 from calib.model import Model
+from calib.model.covariance import covariance
 from calib.poses import Measurements, Poses
+from calib.solver import condensed
 
 _LEAST_FREE = 0.5  # coefficients that the data determine
 _LEAST = 1e-9  # rad or m
@@ -77,13 +79,13 @@ def fitted_amplitudes(
     found = np.array(amplitudes)
     if not len(found):
         return ()
-    A, g = span.T @ (J.T @ J) @ span, span.T @ (J.T @ r)
+    rows = condensed(np.column_stack([J, r]))
+    J, r = rows[:, :-1], rows[:, -1]
     inverses = [np.linalg.inv(effect.spread) for effect, _ in curves_in(model)]
     parts = [part for _, part in curves_in(model)]
     for _ in range(_ROUNDS):
-        held = prior_rows(model, found.tolist()) @ span
-        half = span @ np.linalg.pinv(A + held.T @ held, hermitian=True)
-        cov, values = half @ span.T, half @ g
+        cov = covariance(np.concatenate([J, prior_rows(model, found.tolist())]), span)
+        values = cov @ (J.T @ r)
         fresh = []
         for inverse, part, amplitude in zip(inverses, parts, found, strict=True):
             free = len(inverse) - float(np.trace(inverse @ cov[part, part])) / amplitude**2

@@ -1,6 +1,6 @@
 """From which side, and how far, each joint came: what the order of measurement tells.
 
-The order is that of time where the poses have it, else that of the file. Where the arm went from one
+The order is that of time where the poses have it, else their numbers, else that of the file. Where the arm went from one
 session to the next, or while no reading was taken for an hour, nobody knows: moves begin anew there.
 Readings between which the arm was nowhere else are one visit.
 What is fitted is ordered by itself; held-out poses are told, where a clock says it, what came before
@@ -182,7 +182,9 @@ def in_order(poses: Poses) -> IntArray:
 
     Readings of one session belong together, and a clock may begin anew with each.
     """
-    clock = np.arange(float(len(poses))) if poses.time is None else poses.time
+    clock = poses.time if poses.time is not None else poses.order
+    if clock is None:
+        clock = np.arange(float(len(poses)))
     if poses.session is None:
         return np.argsort(clock, kind="stable")
     _, first, number = np.unique(poses.session, return_index=True, return_inverse=True)

@@ -50,6 +50,14 @@ def test_time_orders_the_poses_not_the_file() -> None:
     assert not np.array_equal(in_file.approach, poses.approach)
 
 
+def test_poses_taken_in_another_order_are_the_same_stays() -> None:
+    """Without a clock their numbers tell the order in which they were reached."""
+    poses, shuffled = with_moves(poses_at(Q)), np.random.default_rng(1).permutation(len(Q))
+    taken = visits(poses.take(shuffled))
+    np.testing.assert_array_equal(taken, visits(poses)[shuffled])
+    assert len(np.unique(taken)) < len(Q)
+
+
 def test_a_given_approach_is_kept() -> None:
     given = np.ones_like(Q)
     poses = with_moves(poses_at(Q, approach=given))

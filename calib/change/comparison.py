@@ -90,7 +90,7 @@ class Changes:
     @property
     def expected(self) -> tuple[Interval, Interval]:
         """Errors at the targets if the earlier values are kept, RMS and worst, with all the rest."""
-        return self.kept.rms.beside(self.rest), self.kept.worst.beside(self.rest)
+        return self.kept.rms.combined(self.rest), self.kept.worst.combined(self.rest)
 
     @property
     def verdict(self) -> Verdict | None:

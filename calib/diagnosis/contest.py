@@ -74,7 +74,7 @@ class Outcome:
     @property
     def last(self) -> Field:
         """Candidates with everything modelled projected out."""
-        return self.view.beside
+        return self.view.complement
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:

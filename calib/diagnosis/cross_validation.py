@@ -141,7 +141,7 @@ class CrossValidation:
         own = np.concatenate([fit.positions(effect) for effect in effects])
         u = kept.freed(own)  # directions that nothing of the rest sees
         rest = Without(kept, self._folds(by_time), u, fit.pull, np.zeros(0))
-        return replace(rest, r=rest.beside(fit.without(effects).linear.fitted[0]))
+        return replace(rest, r=rest.projected(fit.without(effects).linear.fitted[0]))
 
     def _folds(self, by_time: bool) -> Folds:
         if by_time not in self._last:
@@ -172,7 +172,7 @@ class Without:
     pull: float
     r: Array
 
-    def beside(self, rows: Array) -> Array:
+    def projected(self, rows: Array) -> Array:
         """Rows (N, ..) with the rest projected out."""
         Q, u = self.kept.basis, self.u
         seen = Q.T @ rows
@@ -190,7 +190,7 @@ class Without:
         columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
         """
         m, R, k = choice.rows.shape
-        X = self.beside(self.kept.columns(choice.rows))
+        X = self.projected(self.kept.columns(choice.rows))
         back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
         S, z = X.T @ X + np.diag((self.pull / choice.limits) ** 2), X.T @ self.r
         rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))

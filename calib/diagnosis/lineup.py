@@ -212,7 +212,7 @@ class FitView:
         return self.fit.linear.columns(self.rows)
 
     @cached_property
-    def beside(self) -> Field:
+    def complement(self) -> Field:
         """Candidates and residual with all that is modelled projected out."""
         r, J = self.fit.linear.independent
         return field(J, self.columns, r, self.fit.linear.basis)
@@ -229,7 +229,7 @@ class FitView:
         ``X + U U^T X``, U the directions that it has beside the rest. Parameters of the rest that are
         not determined beside it may be so without it: what they can stand for, it does not alone.
         """
-        fit, whole = self.fit, self.beside
+        fit, whole = self.fit, self.complement
         own = np.concatenate([fit.positions(member.effect) for member in members])
         U = fit.linear.freed(own)
         shown = np.delete(U.T @ unit(fit.linear.along[0]), own, axis=1)
@@ -240,7 +240,7 @@ class FitView:
         r = r + parameters[:, own] @ fit.moving[own]
         held = sum(len(member.amounts) for member in members)  # rows of priors, which go with them
         return Field(
-            U.T @ whole.hidden,
+            U.T @ whole.modelled_part,
             U.T @ r,
             whole.lengths,
             whole.rows - held,

@@ -60,7 +60,7 @@ class LikelihoodProblem:
             return self.approximate_together([suspect])
         own = self.at[suspect.key]
         half = cholesky_of(suspect.spread * suspect.effect.parameters[0].size ** 2)
-        amplitude = _amplitude(*self.nearby.beside(own), half)
+        amplitude = _amplitude(*self.nearby.conditional(own), half)
         gain = self.nearby.gain(own, _inverse(half) / amplitude)
         price = _freedom(np.diag(gain.triangle), half, amplitude)
         return _of_curve(gain.fall + gain.promised - price, price)
@@ -110,7 +110,7 @@ class LikelihoodProblem:
         theta, best = self.levels.theta, (np.inf, 0.0)
         for _ in range(_TURNS):
             there = NearbyLikelihood(self.problem, theta, self.levels.free)
-            amplitude = _amplitude(*there.beside(own), half)
+            amplitude = _amplitude(*there.conditional(own), half)
             problem = self._with(own, inverse / amplitude)
             theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
             best = min(best, _marginal(problem, found, half, amplitude))

@@ -58,7 +58,7 @@ class Field:
         return self._projected(np.arange(self.columns.shape[1]))
 
     @cached_property
-    def hidden(self) -> Array:
+    def modelled_part(self) -> Array:
         """The columns in the directions of what is modelled, shape (k, K)."""
         if self.modelled is None:
             return np.zeros((0, self.columns.shape[1]))
@@ -97,7 +97,7 @@ class Field:
         own = np.moveaxis(self.columns[:, sets], 0, 1)
         S, z = np.swapaxes(own, 1, 2) @ own, self.r @ own
         if self.modelled is not None:
-            H = np.moveaxis(self.hidden[:, sets], 0, 1)
+            H = np.moveaxis(self.modelled_part[:, sets], 0, 1)
             S, z = S - np.swapaxes(H, 1, 2) @ H, z - (self.modelled.T @ self.r) @ H
         if self.whole is not None:
             S_whole, z_whole = self.whole.products(sets)
@@ -108,7 +108,7 @@ class Field:
         """``X^T X`` of some columns with others, shape (k, l)."""
         own = self.columns[:, these].T @ self.columns[:, those]
         if self.modelled is not None:
-            own = own - self.hidden[:, these].T @ self.hidden[:, those]
+            own = own - self.modelled_part[:, these].T @ self.modelled_part[:, those]
         return own if self.whole is None else own + self.whole.crossed(these, those)
 
     def compressed(self) -> Field:
@@ -132,7 +132,9 @@ class Field:
 
     def _projected(self, columns: IntArray) -> Array:
         own = self.columns[:, columns]
-        return own if self.modelled is None else own - self.modelled @ self.hidden[:, columns]
+        return (
+            own if self.modelled is None else own - self.modelled @ self.modelled_part[:, columns]
+        )
 
     def basis(self, columns: IntArray) -> Array:
         """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""

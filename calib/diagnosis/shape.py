@@ -164,12 +164,12 @@ class ShapeQuestion:
     """
 
     asked: tuple[Modulation, ...]
-    beside: Field
+    complement: Field
 
     @property
     def answer(self) -> tuple[Modulation, float, float]:
         """The modulation that speaks most against the effect, its p over all asked, and its fall."""
-        tests = [_modulated(self.beside, own) for own in self._columns]
+        tests = [_modulated(self.complement, own) for own in self._columns]
         counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
         first = int(np.argmin(counted))
         return self.asked[first], min(1.0, counted[first]), tests[first][1]
@@ -180,7 +180,7 @@ class ShapeQuestion:
         causes : int, among which the chance of a false doubt is shared
         """
         found = [
-            (m.chance, _power(self.beside, own, m.chance * SHAPE_ALPHA / causes))
+            (m.chance, _power(self.complement, own, m.chance * SHAPE_ALPHA / causes))
             for m, own in zip(self.asked, self._columns, strict=True)
             if m.depends_on.startswith("q:")
         ]

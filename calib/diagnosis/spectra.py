@@ -121,8 +121,8 @@ def _joints(stage: Stage, fit: Fit, scale: float) -> list[_Joint]:
         bare = fit.without(own) if own else fit
         parts = [fit.values[fit.positions(effect)] for effect in own]
         named = tuple((values[0], values[1:3]) for values in parts)
-        beside = bare.linear.complement
-        found.append(_Joint(ripple, poses, beside, rows[..., i : i + 1], scale, named))
+        complement = bare.linear.complement
+        found.append(_Joint(ripple, poses, complement, rows[..., i : i + 1], scale, named))
     return found
 
 
@@ -141,7 +141,7 @@ class _Joint:
 
     ripple: GearRipple
     poses: Poses
-    beside: Complement
+    complement: Complement
     carrier: Array
     scale: float
     named: tuple[tuple[float, Array], ...]
@@ -159,7 +159,7 @@ class _Joint:
         return self.poses.q[:, self.ripple.frame - 1]
 
     def spectrum(self, alarm: float) -> Spectrum:
-        fall = self.falls(self.beside, self.cycles)
+        fall = self.falls(self.complement, self.cycles)
         return Spectrum(
             joint=self.ripple.where,
             cycles=self.cycles,
@@ -171,12 +171,12 @@ class _Joint:
             named=tuple((float(c), self.aliases(c, a)) for c, a in self.named if a.any()),
         )
 
-    def falls(self, beside: Complement, cycles: Array) -> Array:
+    def falls(self, complement: Complement, cycles: Array) -> Array:
         """Fall at some cycles (C,), in variances of the noise."""
         limits = (self.ripple.allowance or 1.0) * np.array(
             [p.limit for p in self.ripple.amplitudes]
         )
-        scan, parts = carried(beside, self.carrier), [np.zeros(0)]
+        scan, parts = carried(complement, self.carrier), [np.zeros(0)]
         for i in range(0, len(cycles), _CHUNK):
             functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])
             parts.append(scores(scan, functions, limits)[0])
@@ -186,15 +186,15 @@ class _Joint:
         """Lines above the alarm, the strongest first; looked for about what is half as high."""
         slow = self.cycles < _SLOW
         joint = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
-        near, beside = self.about(self.cycles[fall > 0.5 * alarm]), joint.beside
+        near, complement = self.about(self.cycles[fall > 0.5 * alarm]), joint.complement
         at, falls = np.zeros(0), list[float]()
         while len(near) and len(falls) < _MOST_LINES:
-            now = joint.falls(beside, near)
+            now = joint.falls(complement, near)
             best = int(np.argmax(now))
             if now[best] <= alarm:
                 break
             fitted = joint.fitted(np.append(at, near[best]))
-            at, beside = fitted.at, joint.beside.without(fitted.X)
+            at, complement = fitted.at, joint.complement.without(fitted.X)
             falls.append(float(now[best]))
             near = self.about(near[now > 0.5 * alarm], but=at)
         return tuple(joint.line(k, fitted, fall) for k, fall in enumerate(falls))
@@ -212,7 +212,7 @@ class _Joint:
         cycles = np.arange(_FEWEST, _SLOW, 0.5 * self.width)
         functions = self.ripple.functions(self.poses, cycles).transpose(1, 0, 2)
         rows = times(self.carrier, functions.reshape(len(self.q), -1))
-        return replace(self, beside=self.beside.without(self.beside.columns(rows)))
+        return replace(self, complement=self.complement.without(self.complement.columns(rows)))
 
     def line(self, k: int, fitted: _Fitted, fall: float) -> SpectralLine:
         amounts, part = fitted.amounts[k], slice(3 * k, 3 * k + 3)
@@ -233,7 +233,7 @@ class _Joint:
         for _ in range(_ROUNDS):
             X = self.columns(at, amounts)
             length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-            found = np.linalg.lstsq(X / length, self.beside.left, rcond=1e-6)[0] / length
+            found = np.linalg.lstsq(X / length, self.complement.left, rcond=1e-6)[0] / length
             found = found.reshape(-1, 3)
             amounts = found[:, :2]
             at = at + np.clip(found[:, 2], -_STEP * self.width, _STEP * self.width)
@@ -244,7 +244,7 @@ class _Joint:
         F, slopes = (f(self.poses, at) for f in (self.ripple.functions, self.ripple.slopes))
         by_cycles = np.einsum("lmf,lf->lm", slopes, amounts)[..., None]
         functions = np.concatenate([F, by_cycles], axis=-1).transpose(1, 0, 2)
-        return self.beside.columns(times(self.carrier, functions.reshape(len(self.q), -1)))
+        return self.complement.columns(times(self.carrier, functions.reshape(len(self.q), -1)))
 
     def aliases(self, cycles: float, amounts: Array) -> tuple[float, ...]:
         """Cycles at which a line would explain nearly all of this one at the poses measured."""
@@ -252,7 +252,7 @@ class _Joint:
         if not len(peaks):
             return ()
         own = self.columns(np.array([cycles]), amounts[None])[:, :2] @ amounts
-        alone = replace(self.beside, left=own)
+        alone = replace(self.complement, left=own)
         near = peaks[:, None] + _STEP * self.width * np.linspace(-0.5, 0.5, 9)
         share = self.falls(alone, near.ravel()).reshape(near.shape) * self.scale**2 / (own @ own)
         best = np.argmax(share, axis=1)

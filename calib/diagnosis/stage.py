@@ -98,7 +98,7 @@ class Fit:
     @cached_property
     def linear(self) -> LinearProblem:
         """The fit to first order."""
-        held = self.observation.known_beside(self.values)
+        held = self.observation.stated_prior_residuals(self.values)
         return LinearProblem(self.r, self.J, self.span, *held, self.mixing, pull=self.pull)
 
     @property
@@ -299,7 +299,7 @@ class Stage:
         """How many times larger these statistics may be of poses that stand alone, shape (m,)."""
         r, J = self._in_full(fit)
         kept = ~self.dropped
-        known = fit.by_instrument(r, J).observation.beside(fit.values)
+        known = fit.by_instrument(r, J).observation.prior_residuals(fit.values)
         return extrapolation_factor(self.data.poses, r, J, kept, fit.span, known, statistics)
 
     def _in_full(self, fit: Fit) -> tuple[Array, Array]:

@@ -82,7 +82,7 @@ class Round:
                 continue
             columns = np.concatenate([self.view.where[c.key] for c in members])
             sizes = np.concatenate([[p.size for p in c.amounts] for c in members])
-            if self.pays(score(self.view.beside, columns, np.diag(sizes**2))):
+            if self.pays(score(self.view.complement, columns, np.diag(sizes**2))):
                 found[kind] = len(members)
         return found
 
@@ -162,7 +162,7 @@ def _newcomers(state: Round) -> list[Candidate]:
     """
     view = state.view
     eligible = _eligible(state.active, view)
-    scores = linear_scores(view.beside, view, eligible)
+    scores = linear_scores(view.complement, view, eligible)
     chosen = _entering(state, scores, eligible)
     if not chosen and view.fit.mixing is not None:
         scores = _anew(state, scores, eligible)
@@ -205,11 +205,11 @@ def _entering(
     if curve is not None:
         first = scores[named[0].key] if named else NOTHING
         if first.gain < _CURVES_TOO * scores[curve.key].gain:
-            return _by_name(state.view.beside, state, curve) or [curve]
+            return _by_name(state.view.complement, state, curve) or [curve]
     chosen = named[:1]
     for c in named[1:_MOST_AT_ONCE]:
         if all(
-            _kept(view.beside, view.where[c.key], view.where[other.key]) > _APART
+            _kept(view.complement, view.where[c.key], view.where[other.key]) > _APART
             for other in chosen
         ):
             chosen.append(c)
@@ -270,7 +270,7 @@ def _anew(
     Where to second order, which is never too much, none pays, they are searched for.
     """
     view = state.view
-    alone = linear_scores(view.by_instrument.beside, view, eligible)
+    alone = linear_scores(view.by_instrument.complement, view, eligible)
     leading = [
         c
         for named in (True, False)

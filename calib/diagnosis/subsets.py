@@ -33,7 +33,7 @@ class Names:
 
     members: tuple[int, ...]
     gain: float
-    beside: Field
+    complement: Field
 
 
 def names_for_curve(
@@ -58,7 +58,7 @@ def names_for_curve(
         for found in sets:
             if (
                 found.gain >= least
-                and weighted_test(found.beside, curve, spread, mean=True)[0] >= _LEFT
+                and weighted_test(found.complement, curve, spread, mean=True)[0] >= _LEFT
                 and _all_pay(field, found, named, pays)
             ):
                 return found.members
@@ -75,14 +75,14 @@ def _extended(
         scores = {
             i: found
             for i, columns in enumerate(named)
-            if i not in names.members and pays(found := score(names.beside, columns))
+            if i not in names.members and pays(found := score(names.complement, columns))
         }
         for i in sorted(scores, key=lambda i: -scores[i].gain)[:_FOLLOWED]:
             members = (*names.members, i)
             if frozenset(members) not in known:
                 known.add(frozenset(members))
                 gain = names.gain + scores[i].gain
-                yield Names(members, gain, names.beside.without(named[i]))
+                yield Names(members, gain, names.complement.without(named[i]))
 
 
 def _all_pay(

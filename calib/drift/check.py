@@ -237,7 +237,7 @@ def _arm(cell: Cell, found: Identification, model: Model, own: Measurements) -> 
     still = scatter_of(model, values, own.poses, Variances.none(model.robot.dof))
     r, J = points.linearise(values)
     steady = points.rows(_steady(own))
-    off, by_known = model.beside(values)
+    off, by_known = model.prior_residuals(values)
     wide = np.concatenate([J @ span, steady], axis=-1)
     held = np.pad(by_known @ span, ((0, 0), (0, steady.shape[-1])))
     linear = LinearProblem(r, wide, np.eye(wide.shape[-1]), off, held)

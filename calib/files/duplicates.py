@@ -23,7 +23,7 @@ from calib.poses import Measurements, Poses, hung
 _SAME = 0.01  # of the weight
 
 
-def refuse_payload_twice(cell: Cell, path: Path, poses: Poses) -> None:
+def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
     """Refuse readings that bear the cell's payload as their wrench. Raises InputError."""
     loaded = poses.take(poses.wrench.any(axis=1))
     if not cell.payload.mass or not len(loaded):

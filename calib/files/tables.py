@@ -22,7 +22,7 @@ from calib.files.columns import (
     shared_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
-from calib.files.duplicates import refuse_payload_twice, without_copies
+from calib.files.duplicates import refuse_payload_and_wrench, without_copies
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
@@ -58,7 +58,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     _check_poses_agree(table, cell, pose_of_row, first)
     poses = replace(poses, site=sites_of(table, cell, pose_of_row, first))
 
-    refuse_payload_twice(cell, path, poses)
+    refuse_payload_and_wrench(cell, path, poses)
     m = len(pose_names)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
     shown = set(table.text("marker")) if every_marker else set(cell.read_names)

@@ -148,7 +148,7 @@ class Differences(Estimator):
 
 
 def _linear(points: Points, values: Array, span: Array) -> LinearProblem:
-    return LinearProblem(*points.linearise(values), span, *points.model.beside(values))
+    return LinearProblem(*points.linearise(values), span, *points.model.prior_residuals(values))
 
 
 def prior_residual_freedom(observation: Observation, values: Array, span: Array) -> float:

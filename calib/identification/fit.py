@@ -127,8 +127,8 @@ class Estimation:
         """
         judged = self.estimator.judged(self.counted, self.values, self.span)
         known = self.model.known_rows - self.model.prior_rows
-        beside = self.model.beside(self.values)[0][:known]
-        cost = float((judged.r**2).sum()) + float((beside**2).sum())
+        prior = self.model.prior_residuals(self.values)[0][:known]
+        cost = float((judged.r**2).sum()) + float((prior**2).sum())
         return cost, _spare(self.estimator, self.counted, self.values, self.span)
 
     @cached_property
@@ -370,7 +370,7 @@ def _judged(
 ) -> _Judgement:
     """What the fit to the poses kept says of every pose."""
     judged = estimator.judged(observation, values, span, kept)
-    known = observation.beside(values)
+    known = observation.prior_residuals(values)
     statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
     poses = observation.data.poses
     lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
@@ -406,16 +406,18 @@ def fitted(
     """
     prior = observation.model.own_prior
     if prior is not None and prior.robots:
-        fit = _beside_type(cell, estimator, observation, start, prior)
+        fit = _with_type_prior(cell, estimator, observation, start, prior)
     else:
         bare = replace(observation, model=replace(observation.model, prior=None))
         fit = searched(estimator, bare, start).under_levels(cell)
         if prior is not None:
-            return _beside(cell, fit, prior)
-    return fit if errors is None else _beside_sizes(cell, fit, errors)
+            return _with_prior(cell, fit, prior)
+    return fit if errors is None else _with_size_prior(cell, fit, errors)
 
 
-def _beside(cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = ()) -> Estimation:
+def _with_prior(
+    cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = ()
+) -> Estimation:
     """The estimate with a prior of sizes, gone on with from one without, or with others.
 
     lost : positions of values that stay where they are
@@ -431,7 +433,7 @@ def _beside(cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = (
     return replace(found, of_type=fit.of_type, choice=fit.choice).under_levels(cell)
 
 
-def _beside_sizes(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:
+def _with_size_prior(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:
     """The estimate with a prior of the sizes that errors have by the readings themselves.
 
     Fit and widths follow from each other. Where the readings leave nothing open, as it is. What such
@@ -451,8 +453,8 @@ def _beside_sizes(cell: Cell, alone: Estimation, errors: Elementary) -> Estimati
             return fit
         if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
             break
-        prior = sizes.prior if known.prior is None else known.prior.beside(sizes.prior)
-        fit = replace(_beside(cell, fit, prior, lost), sizes=sizes)
+        prior = sizes.prior if known.prior is None else known.prior.combined(sizes.prior)
+        fit = replace(_with_prior(cell, fit, prior, lost), sizes=sizes)
     return fit
 
 
@@ -466,8 +468,8 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     r, J = observation.whitened(values)
     if scale != 1.0:
         r, J = r / scale, J / scale
-    beside = known.beside(values)
-    y, J = LinearProblem(r, J, fit.span, *beside, observation.mixing).independent
+    prior = known.prior_residuals(values)
+    y, J = LinearProblem(r, J, fit.span, *prior, observation.mixing).independent
     used = int(np.count_nonzero(J.any(axis=1)))
     rows = condensed(np.column_stack([J, y + J @ values]))
     J, y = rows[:, :-1], rows[:, -1]
@@ -476,7 +478,7 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
 
 
-def _beside_type(
+def _with_type_prior(
     cell: Cell, estimator: Estimator, observation: Observation, start: Array, prior: Prior
 ) -> Estimation:
     """The estimate with the robot's type, as far as the readings by themselves are of that type."""

@@ -225,7 +225,7 @@ def _std_by_pose(fit: Estimation) -> Array | None:
     if not 0 < _POSES_PER_DIRECTION * span.shape[1] <= int(kept.sum()):
         return None
     r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
-    held = counted.beside(fit.values)[1]
+    held = counted.prior_residuals(fit.values)[1]
     if not kept.all():
         r, J = r[kept], J[kept]
     cov = clustered(r, J, span, held)

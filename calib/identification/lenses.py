@@ -81,7 +81,7 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
     asked = _asked(found)
     if not asked:
         return
-    beside, columns = _beside(found, asked)
+    beside, columns = _complement(found, asked)
     freed = _freed(beside, columns, asked)
     rows = int(np.count_nonzero(np.abs(beside.problem.J).any(axis=-1)))
     dof = rows - freed.Q.shape[1]
@@ -116,10 +116,10 @@ def lenses_before_arm(rigid: Identification, whole: Identification | None) -> tu
     if whole is None:
         return first
     if first:
-        beside, columns = _beside(rigid, _asked(rigid))
+        beside, columns = _complement(rigid, _asked(rigid))
         names = {(effect.kind, effect.where) for effect in rigid.model.effects}
         arm = [e for e in whole.model.effects if (e.kind, e.where) not in names]
-        by_arm = _beside(rigid, {"arm": arm})[1]["arm"]
+        by_arm = _complement(rigid, {"arm": arm})[1]["arm"]
         if _schwarz(beside, np.concatenate([*columns.values()], axis=1)) < _schwarz(beside, by_arm):
             return first
     return tuple(unfit_lenses(whole))
@@ -147,7 +147,7 @@ def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
     return [effect for effect in known if effect.acts(camera)]
 
 
-def _beside(
+def _complement(
     found: Identification, asked: Mapping[_Of, Sequence[Effect]]
 ) -> tuple[Complement, dict[_Of, Array]]:
     """What the identification leaves, and columns (N, k) of effects therein, by whose they are."""

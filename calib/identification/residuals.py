@@ -146,7 +146,7 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     """
     model, values, observation = fit.model, fit.values, fit.observation
     r, J = points_of(observation).linearise(values)
-    held = observation.beside(values)[1]
+    held = observation.prior_residuals(values)[1]
     rows = math.prod(observation.weights.shape[-3:-1])
     limit = threshold(pose_statistics(r, J, fit.kept, fit.span, held)[0], rows)
     heldout = with_stations_of(observation.data, heldout)

@@ -36,13 +36,13 @@ class Lens:
     def project(self, points: Array) -> Array:
         """Pixels (..., 2) of points (..., 3), m, camera axes: x right, y down, z ahead."""
         x, y, _ = _ideal(points)
-        own = beside(self.values, x.ndim)
+        own = broadcastable(self.values, x.ndim)
         return _stretched(own, *_distorted(own, x, y))
 
     def linearise(self, points: Array) -> tuple[Array, Array, Array]:
         """Pixels (..., 2), and their derivatives by the points (..., 2, 3) and the lens (..., 2, 9)."""
         x, y, depth = _ideal(points)
-        own = beside(self.values, x.ndim)
+        own = broadcastable(self.values, x.ndim)
         k1, k2, p1, p2, k3 = own[DISTORTION]
         r2 = x * x + y * y
         radial, slope = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2)
@@ -104,7 +104,7 @@ def _stretched(own: Array, x: Array, y: Array) -> Array:
     return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
 
-def beside(values: Array, axes: int) -> Array:
+def broadcastable(values: Array, axes: int) -> Array:
     """Values (..., n) as n arrays that go with arrays of so many axes."""
     *batch, n = values.shape
     return np.moveaxis(values, -1, 0).reshape((n, *batch, *[1] * (axes - len(batch))))
@@ -139,7 +139,7 @@ class Fisheye(Lens):
 
     def project(self, points: Array) -> Array:
         """Pixels (..., 2) of points (..., 3), m, camera axes."""
-        own = beside(self.values, points.ndim - 1)
+        own = broadcastable(self.values, points.ndim - 1)
         X, Y, Z = np.moveaxis(points, -1, 0)
         _, _, scale = _scale(own, X, Y, Z)
         fx, fy, cx, cy = own[:4]
@@ -147,7 +147,7 @@ class Fisheye(Lens):
 
     def linearise(self, points: Array) -> tuple[Array, Array, Array]:
         """Pixels (..., 2), and their derivatives by the points (..., 2, 3) and the lens (..., 2, 8)."""
-        own = beside(self.values, points.ndim - 1)
+        own = broadcastable(self.values, points.ndim - 1)
         X, Y, Z = np.moveaxis(points, -1, 0)
         rho, angle, scale = _scale(own, X, Y, Z)
         fx, fy, cx, cy = own[:4]

@@ -256,7 +256,7 @@ def _of_sizes(built: Built, widths: Mapping[str, float]) -> Built:
     """The model with what the cell says of the sizes of its errors, beside what the type does."""
     known = built.model.prior
     sizes = stated(elementary(built.model, built.full, known.keys if known else ()), widths)
-    prior = sizes if known is None else known.beside(sizes)
+    prior = sizes if known is None else known.combined(sizes)
     return replace(built, model=replace(built.model, prior=prior))
 
 

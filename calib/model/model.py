@@ -382,7 +382,7 @@ class Model:
                 found[-1][:, part] = own
         return np.concatenate(found)
 
-    def beside(self, values: Array) -> tuple[Array, Array]:
+    def prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """What is known beside all readings, as rows of unit variance: residuals and derivatives.
 
         values : ndarray, shape (..., p), SI; returns shapes (..., K) and (..., K, p)

@@ -58,7 +58,9 @@ class Readout:
 
     def read(self, values: Array, poses: Poses, points: Array) -> Array:
         """Readings (..., m, C, r) of points (..., m, M, 3), m, in base axes."""
-        return self._beside((self._rows(i, values, poses, points) for i in self.instruments), -1)
+        return self._side_by_side(
+            (self._rows(i, values, poses, points) for i in self.instruments), -1
+        )
 
     def _rows(self, instrument: Instrument, values: Array, poses: Poses, points: Array) -> Array:
         def read(stand: Stand, points: Array, *apart: Array) -> tuple[Array]:
@@ -84,7 +86,7 @@ class Readout:
         """
         found = [self._columns(i, values, poses, points, J) for i in self.instruments]
         rows, columns = zip(*found, strict=True)
-        return self._beside(rows, -1), self._beside(columns, -2)
+        return self._side_by_side(rows, -1), self._side_by_side(columns, -2)
 
     def _columns(
         self, instrument: Instrument, values: Array, poses: Poses, points: Array, J: Array
@@ -126,7 +128,7 @@ class Readout:
             given = [(_of(instrument, points, -2), -3), (_of(instrument, moved, -3), -4)]
             return self._at_stands(instrument, values, poses, follow, given, [-4])[0]
 
-        return self._beside(map(one, self.instruments), -2)
+        return self._side_by_side(map(one, self.instruments), -2)
 
     def footprint(self, values: Array, poses: Poses, points: Array, seen: Mask) -> float:
         """Metres at the points to one unit of the readings, RMS over those that are seen.
@@ -152,7 +154,7 @@ class Readout:
             found = self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
             return found / self.noise_scales.get(instrument.name, 1.0)
 
-        return self._beside((one(i, part) for i, part in self.channels.blocks), -2, -1)
+        return self._side_by_side((one(i, part) for i, part in self.channels.blocks), -2, -1)
 
     def rescaled(self, weights: Array, scales: Mapping[str, float]) -> Array:
         """Whitening matrices (..., m, C, r, r) of instruments whose noise is so many times as large."""
@@ -176,7 +178,7 @@ class Readout:
             i.difference(measured[..., part, : i.rows], predicted[..., part, : i.rows])
             for i, part in self.channels.blocks
         )
-        return self._beside(parts, -1)
+        return self._side_by_side(parts, -1)
 
     def _disturbing(self, instrument: Instrument) -> Iterator[tuple[ReadingEffect, slice]]:
         return ((e, part) for e, part in self.disturbing if e.changes(instrument))
@@ -248,7 +250,7 @@ class Readout:
             whole.append(out)
         return tuple(whole)
 
-    def _beside(self, parts: Iterable[Array], *row_axes: int) -> Array:
+    def _side_by_side(self, parts: Iterable[Array], *row_axes: int) -> Array:
         """The channels of the instruments side by side, rows filled up with zeros."""
         first, *others = parts
         if not others:

@@ -88,17 +88,17 @@ class Observation(ABC):
         r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
         if not self.model.known_rows and self.prior is None:
             return r, J
-        known, by_known = self.beside(values)
+        known, by_known = self.prior_residuals(values)
         return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
 
-    def beside(self, values: Array) -> tuple[Array, Array]:
+    def prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
-        known, by_known = self.known_beside(values)
+        known, by_known = self.stated_prior_residuals(values)
         return self.pull * known, self.pull * by_known
 
-    def known_beside(self, values: Array) -> tuple[Array, Array]:
+    def stated_prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, of unit variance as stated."""
-        known, by_known = self.model.beside(values)
+        known, by_known = self.model.prior_residuals(values)
         if self.prior is None:
             return known, by_known
         prior = np.broadcast_to(self.prior, (*values.shape[:-1], *self.prior.shape))
@@ -117,7 +117,7 @@ class Observation(ABC):
 
     def linear(self, values: Array, span: Array) -> LinearProblem:
         """The problem to first order about ``values`` (p,), fitted along ``span`` (p, k)."""
-        rows, known = self.whitened(values), self.known_beside(values)
+        rows, known = self.whitened(values), self.stated_prior_residuals(values)
         return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.pull)
 
     def covariance(self, values: Array, span: Array) -> Array:

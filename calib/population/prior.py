@@ -54,7 +54,7 @@ class Prior:
         cov = T @ self.covariance @ T.T
         return replace(self, keys=(*own, *rest), mean=T @ self.mean, covariance=(cov + cov.T) / 2.0)
 
-    def beside(self, other: Prior) -> Prior:
+    def combined(self, other: Prior) -> Prior:
         """The joint prior of these parameters and of independent others."""
         k, own = len(self.keys), len(self.keys) + len(other.keys)
         covariance = np.zeros((own, own))

@@ -1,7 +1,8 @@
 """From which side, and how far, each joint came: what the order of measurement tells.
 
-The order is that of time where the poses have it, else their numbers, else that of the file. Where the arm went from one
-session to the next, or while no reading was taken for an hour, nobody knows: moves begin anew there.
+The order is that of time where the poses have it, else that of their numbers, else of the file. Where
+the arm went from one session to the next, or while no reading was taken for an hour, nobody knows:
+moves begin anew there.
 Readings between which the arm was nowhere else are one visit.
 What is fitted is ordered by itself; held-out poses are told, where a clock says it, what came before
 them in either table.

@@ -65,14 +65,14 @@ class NearbyLikelihood:
         B = solve_triangular(R, G[:p, p:], trans="T")
         return G[p:, p:] - B.T @ B, np.asarray(solve_triangular(R, B))
 
-    def beside(self, own: IntArray) -> tuple[Array, Array]:
+    def conditional(self, own: IntArray) -> tuple[Array, Array]:
         """Products (k, k) of columns ``own`` beside the known ones, and (k,) with the readings."""
         S, at = self._products[0], own - self.problem.known
         return S[np.ix_(at, at)], S[at, -1]
 
     def gain(self, own: IntArray, prior: Array) -> Gain:
         """Of a suspect with columns ``own`` (k,) and rows (h, k) of unit variance beside them."""
-        S, right = self.beside(own)
+        S, right = self.conditional(own)
         A = S + prior.T @ prior
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
         unit = np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(own)))

@@ -65,7 +65,7 @@ class Turned:
     highest: float = np.inf
 
     @cached_property
-    def beside(self) -> Array:
+    def instrument_products(self) -> Array:
         """Products (f, f) of the rows that carry the instrument's noise alone."""
         return np.asarray(self.outside.T @ self.outside)
 
@@ -198,7 +198,7 @@ def independent(problem: Turned, theta: Array) -> Independent:
     """The rows of a problem made independent at variances theta (v,)."""
     halves = tuple(Half.of(b, theta) for b in problem.blocks)
     rows = tuple(half(b.F) for b, half in zip(problem.blocks, halves, strict=True))
-    products = problem.beside / theta[0] + problem.prior
+    products = problem.instrument_products / theta[0] + problem.prior
     for own in rows:
         flat = stacked(own)
         products = products + flat.T @ flat

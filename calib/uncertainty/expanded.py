@@ -34,7 +34,7 @@ class Interval(NamedTuple):
     low: float
     high: float
 
-    def beside(self, other: float) -> Interval:
+    def combined(self, other: float) -> Interval:
         """Of an error, together with an independent one of this size."""
         return Interval(*(float(np.hypot(own, other)) for own in self))
 

@@ -28,7 +28,7 @@ from doe.ahead.forecast import (
     NormalEquations,
     Readings,
     best_next,
-    open_beside,
+    regularised,
 )
 from doe.ahead.remaining import Match, match, whole_day
 from doe.ahead.situation import likely_read, refusal
@@ -189,7 +189,7 @@ def enough(
     pull = 1.0 if found is None else found.pull
     if found is not None and not at.arm.any:
         pull /= found.noise.divisor
-    rows = rows.beside(model.beside(at.values)[1] * model.sizes, pull)
+    rows = rows.with_prior(model.prior_residuals(at.values)[1] * model.sizes, pull)
     so_far = np.arange(len(day)) < len(data)
     order = _best_order(forecast.criterion, rows.rows, so_far, plan, done.left)
     further = ((name, count, rows.equations(upto)) for name, count, upto in order)
@@ -273,7 +273,7 @@ def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed
     count = min(max(fresh, ahead), len(blocks))
     if count < 2 or not fresh:
         return np.zeros(0, dtype=int)
-    beside = open_beside(blocks)
+    beside = regularised(blocks)
     rules = Allowed.any_of(len(blocks), count)
     relaxed = relax(criterion, beside, rules)
     plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
@@ -309,7 +309,7 @@ def _fresh(
         seen = np.tile(visible(scene_of(at.cell, q)), (len(poses), 1))
         points = at.model.predict(at.values, poses)
         read = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-        known = known.beside(Readings.at(at, read).equations())
+        known = known.combined(Readings.at(at, read).equations())
         *_, step = forecast.steps(known, count, [(f"fresh{len(steps) + 1}", len(poses), known)])
         count = step.readings
         steps.append(step)

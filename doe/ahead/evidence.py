@@ -177,7 +177,7 @@ class RivalEvidence:
 
     def separation(self, known: ReducedEquations) -> Array:
         """What is left of each rival beside the other, in noise variances, shape (..., pairs, 2)."""
-        return self.of_pairs(self.likeness(known).beside[..., 0])
+        return self.of_pairs(self.likeness(known).remaining[..., 0])
 
     def values(self, known: ReducedEquations, S: Array) -> Array:
         """The margins once the poses are read, by which the truth is to stand alone."""
@@ -196,7 +196,7 @@ class RivalEvidence:
         """
         alike = self.likeness(known, S)
         N = known.rows if rows is None else rows
-        found = margins(alike.beside, alike.directions, alike.shared, N, lead)[..., 0]
+        found = margins(alike.remaining, alike.directions, alike.shared, N, lead)[..., 0]
         return np.asarray(self.of_pairs(found).min(axis=-1))
 
     def preferences(self, known: ReducedEquations) -> Array:
@@ -218,7 +218,7 @@ class RivalEvidence:
         share, n = count / len(blocks), len(self.data.B)
         even, whole = self.data.added(np.sqrt(share) * blocks), self.data.added(blocks)
         D = blocks[..., n:] - blocks[..., :n] @ even.B
-        limit = self.likeness(even).beside
+        limit = self.likeness(even).remaining
         for f, other in enumerate(self.columns):
             U = even.directions(other)
             for e, (at, b) in enumerate(zip(self.columns, self.b, strict=True)):

@@ -45,7 +45,7 @@ class NormalEquations:
     core: Array | None
     crossed: Array
 
-    def beside(self, other: NormalEquations) -> NormalEquations:
+    def combined(self, other: NormalEquations) -> NormalEquations:
         """Both, of other configurations."""
         both = root(np.concatenate([self.root, other.root]))
         crossed = self.crossed + other.crossed
@@ -154,8 +154,8 @@ class Forecast:
         response = told.response(span)
         missed = self.targets.missed(response)
         common = np.sqrt((missed**2).sum(axis=(1, 2)))
-        beside = np.hypot(common, self.lacking.at_targets)
-        rms, worst = task_error(np.hypot(own, beside), weights)
+        combined = np.hypot(common, self.lacking.at_targets)
+        rms, worst = task_error(np.hypot(own, combined), weights)
         variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
         std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
         lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
@@ -210,7 +210,7 @@ class Readings:
         common = moved_rows(at, data, at.weights(data, kept), rows)
         return cls(replace(rows, weighing=weighing, held=np.zeros((0, len(at.values)))), common)
 
-    def beside(self, held: Array, pull: float) -> Readings:
+    def with_prior(self, held: Array, pull: float) -> Readings:
         """The same where rows ``held`` (k, p) are known, which weigh ``pull`` times more."""
         return replace(self, rows=replace(self.rows, off=np.zeros(len(held)), held=held, pull=pull))
 
@@ -235,10 +235,10 @@ def root(rows: Array) -> Array:
     return np.concatenate([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
 
 
-def open_beside(blocks: Blocks) -> Blocks:
+def regularised(blocks: Blocks) -> Blocks:
     """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
     largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
-    return blocks.beside(max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed)))
+    return blocks.plus(max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed)))
 
 
 def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
@@ -246,4 +246,4 @@ def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
 
     What is open is closed first.
     """
-    return greedy(criterion, open_beside(blocks), Allowed.any_of(len(blocks), count))
+    return greedy(criterion, regularised(blocks), Allowed.any_of(len(blocks), count))

@@ -269,7 +269,7 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     whole = Linearisation(cell, full, start, arm)
     waiting = before_the_first_move(data.poses)
-    rows = np.concatenate([whole.of(data, ~waiting).independent[1], full.beside(start)[1]])
+    rows = np.concatenate([whole.of(data, ~waiting).independent[1], full.prior_residuals(start)[1]])
     own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
     choice = choose_directions(own, values)
     _, J = full.jacobian(start, data.poses)

@@ -54,7 +54,7 @@ class Likeness:
     starts: IntArray
 
     @property
-    def beside(self) -> Array:
+    def remaining(self) -> Array:
         """Noncentrality of the signals that is left beside each other, shape (..., E, E, D)."""
         return np.asarray(self.size[..., :, None, :] * self.left)
 
@@ -91,8 +91,8 @@ class Likeness:
 
         size = np.asarray(noncentrality)
         size = size[:, None] if size.ndim == 1 else size
-        beside = size[..., None] * self.left
-        found = margins(beside, self.directions, self.shared, rows)
+        remaining = size[..., None] * self.left
+        found = margins(remaining, self.directions, self.shared, rows)
         return np.asarray(ndtr(found).mean(axis=-1))
 
     def needed(self, rows: int, sure: float = SURE) -> Array:
@@ -112,7 +112,7 @@ class Likeness:
         return np.asarray(np.where(never < sure, np.inf, found))
 
 
-def margins(beside: Array, k: IntArray, shared: Array, rows: int, lead: float = 0.0) -> Array:
+def margins(remaining: Array, k: IntArray, shared: Array, rows: int, lead: float = 0.0) -> Array:
     """Standard deviations by which each cause wins over each other, shape (..., E, E, D).
 
     beside : ndarray, shape (..., E, E, D), noncentrality that is left of it beside the other
@@ -122,8 +122,8 @@ def margins(beside: Array, k: IntArray, shared: Array, rows: int, lead: float = 
     """
     mean = (k[..., :, None] - k[..., None, :]) * (1.0 - np.log(max(rows, 3)))
     variance = 2.0 * (k[..., :, None] + k[..., None, :]) - 4.0 * shared
-    spread = np.sqrt(np.maximum(4.0 * beside + variance[..., None], 1e-12))
-    return np.asarray((mean[..., None] + beside - lead) / spread)
+    spread = np.sqrt(np.maximum(4.0 * remaining + variance[..., None], 1e-12))
+    return np.asarray((mean[..., None] + remaining - lead) / spread)
 
 
 def likeness(

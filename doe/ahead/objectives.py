@@ -107,7 +107,7 @@ def _form(diagnosis: Diagnosis, cause: Cause, data: tuple[Array, Array]) -> Caus
         return np.concatenate([rows[..., :p], moved[..., None] * run[:, None, :]], axis=-1)
 
     columns = beside(rows.reshape(len(q), -1, rows.shape[1]), q).reshape(len(r), -1)
-    known, by_known = model.beside(diagnosis.after.values)
+    known, by_known = model.prior_residuals(diagnosis.after.values)
     columns = np.concatenate([columns, np.pad(by_known, ((0, 0), (0, K)))])
     sizes = np.concatenate([model.sizes, np.ones(K)])
     evidence = RivalEvidence.of(columns, np.append(r, known), sizes, [np.arange(p, p + K)], ())
@@ -154,7 +154,7 @@ def accuracy_of(situation: Situation, diagnosis: Diagnosis, rows: Array) -> Accu
     targets, weights = targets_of(situation.cell)
     at = TargetErrors.of(model, values, targets, weights).per(model.sizes)
     aims = (at.rows * np.sqrt(at.weights)[:, None, None]).reshape(-1, p)
-    held = model.beside(values)[1] * model.sizes
+    held = model.prior_residuals(values)[1] * model.sizes
     known = np.concatenate([rows[:, :p] * model.sizes, held, np.eye(p) / FREE])
     inverse = np.linalg.inv(np.linalg.qr(known, mode="r"))
     # As many rows as parameters say the same of so many targets.

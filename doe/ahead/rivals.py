@@ -83,7 +83,7 @@ def _suspected(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     """Where something is there and nothing is found, the causes that explain most of it."""
     view = diagnosis.outcome.view.by_instrument
     named = [c for c in view.suspects if c.named and not c.echo]
-    scores = linear_scores(view.beside, view, named)
+    scores = linear_scores(view.complement, view, named)
     leading = sorted(named, key=lambda c: -scores[c.key].gain)[:_MOST]
     return (Rivalry(tuple(leading), True),) if len(leading) > 1 else ()
 
@@ -137,7 +137,7 @@ def evidence_of(
     # What only a changed situation has is nothing to the data.
     r, rows = data
     rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
-    known, by_known = model.beside(situation.values)
+    known, by_known = model.prior_residuals(situation.values)
     r, rows = np.append(r, known), np.concatenate([rows, by_known])
     own = np.concatenate(at)
     # Each rival takes the place of all: to first order, whole refits differ by less than noise.

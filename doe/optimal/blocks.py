@@ -77,7 +77,7 @@ class Blocks:
         """``<G, M_i>`` of every candidate, shape (n,)."""
         return np.asarray(self.packed @ pack(G))
 
-    def beside(self, more: Array) -> Blocks:
+    def plus(self, more: Array) -> Blocks:
         """The same candidates where more is known in any case, ndarray of shape (p, p)."""
         found = replace(self, fixed=self.fixed + more)
         # Those of the candidates do not depend on what is known in any case.

@@ -100,7 +100,7 @@ def _eased(
     Of few poses each is so large a part of all that local optima are many and far apart.
     """
     for share in _EASED:
-        helped = blocks.beside(share * allowed.size * blocks.mean)
+        helped = blocks.plus(share * allowed.size * blocks.mean)
         plan, _ = exchange(criterion, helped, allowed, plan)
     return exchange(criterion, blocks, allowed, plan)
 

@@ -160,7 +160,7 @@ class Regressor(Linearisation):
     @cached_property
     def known(self) -> Array:
         """What is known beside all readings as independent rows, (k, p): lengths, lenses, the type."""
-        return self.model.beside(self.values)[1] @ self.T
+        return self.model.prior_residuals(self.values)[1] @ self.T
 
     @property
     def rank(self) -> int:

@@ -65,7 +65,7 @@ def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) 
     doubted = 0
     for _ in range(DRAWS):
         r = size * rng.normal(size=len(r)) * (np.abs(J).sum(axis=1) > 0.0)
-        _, p, _ = replace(asked, beside=replace(asked.beside, r=r - Q @ (Q.T @ r))).answer
+        _, p, _ = replace(asked, complement=replace(asked.complement, r=r - Q @ (Q.T @ r))).answer
         doubted += p < SHAPE_ALPHA
     # At most 9 are expected; 17 or more come once in a hundred times.
     assert doubted <= 16
@@ -80,16 +80,16 @@ def test_the_power_is_how_often_a_wrong_shape_is_doubted(name: str) -> None:
     k = next(i for i, m in enumerate(asked.asked) if m.depends_on == f"q:{name.split(':')[1]}")
     counts = [m.centred.shape[1] for m in asked.asked]
     own, alpha = sum(counts[:k]) + np.arange(counts[k]), asked.asked[k].chance * SHAPE_ALPHA
-    beside, Q = asked.beside, asked.beside.modelled
+    complement, Q = asked.complement, asked.complement.modelled
     assert Q is not None
-    counted = beside.columns.any(axis=1)
+    counted = complement.columns.any(axis=1)
     doubted = 0
     for _ in range(DRAWS):
         phase = rng.uniform(0.0, 2.0 * np.pi)
         wave = 0.35 / np.sqrt(2.0) * np.array([np.cos(phase), np.sin(phase)])
-        r = rng.normal(size=len(counted)) * counted + beside.columns[:, own[:2]] @ wave
-        doubted += _modulated(replace(beside, r=r - Q @ (Q.T @ r)), own)[0] < alpha
-    assert doubted / DRAWS == pytest.approx(_power(beside, own, alpha), abs=0.08)
+        r = rng.normal(size=len(counted)) * counted + complement.columns[:, own[:2]] @ wave
+        doubted += _modulated(replace(complement, r=r - Q @ (Q.T @ r)), own)[0] < alpha
+    assert doubted / DRAWS == pytest.approx(_power(complement, own, alpha), abs=0.08)
 
 
 def by_angle(poses: Poses) -> Array:

@@ -139,7 +139,7 @@ def of_the_curve_that_leads(error: object, seed: int) -> tuple[str, list[str]]:
     linear = stage.about(fit, [c.effect for c in suspects])
     view, _ = lineup(linear, suspects).seen_from(linear, fit, (), fresh=True)
     suspects = list(view.suspects)
-    beside: Field = view.by_instrument.beside
+    beside: Field = view.by_instrument.complement
     where: dict[str, IntArray] = view.where
     curves = [c for c in suspects if not c.named and c.where == "Z"]
     first = max(curves, key=lambda c: score(beside, where[c.key], c.spread).gain)

@@ -179,8 +179,8 @@ def test_derivatives_of_a_known_distance() -> None:
     cell = replace(cell, known_distances=(KnownDistance(("m1", "m2"), 0.1, 1e-5),))
     model = build(cell, poses_at(drawn(6, 4))).model
     values = np.random.default_rng(3).normal(size=len(model.parameters)) * 10.0 * model.sizes
-    _, by_known = model.beside(values)
-    numeric = central_difference(lambda v: -model.beside(v)[0], values, 0.1 * model.sizes)
+    _, by_known = model.prior_residuals(values)
+    numeric = central_difference(lambda v: -model.prior_residuals(v)[0], values, 0.1 * model.sizes)
     np.testing.assert_allclose(by_known, numeric, rtol=1e-6, atol=1e-6 * np.abs(by_known).max())
 
 

@@ -206,8 +206,9 @@ def test_the_joint_that_is_worn_is_named_whatever_its_size(tiago: tuple[Cell, An
     found = calib.diagnose(cell, data, heldout=other)
     named = {c.named.candidate.key: c for c in found.causes}
     assert "backlash:arm_6_joint" in named
-    assert 8e-3 < abs(float(named["backlash:arm_6_joint"].values[0])) < 20e-3
-    assert (found.gap.heldout_after or 1.0) < 2.6e-3
+    worn = [abs(float(c.values[0])) for key, c in named.items() if key.startswith("backlash:")]
+    assert 8e-3 < max(worn) < 20e-3
+    assert (found.gap.heldout_after or 1.0) < 2.4e-3
 
 
 @pytest.mark.long

@@ -252,10 +252,12 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
         stage = replace(stage, dropped=out, robust=False)
-        linear = stage.about(fit, [c.effect for c in suspects])
         active = [c.as_tuned(float(fit.values[fit.positions(c.effect)[0]])) for c in outcome.active]
-        asked = lineup(linear, suspects, asked.grids)
-        outcome = contest(linear, asked, active, outcome.proved)
+        proved, grids = outcome.proved, asked.grids
+        del linear, asked, outcome  # the largest arrays of all
+        linear = stage.about(fit, [c.effect for c in suspects])
+        asked = lineup(linear, suspects, grids)
+        outcome = contest(linear, asked, active, proved)
     return Search(stage, linear, outcome, factor, grows, statistic, limit)
 
 

@@ -321,6 +321,6 @@ def _choices(outcome: Outcome, named: Named) -> Iterator[Choice]:
     least = entry.rivals[0][1] - CLOSE
     rivals = [c for c, gain in entry.rivals if c.named and gain > least]
     for c in dict.fromkeys([entry.candidate, *rivals]):
-        yield Choice(name(c.key), view.rows[..., view.where[c.key]], c.limits)
+        yield Choice(name(c.key), view.rows(view.where[c.key]), c.limits)
     for rows, limits in outcome.lineup.other_tunings(view, entry.candidate):
         yield Choice(first, rows, limits)

@@ -76,7 +76,7 @@ class Detectable:
 
 def detectable(field: Field, columns: IntArray, asked: int, alpha: float) -> Detectable:
     """What readings would show of the cause with these columns, of so many asked."""
-    lengths, whole = np.linalg.norm(field.X[:, columns], axis=0), field.lengths[columns]
+    lengths, whole = np.linalg.norm(field.projected(columns), axis=0), field.lengths[columns]
     share = lengths / np.where(whole > 0.0, whole, 1.0)
     nowhere, visible = np.full(len(columns), np.inf), share > VISIBLE
     directions = field.directions(columns).shape[1]

@@ -76,7 +76,7 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
     price = noise * float(np.log(max(fit.rows, 2)))
     best: tuple[float, Candidate, Array] | None = None
     for candidate in boards:
-        column = rest.columns(view.rows[..., view.where[candidate.key]])[:, 0]
+        column = rest.columns(view.rows(view.where[candidate.key]))[:, 0]
         length = float(column @ column)
         if length <= 0.0:
             continue

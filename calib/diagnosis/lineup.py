@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, in_parts
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
 from calib.diagnosis.screen import VISIBLE, Field, field
@@ -153,14 +153,10 @@ class Lineup:
 
         active : what is in; fresh : whether all tunings are tried, or those of the last short list
         """
-        rows = fit.observation.rows(self.J)
         where = {c.key: self.where[c.key] for c in self.fixed}
-        view = FitView(fit, rows, where, self.fixed)
-        if not self.grids:
-            return view, self
         listed, tuned = [], []
         for grid in self.grids:
-            carrier = rows[..., self.where[grid.candidate.key]]
+            carrier = self._carrier(fit, grid)
             scan = carried(fit.linear.complement, carrier)
             own = grid.scanned(scan) if fresh else grid
             listed.append(own)
@@ -173,23 +169,27 @@ class Lineup:
                 tuned.append((best, times(carrier, functions)))
             others = _at_tunings_of(grid.candidate, active)
             tuned += [(c, _rows(c, carrier, stage)) for c in others]
-        ends = rows.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
+        ends = self.J.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
         for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
             where[c.key] = np.arange(a, b)
         suspects = (*self.fixed, *(c for c, _ in tuned))
-        rows = np.concatenate([rows, *(columns for _, columns in tuned)], axis=-1)
-        return FitView(fit, rows, where, suspects), replace(self, grids=tuple(listed))
+        rows = np.concatenate([np.zeros((*fit.r.shape, 0)), *(own for _, own in tuned)], axis=-1)
+        return FitView(fit, self.J, rows, where, suspects), replace(self, grids=tuple(listed))
 
     def other_tunings(self, view: FitView, member: Candidate) -> Iterator[tuple[Array, Array]]:
         """Rows (m, R, k) and limits (k,) of a member at the tunings that are best without it."""
         grid = next((b for b in self.grids if b.candidate.is_like(member)), None)
         if grid is None:
             return
-        carrier = view.rows[..., self.where[grid.candidate.key]]
+        carrier = self._carrier(view.fit, grid)
         scan = carried(view.fit.without([member.effect]).linear.complement, carrier)
         for form in grid.scanned(scan).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits
+
+    def _carrier(self, fit: Fit, grid: TuningGrid) -> Array:
+        """Whitened derivatives (m, R, b) by the carrier of a grid."""
+        return fit.observation.rows(self.J[..., self.where[grid.candidate.key]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,19 +197,35 @@ class FitView:
     """Whitened columns of all candidates at one fit.
 
     fit : Fit
-    rows : ndarray, shape (m, R, K), whitened derivatives of every candidate, by a tuning none
+    J : ndarray, shape (m, c, r, K), derivatives by those without a tuning, and by carriers
+    tuned : ndarray, shape (m, R, T), whitened derivatives by those with a tuning, after all others
     where : dict, candidate -> ndarray of int, its columns; suspects : tuple of Candidate
     """
 
     fit: Fit
-    rows: Array
+    J: Array
+    tuned: Array
     where: dict[str, IntArray]
     suspects: tuple[Candidate, ...]
 
     @cached_property
     def columns(self) -> Array:
-        """Columns of all candidates in independent rows, shape (N, K)."""
-        return self.fit.linear.columns(self.rows)
+        """Columns of all candidates in independent rows, shape (N, K + T)."""
+        linear, K = self.fit.linear, self.J.shape[-1]
+        found = np.empty((len(linear.independent[0]), K + self.tuned.shape[-1]))
+        for part in in_parts(K, len(found)):
+            found[:, :K][:, part] = linear.columns(self.fit.observation.rows(self.J[..., part]))
+        found[:, K:] = linear.columns(self.tuned)
+        return found
+
+    def rows(self, columns: IntArray) -> Array:
+        """Whitened derivatives (m, R, k) by some of the columns."""
+        K = self.J.shape[-1]
+        tuned = columns >= K
+        own = np.empty((*self.tuned.shape[:-1], len(columns)))
+        own[..., ~tuned] = self.fit.observation.rows(self.J[..., columns[~tuned]])
+        own[..., tuned] = self.tuned[..., columns[tuned] - K]
+        return own
 
     @cached_property
     def complement(self) -> Field:

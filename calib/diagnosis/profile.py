@@ -169,7 +169,7 @@ def likelihood_problem(
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
     weighted = fit.observation.rows(stage.scatter.levers)
-    wide = np.concatenate([fit.J @ fit.span, view.rows[..., columns]], axis=-1)
+    wide = np.concatenate([fit.J @ fit.span, view.rows(columns)], axis=-1)
     held = linear.held @ fit.span
     shown = held.any(axis=1) | (linear.off != 0.0)  # what is taken out takes its prior along
     problem, start, may = problem_of(

@@ -55,7 +55,7 @@ class Field:
     @cached_property
     def X(self) -> Array:
         """The columns with everything modelled projected out, shape (N, K)."""
-        return self._projected(np.arange(self.columns.shape[1]))
+        return self.projected(np.arange(self.columns.shape[1]))
 
     @cached_property
     def modelled_part(self) -> Array:
@@ -118,9 +118,9 @@ class Field:
 
     def take(self, columns: IntArray) -> Field:
         """The field of some columns alone, all rows in one."""
-        X, r, part = self._projected(columns), self.r, self.whole
+        X, r, part = self.projected(columns), self.r, self.whole
         while part is not None:
-            X, r = np.concatenate([part._projected(columns), X]), np.concatenate([part.r, r])
+            X, r = np.concatenate([part.projected(columns), X]), np.concatenate([part.r, r])
             part = part.whole
         return Field(X, r, self.lengths[columns], self.rows, self.dof)
 
@@ -130,7 +130,8 @@ class Field:
         X, r = self.X - U @ (U.T @ self.X), self.r - U @ (U.T @ self.r)
         return replace(self, columns=X, r=r, modelled=None, dof=self.dof - U.shape[1])
 
-    def _projected(self, columns: IntArray) -> Array:
+    def projected(self, columns: IntArray) -> Array:
+        """Some columns with everything modelled projected out, shape (N, k)."""
         own = self.columns[:, columns]
         return (
             own if self.modelled is None else own - self.modelled @ self.modelled_part[:, columns]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -178,7 +179,8 @@ class Points(Observation):
         at = np.arange(m)[:, None], self.data.read
         if at[1].shape[1] < W.shape[1]:
             J, W = J if at[1].shape[1] == C else J[(..., *at, slice(None), slice(None))], W[at]
-        return (W @ J).reshape((*batch, m, -1, p))
+        weighted = W @ J
+        return weighted.reshape((*batch, m, math.prod(weighted.shape[-3:-1]), p))
 
     def _relative(self, a: Array) -> Array:
         """Subtract the weighted mean of each configuration: what its readings have in common."""

@@ -116,7 +116,7 @@ def told_apart(
     sizes : of each, plausible sizes of its parameters, SI; needed : noncentrality that is found
     """
     at = np.concatenate(list(columns))
-    X, ends = field.X[:, at], np.cumsum([0, *map(len, columns)])
+    X, ends = field.projected(at), np.cumsum([0, *map(len, columns)])
     own = [np.arange(a, b) for a, b in pairwise(ends)]
     alike = likeness(X.T @ X, field.lengths[at], own, [plausible(size) for size in sizes])
     times: Array = np.sqrt(alike.needed(field.rows) / np.array(needed)[:, None])

@@ -181,6 +181,7 @@ def _believed(given: IntrinsicsStd | list[float], count: int) -> Array:
 
 
 _FEWEST, _SHARE = 4, 0.25  # points of a print with markers
+_WHITE = 0.5  # squares of paper about a chessboard that its detector wants to see
 
 
 def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Board:
@@ -192,8 +193,10 @@ def _board(name: str, table: BoardTable, channels: slice, points: Array) -> Boar
     """
     if table.squares is not None and table.marker_mm is None:
         printed, square, least = (table.pitch_mm or 0.0) * MM, LEAST_SQUARE, len(points)
-        across, down = (n * printed for n in table.squares)
-        rim = np.array([[0, 0, 0], [across, 0, 0], [across, down, 0], [0, down, 0]])
+        near, (across, down) = -_WHITE, (n + _WHITE for n in table.squares)
+        rim = printed * np.array(
+            [[near, near, 0.0], [across, near, 0.0], [across, down, 0.0], [near, down, 0.0]]
+        )
     else:
         printed, square = (table.marker_mm or table.tag_mm or 0.0) * MM, LEAST_MARKER
         least = max(_FEWEST, math.ceil(_SHARE * len(points))) if printed else 1

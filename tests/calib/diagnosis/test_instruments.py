@@ -112,8 +112,14 @@ def test_a_wire_that_reads_long(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seeds", [[9], pytest.param(range(10), marks=pytest.mark.long)])
 def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path, seeds: range) -> None:
-    """Though their noise is not larger where the board looks smaller, as they are taken to have it."""
+    """Though their noise is not larger where the board looks smaller, as they are taken to have it.
+
+    A variance enters by chance on one clean day in twenty: it is told as scatter, and is no gap.
+    """
+    scatters = 0
     for seed in seeds:
         truth = Truth(np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0]), seed=seed, grows=False)
         found = calib.diagnose(*kr270_day(tmp_path, SETUPS["kr270, two"], truth, 30, 4))
-        assert (found.verdict, found.causes, found.rest.kind) == ("no_gap", (), "none")
+        assert (found.verdict, found.causes) == ("no_gap", ())
+        scatters += found.rest.kind != "none"
+    assert scatters <= len(seeds) // 10

@@ -83,7 +83,7 @@ def test_it_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_diagnosis_weighs_by_it(tmp_path: Path) -> None:
-    cell, data = day(tmp_path, "kr270", Truth(OFF, scales={"cam": 2.0}))
+    cell, data = day(tmp_path, "kr270", Truth(OFF, seed=2, scales={"cam": 2.0}))
     found = calib.diagnose(cell, data)
     assert found.after.model.noise_scales["cam"] == pytest.approx(2.0, rel=0.1)
     assert (found.verdict, found.rest.kind, found.causes) == ("no_gap", "none", ())

@@ -230,7 +230,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     readout = stage.model.readout
     lengths: Mask = np.any(readout.channels.lengths, axis=-1)
     grows = growth_with_range(data, outcome.fit.r, lengths)
-    scales = _rescaling(stage, outcome.fit, factor)
+    scales = _scales_of(stage, outcome.fit, factor)
     if grows is not None or scales:
         if grows is not None:
             stated = stated / grows.relative[..., None, None]
@@ -261,7 +261,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     return Search(stage, linear, outcome, factor, grows, statistic, limit)
 
 
-def _rescaling(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:
+def _scales_of(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:
     """Actual over stated noise of several instruments, where that is another for some of them.
 
     factor : actual over stated noise by which the stage weighs all of them

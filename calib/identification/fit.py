@@ -258,13 +258,18 @@ def search(
     )
 
 
-def searched(estimator: Estimator, observation: Observation, start: Array) -> Estimation:
-    """The search with each of several instruments weighed by the noise of its own readings."""
+def search_with_noise_scales(
+    estimator: Estimator, observation: Observation, start: Array
+) -> Estimation:
+    """The search with each of several instruments weighed by the noise of its own readings.
+
+    start : ndarray, shape (p,), SI; raises as :func:`search` does
+    """
     found = search(estimator, observation, start)
     if not isinstance(observation, Points) or isinstance(estimator, Differences):
         return found
     for _ in range(_SCALE_ROUNDS):
-        if not (by := _rescaling(found)):
+        if not (by := _scales_left(found)):
             break
         known = found.model.noise_scales
         whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
@@ -277,8 +282,8 @@ def searched(estimator: Estimator, observation: Observation, start: Array) -> Es
     return found
 
 
-def _rescaling(found: Estimation) -> Mapping[str, float]:
-    """Actual over assumed noise of several instruments."""
+def _scales_left(found: Estimation) -> Mapping[str, float]:
+    """Actual over assumed noise of several instruments after a fit; empty where it is as assumed."""
     counted, model = points_of(found.counted), found.model
     if len(model.instruments) < 2:
         return {}
@@ -409,7 +414,7 @@ def fitted(
         fit = _with_type_prior(cell, estimator, observation, start, prior)
     else:
         bare = replace(observation, model=replace(observation.model, prior=None))
-        fit = searched(estimator, bare, start).under_levels(cell)
+        fit = search_with_noise_scales(estimator, bare, start).under_levels(cell)
         if prior is not None:
             return _with_prior(cell, fit, prior)
     return fit if errors is None else _with_size_prior(cell, fit, errors)
@@ -485,11 +490,11 @@ def _with_type_prior(
     model = observation.model
     at, sizes = model.own_prior_at, model.sizes[model.own_prior_at]
     loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
-    alone = searched(estimator, loose, start).under_levels(cell)
+    alone = search_with_noise_scales(estimator, loose, start).under_levels(cell)
     own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
     found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.noise_scale)
     believed = replace(alone.model, prior=adapted(found, sizes))
-    beside = replace(
+    known = replace(
         observation, model=believed, weights=alone.observation.weights, pull=alone.noise_scale
     )
-    return replace(search(estimator, beside, alone.values).under_levels(cell), of_type=found)
+    return replace(search(estimator, known, alone.values).under_levels(cell), of_type=found)

@@ -81,18 +81,18 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
     asked = _asked(found)
     if not asked:
         return
-    beside, columns = _complement(found, asked)
-    freed = _freed(beside, columns, asked)
-    rows = int(np.count_nonzero(np.abs(beside.problem.J).any(axis=-1)))
+    complement, columns = _complement(found, asked)
+    freed = _freed(complement, columns, asked)
+    rows = int(np.count_nonzero(np.abs(complement.problem.J).any(axis=-1)))
     dof = rows - freed.Q.shape[1]
-    before, after = _squares(beside), _squares(freed)
+    before, after = _squares(complement), _squares(freed)
     if dof <= 0 or not after or before < _WORTH**2 * after:
         return
     share = (before - after) / (before - min(after, float(dof)))
     if share < _MOST:
         return
     for camera, effects in asked.items():
-        others = _freed(beside, columns, (other for other in asked if other is not camera))
+        others = _freed(complement, columns, (other for other in asked if other is not camera))
         without, more = _squares(others), freed.Q.shape[1] - others.Q.shape[1]
         if not more or without < _WORTH**2 * after:
             continue
@@ -116,20 +116,22 @@ def lenses_before_arm(rigid: Identification, whole: Identification | None) -> tu
     if whole is None:
         return first
     if first:
-        beside, columns = _complement(rigid, _asked(rigid))
+        complement, columns = _complement(rigid, _asked(rigid))
         names = {(effect.kind, effect.where) for effect in rigid.model.effects}
         arm = [e for e in whole.model.effects if (e.kind, e.where) not in names]
         by_arm = _complement(rigid, {"arm": arm})[1]["arm"]
-        if _schwarz(beside, np.concatenate([*columns.values()], axis=1)) < _schwarz(beside, by_arm):
+        if _schwarz(complement, np.concatenate([*columns.values()], axis=1)) < _schwarz(
+            complement, by_arm
+        ):
             return first
     return tuple(unfit_lenses(whole))
 
 
-def _schwarz(beside: Complement, columns: Array) -> float:
+def _schwarz(complement: Complement, columns: Array) -> float:
     """Schwarz's criterion of what is left with further columns (N, k) freed, the noise unknown."""
-    freed = beside.without(columns)
-    rows = int(np.count_nonzero(np.abs(beside.problem.J).any(axis=-1)))
-    k = freed.Q.shape[1] - beside.Q.shape[1]
+    freed = complement.without(columns)
+    rows = int(np.count_nonzero(np.abs(complement.problem.J).any(axis=-1)))
+    k = freed.Q.shape[1] - complement.Q.shape[1]
     return float(rows * np.log(_squares(freed)) + k * np.log(rows))
 
 
@@ -155,15 +157,17 @@ def _complement(
     data, weights = found.fit.data.take(found.kept), found.weights[found.kept]
     r, J = Points(model, data, weights).linearise(values)
     own = len(found.values)
-    beside = LinearProblem(r, J[..., :own], found.span).complement
+    complement = LinearProblem(r, J[..., :own], found.span).complement
     counts = [sum(len(effect.initial) for effect in effects) for effects in asked.values()]
-    parts = np.split(beside.columns(J[..., own:]), np.cumsum(counts)[:-1], axis=1)
-    return beside, dict(zip(asked, parts, strict=True))
+    parts = np.split(complement.columns(J[..., own:]), np.cumsum(counts)[:-1], axis=1)
+    return complement, dict(zip(asked, parts, strict=True))
 
 
-def _freed(beside: Complement, columns: dict[Camera, Array], free: Iterable[Camera]) -> Complement:
+def _freed(
+    complement: Complement, columns: dict[Camera, Array], free: Iterable[Camera]
+) -> Complement:
     own = [columns[camera] for camera in free]
-    return beside.without(np.concatenate(own, axis=1)) if own else beside
+    return complement.without(np.concatenate(own, axis=1)) if own else complement
 
 
 def _squares(complement: Complement) -> float:

@@ -68,8 +68,7 @@ class LinearProblem:
 
     def columns(self, rows: Array) -> Array:
         """Further whitened columns (m, R, K) as independent rows (N, K), zero in what is held."""
-        flat = stacked(rows if self.mixing is None else self.mixing(rows))
-        return np.pad(flat, ((0, len(self.independent[0]) - len(flat)), (0, 0)))
+        return _independent(rows, self.mixing, len(self.independent[0]))
 
     @cached_property
     def basis(self) -> Array:
@@ -79,8 +78,21 @@ class LinearProblem:
     @cached_property
     def complement(self) -> Complement:
         """What the fitted directions do not follow."""
-        r, _ = self.independent
-        return Complement(self, self.basis, r - self.basis @ (self.basis.T @ r))
+        return self.beside(self.basis, self.independent[0])
+
+    def beside(self, Q: Array, r: Array) -> Complement:
+        """The complement of columns with a basis Q (N, k), of a residual (N,)."""
+        return Complement(Q, r - Q @ (Q.T @ r), self.r.shape, self.mixing)
+
+    def without(self, own: IntArray, values: Array) -> Complement:
+        """The complement once some parameters are not fitted and stand at nothing.
+
+        own : ndarray of int, shape (k,), which; values : ndarray, shape (k,), at which they stand
+        """
+        u = self.freed(own)
+        r, J = self.independent
+        rest = self.basis - (self.basis @ u) @ u.T  # no basis, but of the same projection
+        return self.beside(rest, r + J[:, own] @ values)
 
     @cached_property
     def along(self) -> tuple[Array, Array]:
@@ -150,13 +162,15 @@ class LinearProblem:
 class Complement:
     """The orthogonal complement of fitted columns, in independent rows: what least squares leaves.
 
-    Q : ndarray, shape (N, k), orthonormal basis of the columns
+    Q : ndarray, shape (N, k), ``Q Q^T`` projects onto the columns: an orthonormal basis of them
     left : ndarray, shape (N,), residual outside of them
+    readings : (m, R), of the whitened rows; mixing : Mixing or None, what makes them independent
     """
 
-    problem: LinearProblem
     Q: Array
     left: Array
+    readings: tuple[int, ...]
+    mixing: Mixing | None
 
     def of(self, rows: Array) -> Array:
         """Independent rows (N, ..) with the columns projected out."""
@@ -164,7 +178,12 @@ class Complement:
 
     def columns(self, rows: Array) -> Array:
         """The same of whitened columns (m, R, K) of the readings, shape (N, K)."""
-        return self.of(self.problem.columns(rows))
+        return self.of(_independent(rows, self.mixing, len(self.left)))
+
+    @property
+    def rows(self) -> int:
+        """How many rows the fitted columns move."""
+        return int(np.count_nonzero(self.Q.any(axis=1)))
 
     def without(self, X: Array) -> Complement:
         """The complement of further columns (N, K) as well, which lie in this one."""
@@ -175,11 +194,17 @@ class Complement:
     @cached_property
     def at_readings(self) -> tuple[Array, Array]:
         """Residual (m, R) and basis (m, R, k), brought back to the whitened rows of the readings."""
-        (m, R), mixing = self.problem.r.shape, self.problem.mixing
+        m, R = self.readings
         rows = np.column_stack([self.left, self.Q])[: m * R].reshape(m, R, -1)
-        if mixing is not None:
-            rows = mixing.back(rows)
+        if self.mixing is not None:
+            rows = self.mixing.back(rows)
         return rows[..., 0], rows[..., 1:]
+
+
+def _independent(rows: Array, mixing: Mixing | None, count: int) -> Array:
+    """Whitened columns (m, R, K) as independent rows (count, K), zero in what is held."""
+    flat = stacked(rows if mixing is None else mixing(rows))
+    return np.pad(flat, ((0, count - len(flat)), (0, 0)))
 
 
 def orthonormal(columns: Array) -> Array:

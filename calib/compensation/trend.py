@@ -20,7 +20,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, stacked
 from calib.compensation.unexplained import Fitted
 from calib.effects.base import Base
-from calib.linear import Complement, LinearProblem
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -93,7 +93,7 @@ def _regressed(
 
     r, J = problem.independent
     Q, _ = np.linalg.qr(_unit(J @ problem.span)[0])
-    beside = Complement(problem, Q, r - Q @ (Q.T @ r))
+    beside = problem.beside(Q, r)
 
     def followed(g: Array) -> tuple[float, Array, int]:
         """By how much a function (m,) lowers the sum of squares, its amplitudes, and their rank."""

@@ -28,6 +28,7 @@ from calib.effects.protocol import Effect
 from calib.linear import LinearProblem
 from calib.noise import unwhitened
 from calib.poses import Poses
+from calib.scatter.mixing import Mixing
 
 _FOLDS = 10
 _STRETCHES = 4
@@ -91,10 +92,10 @@ class CrossValidation:
         choices : what may stand in their place, the first its own: without a fold the best of them is
             chosen anew
         """
-        gone = self._without(effects, by_time).left
-        left, again = self._folds(by_time).left, 1.0
+        rest = self._without(effects, by_time)
+        gone, left, again = rest.left, self._folds(by_time).left, 1.0
         if choices:
-            left, again = self._anew(effects, by_time, choices)
+            left, again = self._anew(rest, effects, by_time, choices)
         errors = np.stack([left, gone], axis=-1)
         if self.fit.mixing is not None:
             errors = self.fit.mixing(errors)
@@ -111,19 +112,16 @@ class CrossValidation:
         )
 
     def _anew(
-        self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice]
+        self, plain: Without, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice]
     ) -> tuple[Array, float]:
         """Residuals (m, R) of poses predicted by what is best without their fold.
 
-        effects : in whose place it comes
+        effects : in whose place it comes; plain : Without, them
         Besides, of how many folds that is the first of the choices, at whatever tuning.
         What is best is told by rows that err independently, what is missed by least squares.
         """
-        fit, plain = self.fit, self._without(effects, by_time)
-        judged, mixing = plain, fit.mixing
-        if mixing is not None:
-            rows = fit.by_instrument(mixing(fit.r[..., None])[..., 0], mixing(fit.J))
-            judged = replace(self, fit=rows)._without(effects, by_time)
+        mixing = self.fit.mixing
+        judged = plain if mixing is None else self._independent._without(effects, by_time)
         best, worth = plain.left.copy(), np.zeros(len(plain.folds.folds))
         same = np.zeros(len(worth), dtype=bool)
         for choice in choices:
@@ -140,8 +138,8 @@ class CrossValidation:
         kept, fit = self._kept, self.fit
         own = np.concatenate([fit.positions(effect) for effect in effects])
         u = kept.freed(own)  # directions that nothing of the rest sees
-        rest = Without(kept, self._folds(by_time), u, fit.pull, np.zeros(0))
-        return replace(rest, r=rest.projected(fit.without(effects).linear.fitted[0]))
+        left = kept.without(own, fit.moving[own]).left
+        return Without(kept, self._folds(by_time), u, fit.pull, left)
 
     def _folds(self, by_time: bool) -> Folds:
         if by_time not in self._last:
@@ -150,6 +148,12 @@ class CrossValidation:
             each = (_fold(Q, fold == f) for f in range(int(fold.max()) + 1))
             self._last[by_time] = Folds(tuple(each), r)
         return self._last[by_time]
+
+    @cached_property
+    def _independent(self) -> CrossValidation:
+        """The same of rows that err independently."""
+        fit, mixing = self.fit, self.fit.mixing or Mixing((), 1.0)
+        return replace(self, fit=fit.by_instrument(mixing(fit.r[..., None])[..., 0], mixing(fit.J)))
 
     @cached_property
     def _kept(self) -> LinearProblem:

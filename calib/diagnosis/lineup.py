@@ -181,8 +181,9 @@ class Lineup:
         grid = next((b for b in self.grids if b.candidate.is_like(member)), None)
         if grid is None:
             return
-        carrier = self._carrier(view.fit, grid)
-        scan = carried(view.fit.without([member.effect]).linear.complement, carrier)
+        fit, own = view.fit, view.fit.positions(member.effect)
+        carrier = self._carrier(fit, grid)
+        scan = carried(fit.linear.without(own, fit.moving[own]), carrier)
         for form in grid.scanned(scan).forms:
             for functions in form.functions:
                 yield times(carrier, functions), form.limits

@@ -83,8 +83,7 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
         return
     complement, columns = _complement(found, asked)
     freed = _freed(complement, columns, asked)
-    rows = int(np.count_nonzero(np.abs(complement.problem.J).any(axis=-1)))
-    dof = rows - freed.Q.shape[1]
+    dof = complement.rows - freed.Q.shape[1]
     before, after = _squares(complement), _squares(freed)
     if dof <= 0 or not after or before < _WORTH**2 * after:
         return
@@ -129,8 +128,7 @@ def lenses_before_arm(rigid: Identification, whole: Identification | None) -> tu
 
 def _schwarz(complement: Complement, columns: Array) -> float:
     """Schwarz's criterion of what is left with further columns (N, k) freed, the noise unknown."""
-    freed = complement.without(columns)
-    rows = int(np.count_nonzero(np.abs(complement.problem.J).any(axis=-1)))
+    freed, rows = complement.without(columns), complement.rows
     k = freed.Q.shape[1] - complement.Q.shape[1]
     return float(rows * np.log(_squares(freed)) + k * np.log(rows))
 

@@ -45,7 +45,7 @@ class Carried:
 
 def carried(beside: Complement, carrier: Array) -> Carried:
     """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
-    back, mixing = np.swapaxes(carrier, -1, -2), beside.problem.mixing
+    back, mixing = np.swapaxes(carrier, -1, -2), beside.mixing
     g, H = beside.at_readings
     own, together = back @ carrier, []
     if mixing is not None:

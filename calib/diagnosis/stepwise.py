@@ -41,6 +41,7 @@ class Round:
     """Where a contest stands.
 
     active : what is in; view : all suspects from the fit with it
+    fresh : whether all tunings were tried, not those of a short list alone
     proved : dict, key of a member -> gain with which it last defended its place against all
     left : set, keys of those that went, which must do better to come back
     new : set, keys of members that nobody has challenged yet
@@ -49,6 +50,7 @@ class Round:
     stage: Stage
     active: tuple[Candidate, ...]
     view: FitView
+    fresh: bool
     asked: int
     proved: dict[str, float]
     left: set[str] = field(default_factory=set)
@@ -158,13 +160,13 @@ def _newcomers(state: Round) -> list[Candidate]:
     """What pays beside all that is in: the best, and others by name that hardly share with it.
 
     Where poses err together, what is missing counts as noise, and what pays all the same is believed;
-    only where nothing does are variances found anew with each that leads.
+    only where nothing does, at whatever tuning, are variances found anew with each that leads.
     """
     view = state.view
     eligible = _eligible(state.active, view)
     scores = linear_scores(view.complement, view, eligible)
     chosen = _entering(state, scores, eligible)
-    if not chosen and view.fit.mixing is not None:
+    if not chosen and state.fresh and view.fit.mixing is not None:
         scores = _anew(state, scores, eligible)
         chosen = _entering(state, scores, eligible) or _pair(state)
     state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})

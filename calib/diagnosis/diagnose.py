@@ -27,6 +27,7 @@ from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
 from calib.diagnosis.imitated import Imitated, imitated
 from calib.diagnosis.prior import common_errors
+from calib.diagnosis.part import part_of
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify
@@ -54,6 +55,7 @@ class Diagnosis(Result, Finding):
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
         follow from the order: the arm came there from a side that nothing tells
     not_asked : causes that the table's columns cannot speak of
+    warnings : tuple of str, what of a large table was diagnosed
     """
 
     verdict: VerdictName
@@ -68,10 +70,11 @@ class Diagnosis(Result, Finding):
     outlier: Mask
     waiting: Mask
     heldout: Measurements | None
+    warnings: tuple[str, ...] = ()
 
     @property
     def data(self) -> Measurements:
-        """All measurements, those that were left out included."""
+        """The measurements that were diagnosed, those that were left out included."""
         return self.stage.data
 
     @property
@@ -80,16 +83,22 @@ class Diagnosis(Result, Finding):
         return tuple(c for c in self.outcome.suspects if not c.echo)
 
     def sentences(self) -> list[str]:
-        gap = self.gap
-        errors = [f"fitted poses {_shrinks(gap.fit_before, gap.fit_after)}"]
-        if gap.heldout_before is not None:
-            errors.append(f"held out {_shrinks(gap.heldout_before, gap.heldout_after)}")
-        if gap.crossed is not None:
-            errors.append(f"cross-validated {_shrinks(*gap.crossed)}")
+        gap, (_, unit, scale) = self.gap, self.before.model.readout.channels.shown
+        both = {
+            "fitted poses": (gap.fit_before, gap.fit_after),
+            "held out": (gap.heldout_before, gap.heldout_after),
+            "cross-validated": gap.crossed or (None, None),
+        }
+        errors = [
+            f"{where} {before / scale:.3g} -> {after / scale:.3g} {unit}"
+            for where, (before, after) in both.items()
+            if before is not None and after is not None
+        ]
         places = () if self.causes else self.located[:_MOST]
         return [
             f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
-            f"RMS error: {', '.join(errors)}; noise {1e3 * gap.floor:.3g} mm",
+            f"RMS error: {', '.join(errors)}; noise {gap.floor / scale:.3g} {unit}",
+            *self.warnings,
             *(f"the model stands for {c.candidate.key}: {c.value:.3g}" for c in self.imitated),
             *(f"no cause named: {place!r}" for place in places),
         ]
@@ -107,23 +116,20 @@ class Diagnosis(Result, Finding):
         ]
 
 
-def _shrinks(before: float, after: float | None) -> str:
-    return (
-        f"{1e3 * before:.3g} mm" if after is None else f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
-    )
-
-
 @one_blas_thread
 def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = None) -> Diagnosis:
     """Find the unmodelled effects that the measurements show.
 
     heldout : measurements that take no part: what is found does not depend on them, and is told by
-        how far it shrinks their error
+        how far it shrinks their error; of a large table what is not in the part that is diagnosed
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
     if heldout is not None:
         data, heldout = in_one_session(data, with_stations_of(data, heldout))
+    data, others, warnings = part_of(data)
+    if heldout is None and len(others):
+        heldout = others
     stage = _stage(cell, data)
     waiting = stage.dropped
     suspects, missing = candidates(cell, stage.model, data)
@@ -163,6 +169,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         outlier=outlier,
         waiting=waiting,
         heldout=heldout,
+        warnings=warnings,
     )
 
 

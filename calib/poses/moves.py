@@ -226,12 +226,28 @@ def alike(poses: Poses) -> IntArray:
 def thinned(data: Measurements, most: int) -> tuple[Measurements, tuple[str, ...]]:
     """At most so many readings of a table, and a sentence that says so; all, and none, if they are few.
 
+    They lie as :func:`spread` says.
+    """
+    kept = spread(data, most)
+    return (data, ()) if kept.all() else (data.take(kept), (thinned_words(data, kept),))
+
+
+def thinned_words(data: Measurements, kept: Mask) -> str:
+    """How many readings of a table were used, and where they lie."""
+    alone = len(np.unique(visits(data.poses)[kept])) == kept.sum()
+    among = "spread evenly over all" if alone else "the same number at each stop of the arm"
+    return f"{kept.sum()} of {len(data)} readings were used, {among}"
+
+
+def spread(data: Measurements, most: int) -> Mask:
+    """Which readings of a table are used where there are at most so many, shape (m,).
+
     Readings of one stay repeat each other but for the instrument's noise: every stay keeps as many as
     all others, evenly over its time, or all that it has. Where there are more stays than that, an even
     choice of them keeps one reading each.
     """
     if len(data) <= most:
-        return data, ()
+        return np.ones(len(data), dtype=bool)
     stay = visits(data.poses) - 1
     counts = np.bincount(stay)
     each = _each(counts, most)
@@ -241,9 +257,7 @@ def thinned(data: Measurements, most: int) -> tuple[Measurements, tuple[str, ...
     kept = _even(place, counts[stay], each)
     if len(counts) > most:
         kept &= _even(stay, np.array(len(counts)), most)
-    own = data.take(kept)
-    among = "spread evenly over all" if each == 1 else "the same number at each stop of the arm"
-    return own, (f"{len(own)} of {len(data)} readings were used, {among}",)
+    return kept
 
 
 def _each(counts: IntArray, most: int) -> int:

@@ -70,7 +70,7 @@ def diagnose(
     """
     import calib
     from calib.errors import InputError
-    from studies.diagnose.make import MOST, SECONDS, better_cell, diagnosed, inputs_of
+    from studies.diagnose.make import SECONDS, better_cell, diagnosed, inputs_of
 
     cell = calib.load_cell(cell_path)
     if plan_only:
@@ -84,7 +84,7 @@ def diagnose(
     outputs = [output_file(json_path), cell_out]
     check_outputs(outputs, [*inputs_of(session), *session.named], folder)
     figures = json_path is not None or folder is not None
-    count = min(len(session.whole), MOST)
+    count = len(session.held.data)
     with working(f"diagnosing {count} readings", SECONDS * count):
         found, record = diagnosed(session, next_count, figures=figures)
     texts: dict[Path, str | bytes] = {}

@@ -9,6 +9,7 @@ import pytest
 
 import calib
 from calib.arrays import Array
+from calib.diagnosis import part
 from calib.diagnosis.diagnose import diagnose
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
@@ -67,6 +68,29 @@ def test_order_of_measurement_and_not_of_the_file_counts() -> None:
     timed = replace(data, poses=replace(data.poses, time=np.arange(12.0)))
     own, _ = thinned(timed.take(shuffled), 4)
     assert readings_of_stays(own) == [2, 2]
+
+
+def test_of_a_large_table_a_part_is_diagnosed_and_the_rest_is_held_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(part, "_NUMBERS", 120)
+    monkeypatch.setattr(part, "_LEAST", 10)
+    data = stays(*[1] * 60, scale=1e-3)
+    found = diagnose(CELL, data)
+    assert found.heldout is not None
+    names = [set(own.poses.names) for own in (found.data, found.heldout)]
+    assert (len(names[0]), len(names[1])) == (40, 20) and not names[0] & names[1]
+    assert found.gap.heldout_before is not None and found.gap.heldout_after is not None
+    assert found.gap.heldout_after < 0.2 * found.gap.heldout_before
+    assert found.warnings == (
+        "40 of 60 readings were used, spread evenly over all; all of them would show errors 1.2 times "
+        "smaller; 20 at other configurations were held out",
+    )
+
+
+def test_readings_of_a_stay_are_no_held_out_poses_beside_others_of_it() -> None:
+    own, rest, said = part.part_of(stays(*[3] * 3000))
+    assert len(own) == 3000 and not len(rest) and said[0].endswith("1.7 times smaller")
 
 
 @pytest.mark.long

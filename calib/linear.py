@@ -222,34 +222,6 @@ def unit(columns: Array) -> Array:
     return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
 
 
-def along_prior(S: Array, z: Array, half: Array) -> tuple[Array, Array]:
-    """Variances a priori of a signal along its principal axes, and the readings there, (..., k) each.
-
-    S : ndarray, shape (..., k, k), products of whitened columns; z : ndarray, shape (..., k), of these
-        with the residual; half : ndarray, shape (..., k, k), ``half half^T`` the covariance a priori of
-        their coefficients
-    """
-    back = np.swapaxes(half, -1, -2)
-    d, axes = np.linalg.eigh(back @ S @ half)
-    return d, (np.swapaxes(axes, -1, -2) @ (back @ z[..., None]))[..., 0]
-
-
-def marginal_gain(d: Array, along: Array, squared: Array) -> tuple[Array, Array]:
-    """Fall of the sum of squares by normal coefficients, and what their freedom costs, (...) each.
-
-    d, along : ndarray, shape (..., k), as of :func:`along_prior`; squared : ndarray, shape (..., 1),
-        factors of the variances. The difference is that of -2 log marginal likelihood.
-    """
-    wide = squared * d
-    return (squared * along**2 / (1.0 + wide)).sum(axis=-1), np.log1p(wide).sum(axis=-1)
-
-
-def cholesky_of(spread: Array) -> Array:
-    """Lower factor of a covariance (k, k), of rank less than k as well."""
-    jitter = 1e-9 * float(np.diag(spread).mean()) * np.eye(len(spread))
-    return np.asarray(np.linalg.cholesky(spread + jitter))
-
-
 def huber_weights(lengths: Array, typical: float, multiple: float) -> Array:
     """Weights (m,) of poses by the lengths of their residuals: one up to a multiple of the typical one.
 

@@ -28,7 +28,7 @@ from calib.effects.context import ARM
 from calib.effects.geometry import Geometry, LinkGeometry
 from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
-from calib.linear import along_prior, marginal_gain
+from calib.evidence import along_prior, marginal_gain
 from calib.model import Model
 from calib.poses import Poses
 

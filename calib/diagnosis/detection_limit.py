@@ -12,10 +12,11 @@ from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.linear import linearised
-from calib.diagnosis.screen import VISIBLE, Field
+from calib.diagnosis.screen import Field
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Parameter
+from calib.evidence import VISIBLE
 from calib.model.covariance import working_points
 from calib.poses import Poses
 

@@ -26,8 +26,8 @@ from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
 from calib.diagnosis.imitated import Imitated, imitated
-from calib.diagnosis.prior import common_errors
 from calib.diagnosis.part import part_of
+from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
 from calib.identification.identify import identify

@@ -17,10 +17,11 @@ import numpy as np
 from calib.arrays import Array, IntArray, in_parts
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
-from calib.diagnosis.screen import VISIBLE, Field, field
+from calib.diagnosis.screen import Field, field
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
+from calib.evidence import VISIBLE
 from calib.identification.scan import Carried, carried, scores, times
 from calib.linear import unit
 from calib.poses import Poses

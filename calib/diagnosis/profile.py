@@ -20,9 +20,10 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView
-from calib.diagnosis.screen import CURVE_PRICE, NOTHING, VISIBLE, Score
+from calib.diagnosis.screen import CURVE_PRICE, NOTHING, Score
 from calib.diagnosis.stage import Stage
-from calib.linear import LinearProblem, along_prior, cholesky_of, marginal_gain
+from calib.evidence import VISIBLE, along_prior, cholesky_of, marginal_gain
+from calib.linear import LinearProblem
 from calib.scatter.nearby import NearbyLikelihood
 from calib.scatter.restricted import Likelihood, Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched

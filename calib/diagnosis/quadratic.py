@@ -15,8 +15,8 @@ from math import log, sqrt
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.diagnosis.screen import VISIBLE, Field
-from calib.linear import along_prior, cholesky_of
+from calib.diagnosis.screen import Field
+from calib.evidence import VISIBLE, along_prior, cholesky_of
 
 _ROUNDS, _PARTS = 12, 32
 _AT_THE_MEAN = 1e-3  # standard deviations from the mean within which the formula loses its digits

@@ -16,11 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.evidence import VISIBLE, along_prior, marginal_gain, score_test, visible_directions
 from calib.identification.noise_level import refuted
-from calib.linear import along_prior, marginal_gain, orthonormal
+from calib.linear import orthonormal
 
-VISIBLE = 1e-3
-"""Share of a column's length that must be left beside the modelled ones for it to count."""
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
 _AMPLITUDES = 24
@@ -149,12 +148,7 @@ class Field:
 
     def all_directions(self, columns: IntArray) -> tuple[Array, Mask]:
         """The same of columns (..., K), zero where nothing can be seen, and where it can, (..., K)."""
-        S, _ = self.products(columns)
-        lengths = np.where(self.lengths[columns] > 0.0, self.lengths[columns], 1.0)
-        values, vectors = np.linalg.eigh(S / (lengths[..., :, None] * lengths[..., None, :]))
-        seen = values > VISIBLE**2
-        scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-        return vectors * scale[..., None, :] / lengths[..., :, None], seen
+        return visible_directions(self.products(columns)[0], self.lengths[columns])
 
 
 def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
@@ -259,19 +253,10 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
     """Score tests: chi-square where the noise is believed, F where the residual refutes it.
 
     columns : ndarray of int, shape (n, k); limits : ndarray, shape (n, k)
-    Of what the readings ask for counts what the plausible sizes can give: with G the covariance a
-    priori of the signal in the directions U, ``fall = z^T G (I + G)^-1 z``.
     """
     from scipy.special import chdtrc, fdtrc
 
-    (T, seen), (S, Xr) = field.all_directions(columns), field.products(columns)
-    Tt, k = np.swapaxes(T, -1, -2), seen.sum(axis=-1)
-    z = given = Tt @ Xr[..., None]
-    if limits is not None:
-        half = Tt @ S * limits[:, None]
-        G = half @ np.swapaxes(half, -1, -2)
-        given = np.asarray(np.linalg.solve(np.eye(G.shape[-1]) + G, G @ z), dtype=np.float64)
-    fall = (z * given).sum(axis=(-1, -2))
+    fall, k = score_test(*field.products(columns), field.lengths[columns], limits)
     left = field.dof - k
     evidence, p = fall, np.asarray(chdtrc(np.maximum(k, 1), fall))
     if field.noise_refuted:

@@ -20,10 +20,11 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.quadratic import weighted_test
-from calib.diagnosis.screen import VISIBLE, Field, field, score
+from calib.diagnosis.screen import Field, field, score
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Effect
+from calib.evidence import VISIBLE
 from calib.poses import Measurements, Poses
 
 _STILL = 1e-6  # scatter, over size, of what does not vary

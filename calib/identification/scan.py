@@ -21,9 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.evidence import score_test
 from calib.linear import Complement
-
-_VISIBLE = 1e-3  # of a column: what must be left of it beside all that is modelled
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ def carried(beside: Complement, carrier: Array) -> Carried:
     own, together = back @ carrier, []
     if mixing is not None:
         own = own / mixing.scale**2
-        for index, G in mixing.taken():
+        for index, G in mixing.taken:
             told = np.swapaxes(G, -1, -2) @ carrier[index] / mixing.scale
             if index.shape[1] == 1:
                 own[index] -= np.swapaxes(told, -1, -2) @ told
@@ -74,17 +73,7 @@ def scores(carried: Carried, functions: Array, limits: Array) -> tuple[Array, In
     z = _summed(F, carried.g[..., None])[..., 0]
     C, S = _summed(F, carried.H), _products(F, carried)
     lengths = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
-    S = S - C @ np.swapaxes(C, -1, -2)
-    scale = np.where(lengths > 0.0, lengths, 1.0)
-    d, V = np.linalg.eigh(S / (scale[:, :, None] * scale[:, None, :]))
-    seen = d > _VISIBLE**2
-    # In the directions that can be seen: fall = z_U^T G (I + G)^-1 z_U, G their covariance a priori.
-    T = V * np.where(seen, 1.0 / np.sqrt(np.where(seen, d, 1.0)), 0.0)[:, None, :]
-    Tt = np.swapaxes(T / scale[:, :, None], -1, -2)
-    z_U, half = Tt @ z[..., None], Tt @ S * limits
-    G = half @ np.swapaxes(half, -1, -2)
-    shrunk = np.linalg.solve(np.eye(len(limits)) + G, G @ z_U)
-    return np.asarray((z_U * shrunk).sum(axis=(-1, -2))), np.asarray(seen.sum(axis=-1))
+    return score_test(S - C @ np.swapaxes(C, -1, -2), z, lengths, limits)
 
 
 def _summed(F: Array, at_poses: Array) -> Array:

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -170,11 +171,15 @@ class Mixing:
             parts += [stacked(each[index].sum(axis=1)) for index in by_size(level.group)]
         return self.scale**2 * np.asarray(sum(flat.T @ flat for flat in parts))
 
-    def taken(self) -> Iterator[tuple[IntArray, Array]]:
+    @cached_property
+    def taken(self) -> tuple[tuple[IntArray, Array], ...]:
         """What is shared in the inverse covariance, ``(I - sum over groups of G G^T) / scale^2``.
 
-        Yields groups (B, r) and their G (B, r, R, k), of levers without leading axes.
+        Groups (B, r) and their G (B, r, R, k), of levers without leading axes.
         """
+        return tuple(self._taken())
+
+    def _taken(self) -> Iterator[tuple[IntArray, Array]]:
         for i, level in enumerate(self.levels):
             before = Mixing(self.levels[:i], 1.0)
             W = before.back(before(level.K))

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.diagnosis.screen import VISIBLE
+from calib.evidence import VISIBLE
 from calib.sobol import Sobol
 
 SURE = 0.95

@@ -79,8 +79,10 @@ def test_of_a_large_table_a_part_is_diagnosed_and_the_rest_is_held_out(
     found = diagnose(CELL, data)
     assert found.heldout is not None
     names = [set(own.poses.names) for own in (found.data, found.heldout)]
-    assert (len(names[0]), len(names[1])) == (40, 20) and not names[0] & names[1]
-    assert found.gap.heldout_before is not None and found.gap.heldout_after is not None
+    assert (len(names[0]), len(names[1])) == (40, 20)
+    assert not names[0] & names[1]
+    assert found.gap.heldout_before is not None
+    assert found.gap.heldout_after is not None
     assert found.gap.heldout_after < 0.2 * found.gap.heldout_before
     assert found.warnings == (
         "40 of 60 readings were used, spread evenly over all; all of them would show errors 1.2 times "
@@ -90,7 +92,9 @@ def test_of_a_large_table_a_part_is_diagnosed_and_the_rest_is_held_out(
 
 def test_readings_of_a_stay_are_no_held_out_poses_beside_others_of_it() -> None:
     own, rest, said = part.part_of(stays(*[3] * 3000))
-    assert len(own) == 3000 and not len(rest) and said[0].endswith("1.7 times smaller")
+    assert len(own) == 3000
+    assert not len(rest)
+    assert said[0].endswith("1.7 times smaller")
 
 
 @pytest.mark.long

@@ -48,7 +48,7 @@ def test_rows_are_mixed_by_the_inverse_cholesky_factor(
     flat = gains.reshape(N, 4)
     np.testing.assert_allclose(mixing.covariance(gains), flat.T @ V @ flat, rtol=1e-9)
     inverse = np.eye(N)
-    for index, G in mixing.taken():
+    for index, G in mixing.taken:
         for poses, own in zip(index, G, strict=True):
             rows = (poses[:, None] * shape[1] + np.arange(shape[1])).ravel()
             flat = own.reshape(len(rows), -1)

@@ -125,7 +125,7 @@ class Lineup:
     """All suspects, and derivatives of the readings by them; fits that differ by errors have the same.
 
     fixed : tuple of Candidate, those without a tuning; grids : tuple of TuningGrid, the others
-    J : ndarray, shape (m, c, r, K), SI, of the channels that are read
+    J : ndarray, shape (m, c, r, K), SI, of the channels that are read, by the model's own, too
     where : dict, key of a candidate without a tuning, or of a grid's, -> ndarray of int, its columns or
         its carrier's
     closed : keys of candidates that are not offered
@@ -199,7 +199,7 @@ class FitView:
     """Whitened columns of all candidates at one fit.
 
     fit : Fit
-    J : ndarray, shape (m, c, r, K), derivatives by those without a tuning, and by carriers
+    J : ndarray, shape (m, c, r, K), as of the lineup
     tuned : ndarray, shape (m, R, T), whitened derivatives by those with a tuning, after all others
     where : dict, candidate -> ndarray of int, its columns; suspects : tuple of Candidate
     """
@@ -279,12 +279,7 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGr
     fixed = tuple(c for c in suspects if not isinstance(c.effect, Tuned))
     at = {c.key: whole.known[id(c.effect)] for c in fixed}
     at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}
-    ends = np.cumsum([0, *map(len, at.values())])
-    where = {key: np.arange(a, b) for key, a, b in zip(at, ends, ends[1:], strict=False)}
-    chosen = np.concatenate(list(at.values()))
-    row = bool((np.diff(chosen) == 1).all())  # then there is no need of a copy
-    J = whole.columns[..., slice(chosen[0], chosen[-1] + 1) if row and len(chosen) else chosen]
-    return Lineup(fixed, tuple(tuned.values()), J, where)
+    return Lineup(fixed, tuple(tuned.values()), whole.columns, at)
 
 
 def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:

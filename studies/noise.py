@@ -37,6 +37,7 @@ class NoiseEntry(Entry):
     usual_mm : between what arms of this size repeat by data sheets
     pixel_mm : of a pixel at the points read, where no reading is a length; lengths are then those of
         pixels at the points
+    unit : that in which is read what is no length: a pixel, or in its place a milliradian
     noise_scales : of several instruments those whose noise is other than the cell states
     """
 
@@ -51,6 +52,7 @@ class NoiseEntry(Entry):
     configuration_of: Owner | None = None
     usual_mm: tuple[NotNegative, NotNegative] | None = None
     pixel_mm: MaybePositive = None
+    unit: Literal["px", "mrad"] = "px"
     noise_scales: tuple[NoiseScale, ...] = ()
 
     @property
@@ -124,26 +126,29 @@ def noise_fields(
             {"instrument": name, "times": s * noise.factor}
             for name, s in model.noise_scales.items()
         ],
-        "pixel_mm": pixel_mm(model, footprint),
+        **pixel_fields(model, footprint),
         "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,
         "configuration_of": found.of,
         "usual_mm": (found.usual.best * _MM, found.usual.worst * _MM),
     }
 
 
-def pixel_mm(model: Model, footprint: float) -> float | None:
-    """Millimetres of a pixel at the points read, None where any reading is a length.
+def pixel_fields(model: Model, footprint: float) -> dict[str, Any]:
+    """Millimetres of a pixel at the points read, or of a milliradian; None beside any length.
 
     footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
     """
-    return None if model.readout.channels.metric else footprint * _MM
+    if model.readout.channels.metric:
+        return {"pixel_mm": None, "unit": "px"}
+    number = model.instruments[0].numbers[0]
+    return {"pixel_mm": footprint * number.scale * _MM, "unit": number.unit}
 
 
-def in_its_unit(sigma_mm: float, pixel_mm: float | None) -> str:
+def in_its_unit(sigma_mm: float, pixel_mm: float | None, unit: str) -> str:
     """A deviation in the unit that the instrument reads, and what that is at the points."""
     if pixel_mm is None:
         return mm(sigma_mm)
-    return f"{FOUR(sigma_mm / pixel_mm)} px ({mm(sigma_mm)} at the points)"
+    return f"{FOUR(sigma_mm / pixel_mm)} {unit} ({mm(sigma_mm)} at the points)"
 
 
 def noise_words(noise: NoiseEntry) -> list[str]:
@@ -159,12 +164,12 @@ def _each(noise: NoiseEntry) -> Iterator[str]:
 
 
 def _instrument(noise: NoiseEntry) -> str:
-    sigma = in_its_unit(noise.sigma_mm, noise.pixel_mm)
+    sigma = in_its_unit(noise.sigma_mm, noise.pixel_mm, noise.unit)
     pixel = noise.pixel_mm
     believed = (
         MM(noise.believed_sigma_mm)
         if pixel is None
-        else f"{FOUR(noise.believed_sigma_mm / pixel)} px"
+        else f"{FOUR(noise.believed_sigma_mm / pixel)} {noise.unit}"
     )
     stated = f"the cell states {believed}"
     if not noise.scatters:

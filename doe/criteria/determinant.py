@@ -16,7 +16,7 @@ from doe.optimal.blocks import growth, pack
 
 @dataclass(frozen=True, eq=False)
 class Determinant(Criterion):
-    """``Phi = det(M)^(1/p)``, for parameters in their units.
+    """D: volume of the confidence ellipsoid, ``Phi = det(M)^(1/p)``, for parameters in their units.
 
     V : ndarray, shape (p, p), parameters in their units for y
     """

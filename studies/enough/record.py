@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
 
-from studies.noise import pixel_mm
+from studies.noise import pixel_fields
 from studies.record import (
     BeforeAfter,
     Count,
@@ -36,6 +36,7 @@ class NoiseSoFar(Entry):
     sigma_mm: NotNegative
     source: Literal["cell", "replicates", "residual"]
     pixel_mm: MaybePositive = None
+    unit: Literal["px", "mrad"] = "px"
 
 
 class SeenElsewhere(Entry):
@@ -190,7 +191,7 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
         noise=NoiseSoFar.from_result(
             answer,
             source="cell" if found is None else found.noise.source,
-            pixel_mm=pixel_mm(answer.model, answer.footprint),
+            **pixel_fields(answer.model, answer.footprint),
         ),
         lacking=_lacking(answer),
         plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),

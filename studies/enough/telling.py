@@ -144,7 +144,8 @@ def _facts(record: EnoughRecord) -> Iterator[doc.Sentence]:
     noise = record.noise
     source = _SOURCES[noise.source]
     yield doc.Sentence(
-        f"{in_its_unit(noise.sigma_mm, noise.pixel_mm)} in each coordinate, {source}", label="noise"
+        f"{in_its_unit(noise.sigma_mm, noise.pixel_mm, noise.unit)} in each coordinate, {source}",
+        label="noise",
     )
     if record.reason:
         yield doc.Sentence(f"nothing can be identified yet: {record.reason}")

@@ -79,7 +79,11 @@ def criteria() -> Rows:
     from doe.criteria import UNASKED, catalogue
 
     return ("criterion", "is about", "shown as"), [
-        (name, _summary(kind).partition(": ")[2], f"{kind.unit}, {_sense(kind.larger_is_better)}")
+        (
+            name,
+            _summary(kind).removeprefix(f"{name}: "),
+            f"{kind.unit}, {_sense(kind.larger_is_better)}",
+        )
         for name, kind in catalogue().items()
         if name != UNASKED
     ]
@@ -136,7 +140,8 @@ def criterion_text(name: str) -> str:
     shown = f"Shown as: {kind.unit}, {_sense(kind.larger_is_better)}."
     own = (inspect.getdoc(kind) or "").split("\n\n")
     told = [_clean(paragraph) for paragraph in own if not _FIELDS.match(paragraph)]
-    texts = [text.removeprefix(f"{name}: ") for text in (_prose(kind), *told)]
+    every = (*map(_clean, _told(kind)), *told)
+    texts = dict.fromkeys(text.removeprefix(f"{name}: ") for text in every)
     return "\n\n".join((f"# {name}", *(text[0].upper() + text[1:] for text in texts), shown))
 
 
@@ -220,10 +225,12 @@ def _prose(kind: type) -> str:
 
 
 def _told(kind: type) -> list[str]:
-    """Paragraphs of a module's docstring; of an effect that shares its file those of its own."""
-    from calib.effects import catalogue
+    """Paragraphs of a module's docstring; of one that shares its file those of its own."""
+    from calib.effects import catalogue as effects_known
+    from doe.criteria import catalogue as criteria_known
 
-    shared = [own for own in catalogue().values() if own.__module__ == kind.__module__]
+    known = (*effects_known().values(), *criteria_known().values())
+    shared = [own for own in known if own.__module__ == kind.__module__]
     if len(shared) > 1:
         own = (inspect.getdoc(kind) or "").split("\n\n")
         return [text for text in own if not _FIELDS.match(text)]

@@ -322,7 +322,7 @@ def _identified(record: IdentifyRecord, done: TableOutcome) -> None:
 
 def _at_points(record: IdentifyRecord, key: str, pixel_mm: float) -> float | None:
     """An error of cameras alone in mm at the points; of several cameras that of the worst."""
-    of_each = [getattr(own, key) for own in record.instruments if own.unit == "px"]
+    of_each = [getattr(own, key) for own in record.instruments if own.unit == record.noise.unit]
     return max((pixel_mm * px for px in of_each if px is not None), default=None)
 
 

@@ -126,12 +126,7 @@ class ResidualEntry(Entry):
 
     @property
     def _told(self) -> list[tuple[float, ...]]:
-        found = (
-            (self.x_mm, self.y_mm, self.z_mm),
-            (self.d_mm,),
-            (self.u_px, self.v_px),
-            (self.azimuth_mrad, self.elevation_mrad),
-        )
+        found = [tuple(getattr(self, name) for name in place) for place in _PLACES]
         return [cast("tuple[float, ...]", place) for place in found if None not in place]
 
     @property

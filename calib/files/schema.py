@@ -297,13 +297,15 @@ class CellFile(TomlTable):
             raise ValueError(
                 "has [instrument] and [instruments]; make [instrument] one of these, too"
             )
-        kinds = {entry.kind for entry in self.instruments.values()} or {"points"}
-        touching = kinds - {"pose", "camera"}
+        read = {entry.kind: entry.reads for entry in self.instruments.values()}
+        read = read or {"points": "markers"}
+        touching = [kind for kind, what in read.items() if what == "markers"]
         if touching and not self.markers_mm:
             raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
-        if "pose" in kinds and not self.bodies:
-            raise ValueError("reads pose and has no [bodies]; add what is read")
-        if self.bodies and "pose" not in kinds:
+        facing = [kind for kind, what in read.items() if what == "bodies"]
+        if facing and not self.bodies:
+            raise ValueError(f"reads {min(facing)} and has no [bodies]; add what is read")
+        if self.bodies and not facing:
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
         if self.markers_mm and not touching and not self._cameras("world"):
             raise ValueError("has [markers_mm] and no instrument that reads them")

@@ -46,6 +46,7 @@ class IntrinsicsStd(TomlTable):
 class CameraTable(BodyTable, KeysTable):
     """A camera: its keys in a cell."""
 
+    reads = "boards"
     kind: Literal["camera"]
     on: Literal["world", "tip"] = "world"
     calibration: str | None = None  # a file in place of the next three

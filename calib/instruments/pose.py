@@ -205,6 +205,7 @@ _SYMMETRIC = 1e-6  # of the deviations
 class PoseTable(KeysTable):
     """What reads poses of bodies: its keys in a cell."""
 
+    reads = "bodies"
     kind: Literal["pose"]
     sigma_mm: Positive | None = None
     sigma_urad: Positive | None = None

@@ -57,7 +57,10 @@ class ReadingColumn(NamedTuple):
 
 
 class Number(NamedTuple):
-    """One number of an error: its name, the unit shown, and that unit in SI."""
+    """One number of an error: its name, the unit shown, and that unit in SI.
+
+    ``<name>_<unit>`` is a field of each residual in the results.
+    """
 
     name: str
     unit: Literal["mm", "mrad", "px"]
@@ -285,6 +288,7 @@ class CellParts:
 class KeysTable(TomlTable, ABC):
     """The table ``[instruments.NAME]`` of one kind, in the units of its keys."""
 
+    reads: ClassVar[Literal["markers", "bodies", "boards"]] = "markers"
     kind: str
 
     @abstractmethod

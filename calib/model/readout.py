@@ -137,7 +137,8 @@ class Readout:
         """
         moved = np.broadcast_to(np.eye(3), (*points.shape, 3))
         squares = (self.follow(values, poses, points, moved)[seen] ** 2).sum(axis=(-1, -2))
-        return float(1.0 / np.sqrt(squares.mean() / self.channels.width))
+        mean = float(squares.mean()) / self.channels.width
+        return 1.0 / float(np.sqrt(mean)) if mean else 1.0  # what sees turns alone: at a metre
 
     def whitening(self, values: Array, poses: Poses, readings: Array, sigma: Array) -> Array:
         """Whitening matrices of readings (..., m, C, r), shape (..., m, C, r, r).

@@ -10,6 +10,7 @@ from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate, skew
 from calib.arrays import Array
+from calib.cell import Cell
 from calib.poses import Poses, poses_at
 from calib.poses.moves import moves
 
@@ -163,6 +164,15 @@ def conditions_of(robot: Robot, poses: Poses) -> Conditions:
         last=poses.q[end],
         motion=usual if known else None,
     )
+
+
+def loads_of_plan(cell: Cell) -> tuple[TipLoad, ...]:
+    """The loads under which a cell's plan is read, the free state first."""
+    nothing = np.zeros(3)
+    free = TipLoad(nothing, nothing, nothing, 0.0, nothing)
+    if cell.load is None:
+        return (free,)
+    return free, replace(free, mass=cell.load.mass, com=np.asarray(cell.load.com))
 
 
 def loads_of_data(robot: Robot, poses: Poses) -> tuple[TipLoad, ...]:

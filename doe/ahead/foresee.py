@@ -19,6 +19,7 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import Detectable, detectable
 from calib.diagnosis.screen import Field, field
+from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned
@@ -33,6 +34,7 @@ from calib.poses.moves import before_the_first_move
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from doe.ahead.forecast import Forecast
 from doe.ahead.likeness import Likeness, likeness, plausible
 from doe.ahead.remaining import readings_of
 from doe.problem.linearisation import Linearisation, soft
@@ -103,25 +105,51 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     hidden = tuple(found for found in every if not found.directions)
     if not seen:
         return PowerAnalysis(view, (), hidden, None, np.zeros((0, 0)))
-    columns = [own for own, found in zip(view.columns, every, strict=True) if found.directions]
-    sizes, needed = [found.sizes for found in seen], [found.needed for found in seen]
-    return PowerAnalysis(view, seen, hidden, *told_apart(view.field, columns, sizes, needed))
+    return PowerAnalysis(view, seen, hidden, *view.detection.told_apart())
 
 
-def told_apart(
-    field: Field, columns: Sequence[IntArray], sizes: Sequence[Array], needed: Sequence[float]
-) -> tuple[Likeness, Array]:
-    """How alike causes with these columns are, and ``times`` of them, shape (E, E).
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """The question which causes are found beside all that is modelled, from which size on.
 
-    sizes : of each, plausible sizes of its parameters, SI; needed : noncentrality that is found
+    causes : tuple of Candidate; columns : tuple of ndarray of int, of each in the field
+    field : Field, of their columns; limits : tuple of Detectable, of each cause
     """
-    at = np.concatenate(list(columns))
-    X, ends = field.projected(at), np.cumsum([0, *map(len, columns)])
-    own = [np.arange(a, b) for a, b in pairwise(ends)]
-    alike = likeness(X.T @ X, field.lengths[at], own, [plausible(size) for size in sizes])
-    times: Array = np.sqrt(alike.needed(field.rows) / np.array(needed)[:, None])
-    np.fill_diagonal(times, 0.0)
-    return alike, times
+
+    causes: tuple[Candidate, ...]
+    columns: tuple[IntArray, ...]
+    field: Field
+    limits: tuple[Detectable, ...]
+
+    @classmethod
+    def of(
+        cls, model: Model, rows: Array, kept: IntArray, causes: Sequence[Candidate], asked: int
+    ) -> Detection:
+        """From independent rows (N, p) of all parameters.
+
+        kept : ndarray of int, of what is modelled; asked : int, all causes that will be
+        """
+        at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in causes]
+        ends = np.cumsum([0, *map(len, at)])
+        columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
+        X = rows[:, np.concatenate([kept[:0], *at])]
+        own = field(rows[:, kept], X, np.zeros(len(rows)))
+        each = zip(columns, causes, strict=True)
+        limits = tuple(detectable(own, at, asked * cause.tried, ALPHA) for at, cause in each)
+        return cls(tuple(causes), columns, own, limits)
+
+    def told_apart(self) -> tuple[Likeness, Array]:
+        """How alike those that can be seen are, and ``times`` of them, shape (E, E)."""
+        seen = [i for i, limit in enumerate(self.limits) if limit.directions]
+        at = np.concatenate([self.columns[i] for i in seen])
+        X, ends = self.field.projected(at), np.cumsum([0, *(len(self.columns[i]) for i in seen)])
+        own = [np.arange(a, b) for a, b in pairwise(ends)]
+        signals = [plausible(np.array([p.size for p in self.causes[i].amounts])) for i in seen]
+        alike = likeness(X.T @ X, self.field.lengths[at], own, signals)
+        needed = np.array([self.limits[i].needed for i in seen])
+        times: Array = np.sqrt(alike.needed(self.field.rows) / needed[:, None])
+        np.fill_diagonal(times, 0.0)
+        return alike, times
 
 
 _STILL_M = 1e-10  # largest movement of the markers by what moves nothing
@@ -162,8 +190,8 @@ class Detectability(Detectable):
 
 def detectability_of(view: PlanView, position: int) -> Detectability:
     """What can be seen of one suspect."""
-    candidate, columns = view.suspects[position], view.columns[position]
-    seen = detectable(view.field, columns, view.asked * candidate.tried, ALPHA)
+    candidate, columns = view.suspects[position], view.detection.columns[position]
+    seen = view.detection.limits[position]
     moved, finite = np.full(len(columns), np.inf), np.isfinite(seen.smallest)
     moved[finite] = seen.smallest[finite] * view.moved[columns][finite]
     reason = "" if seen.directions else _why_hidden(view, position)
@@ -172,7 +200,7 @@ def detectability_of(view: PlanView, position: int) -> Detectability:
 
 def _why_hidden(view: PlanView, position: int) -> str:
     """It moves nothing, or what the model has moves the markers alike."""
-    effect, columns = view.suspects[position].effect, view.columns[position]
+    effect, columns = view.suspects[position].effect, view.detection.columns[position]
     sizes = np.array([p.size for p in view.suspects[position].amounts])
     if (view.moved[columns] * sizes).max() < _STILL_M:
         return _why_still(effect, view)
@@ -198,8 +226,9 @@ def _why_still(effect: Effect, view: PlanView) -> str:
 def _imitators(view: PlanView, position: int) -> list[str]:
     """Kinds of modelled effect without which the cause would be seen, else all."""
     own = [view.model.parameters[i].effect for i in view.kept]
-    kinds, columns = list(dict.fromkeys(own)), view.columns[position]
-    N, X = view.rows[:, view.kept], view.field.columns[:, columns]
+    kinds, columns = list(dict.fromkeys(own)), view.detection.columns[position]
+    N = view.forecast.known.independent[1][:, view.kept]
+    X = view.detection.field.columns[:, columns]
     found = []
     for kind in kinds:
         others = N[:, [k != kind for k in own]]
@@ -213,33 +242,33 @@ class PlanView:
     """The causes of the catalogue that a model lacks, as a plan shows them.
 
     model : Model; values : ndarray, shape (p,), SI, where it is linearised
-    whole : Linearisation, of the model and all suspects
+    forecast : Forecast, of the model and all suspects, in which the plan is known
     data : Measurements, the readings to come: which markers are seen; its points are predictions
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
-    suspects : tuple of Candidate, by name; missing : tuple of NotAsked
+    detection : Detection, of the suspects, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
-    rows : ndarray, shape (N, K), derivatives by all parameters, in independent rows of unit variance
     kept : ndarray of int, columns of what is modelled; lost : what the plan leaves open
-    field : Field, of the suspects; columns : tuple of ndarray of int, of each suspect in it
     moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
     assumed : bool, whether compliances are taken as usual, for nobody gave them
     """
 
     model: Model
     values: Array
-    whole: Linearisation
+    forecast: Forecast
     data: Measurements
     waiting: Mask
-    suspects: tuple[Candidate, ...]
+    detection: Detection
     missing: tuple[NotAsked, ...]
     asked: int
-    rows: Array
     kept: IntArray
     lost: tuple[Unidentifiable, ...]
-    field: Field
-    columns: tuple[IntArray, ...]
     moved: Array
     assumed: bool
+
+    @property
+    def suspects(self) -> tuple[Candidate, ...]:
+        """Whatever could be there."""
+        return self.detection.causes
 
 
 def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
@@ -269,26 +298,16 @@ def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     whole = Linearisation(cell, full, start, arm)
     waiting = before_the_first_move(data.poses)
-    rows = np.concatenate([whole.of(data, ~waiting).independent[1], full.prior_residuals(start)[1]])
+    forecast = Forecast.after(whole, whole.of(data, ~waiting), data)
     own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
     choice = choose_directions(own, values)
+    rows = forecast.known.independent[1]
+    detection = Detection.of(full, rows, choice.kept, suspects, len(everything))
     _, J = full.jacobian(start, data.poses)
     added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
-    ends = np.cumsum([0, *(len(c.amounts) for c in suspects)])
     return PlanView(
-        model,
-        values,
-        whole,
-        data,
-        waiting,
-        suspects,
-        tuple(missing),
-        len(everything),
-        rows,
-        choice.kept,
-        choice.unidentifiable,
-        field(rows[:, choice.kept], rows[:, added], np.zeros(len(rows))),
-        tuple(np.arange(a, b) for a, b in pairwise(ends)),
+        model, values, forecast, data, waiting, detection, tuple(missing), len(everything),
+        choice.kept, choice.unidentifiable,
         np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0)),
         assumed,
-    )
+    )  # fmt: skip

@@ -13,8 +13,8 @@ from calib.errors import CalibError
 from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
+from doe.ahead.accuracy import ForecastStep
 from doe.ahead.enough import Enough, enough
-from doe.ahead.forecast import ForecastStep
 from doe.ahead.next_poses import NextPoses, next_poses
 from doe.plan import named
 

@@ -15,22 +15,29 @@ from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
 from doe.constraints import scene_of, visible
 
 
-def whole_day(cell: Cell, data: Measurements, plan: Poses, left: IntArray) -> Measurements:
-    """Data and the readings ``left`` of a plan as one set; points still to come are zero.
+def whole_day(
+    cell: Cell, data: Measurements, plan: Poses, left: IntArray | None = None
+) -> tuple[Measurements, IntArray]:
+    """Data and the readings ``left`` of a plan as one set, and of each the pose of the plan, else -1.
 
-    What is to come goes on at the pace, the temperature and the station of the data, in the order of
-    the plan, with the markers that will be in sight.
+    left : ndarray of int, of ``calib.readings(cell, plan)``, all without it
+    Points still to come are zero. What is to come goes on at the pace, the temperature and the station
+    of the data, in the order of the plan, with the markers that will be in sight.
     """
-    if not len(left):
-        return data
-    coming = readings_of(cell, plan).take(left)
-    poses = _followed(cell, data.poses, coming.poses)
-    return Measurements(
-        poses,
+    pose = np.full(len(data), -1)
+    if not len(plan) or (left is not None and not len(left)):
+        return data, pose
+    turn = np.arange(len(readings(cell, plan)))
+    turn = turn.reshape(-1, len(plan)).T.ravel() if cell.scatters else turn
+    kept = np.full(len(turn), True) if left is None else np.isin(turn, left)
+    coming = readings_of(cell, plan).take(kept)
+    day = Measurements(
+        _followed(cell, data.poses, coming.poses),
         np.concatenate([data.readings, coming.readings]),
         np.concatenate([data.seen, coming.seen]),
         np.concatenate([data.sigma, coming.sigma]),
     )
+    return day, np.concatenate([pose, turn[kept] % len(plan)])
 
 
 def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:

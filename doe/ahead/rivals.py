@@ -1,30 +1,30 @@
-"""Which causes are rivals still: what the poses to come are to decide."""
+"""Which causes are rivals, and how surely readings tell them apart.
+
+Truth e moves the markers by ``X_e b``, b its fit to the data. What is left of it beside everything
+modelled and a rival follows from the Schur complement of :mod:`doe.ahead.information`, and from that how
+alike they are (:mod:`doe.ahead.likeness`).
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array
-from calib.cell import Cell
+from calib.arrays import Array, IntArray
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Entrant
-from calib.diagnosis.stage import Fit, positions
+from calib.diagnosis.equivalence import SAME
+from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import linear_scores
-from calib.effects.base import Base
-from calib.effects.protocol import Effect
-from calib.identification import Identification
-from calib.instruments import Camera
-from calib.linear import LinearProblem
-from calib.observations import Points
-from doe.ahead.evidence import RivalEvidence
-from doe.ahead.likeness import SURE
-from doe.ahead.situation import Situation, situation_of
-from doe.problem.linearisation import Linearisation
+from doe.ahead.forecast import Forecast, Offer
+from doe.ahead.information import Information
+from doe.ahead.likeness import SURE, Likeness, directions, likeness, margins
 
+_MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 _SOMETHING = 1.0  # noise variances that a rival must explain to be one
 _REACH = 25.0
 """Gain by which a rival may trail and still be in reach: at a predicted probability of 0.95 two
@@ -96,68 +96,158 @@ def _near(entry: Entrant, chosen: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in near if c.named and not c.echo][:_NEAREST]
 
 
-def situation_after(cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Situation:
-    """The data's own situation, linearised at the final fit; ``rivals`` beyond it at zero."""
-    after = diagnosis.after
-    model, values = after.model.extended(after.values, rivals)
-    arm = replace(after.variances, scale=diagnosis.noise.factor)
-    return situation_of(Linearisation(as_found(cell, after), model, values, arm), diagnosis.data)
+@dataclass(frozen=True, eq=False)
+class Discrimination:
+    """The question which of two causes is there, of several pairs.
 
-
-def as_found(cell: Cell, after: Fit | Identification) -> Cell:
-    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
-    if not any(isinstance(i, Camera) for i in cell.instruments):
-        return cell
-    effects = zip(after.model.effects, after.model.slices, strict=True)
-    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
-    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
-    markers = after.model.marker_positions(after.values)
-    return replace(cell, instruments=tuple(found), markers=markers)
-
-
-def data_rows(situation: Situation, diagnosis: Diagnosis) -> tuple[Array, Array]:
-    """Residual (N,) and independent rows (N, p) of the data, as the final fit weighs them."""
-    data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
-    W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
-    r, J = Points(situation.model, data, W).whitened(situation.values)
-    columns = np.concatenate([J, r[..., None]], axis=-1)
-    flat = LinearProblem.of_rows(columns, after.mixing).independent[1]
-    return flat[:, -1], flat[:, :-1]
-
-
-def evidence_of(
-    situation: Situation,
-    data: tuple[Array, Array],
-    members: Sequence[Candidate],
-    pairs: Sequence[tuple[int, int]],
-) -> RivalEvidence:
-    """What the data know of the rivals of one place, in a situation that may have more parameters."""
-    model = situation.model
-    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in members]
-    # What only a changed situation has is nothing to the data.
-    r, rows = data
-    rows = np.pad(rows, ((0, 0), (0, len(model.parameters) - rows.shape[1])))
-    known, by_known = model.prior_residuals(situation.values)
-    r, rows = np.append(r, known), np.concatenate([rows, by_known])
-    own = np.concatenate(at)
-    # Each rival takes the place of all: to first order, whole refits differ by less than noise.
-    y = r + rows[:, own] @ situation.values[own]
-    found = RivalEvidence.of(rows, y, model.sizes, at, pairs)
-    return replace(found, members=tuple(members))
-
-
-def doubt_of(situation: Situation, data: tuple[Array, Array], rivalry: Rivalry) -> RivalEvidence:
-    """The pairs in doubt; those of a class are by declaration, if either explains anything.
-
-    A cause that stands alone is in doubt where another would often be preferred though it is true; that
-    a richer rival would not show beside it is what Schwarz's price means.
+    now : Information, of the rivals beside all that is modelled, after the data
+    order : ndarray of int, shape (n + K,), parameters in its order; sizes : of each, plausible, SI
+    columns : tuple of ndarray of int, of each rival among the K
+    b : tuple of ndarray, shape (k,), values of each rival in its place, in plausible sizes
+    pairs : tuple of (int, int), rivals that are compared; members : tuple of Candidate, the rivals
+    planned : int, rows of the data and of the poses to be chosen, None where none are
     """
-    evidence = evidence_of(situation, data, rivalry.members, rivalry.pairs)
-    signal = evidence.likeness(evidence.data).size[:, 0]
-    open_ = evidence.preferences(evidence.data)[:, 0] < SURE
-    pairs = tuple(
-        pair
-        for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
-        if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
-    )
-    return replace(evidence, pairs=pairs)
+
+    now: Information
+    order: IntArray
+    sizes: Array
+    columns: tuple[IntArray, ...]
+    b: tuple[Array, ...]
+    pairs: tuple[tuple[int, int], ...]
+    members: tuple[Candidate, ...] = ()
+    planned: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        rows: Array,
+        y: Array,
+        sizes: Array,
+        rivals: Sequence[IntArray],
+        pairs: Sequence[tuple[int, int]],
+    ) -> Discrimination:
+        """From independent rows (N, p) of the data, the columns of all parameters.
+
+        y : ndarray, shape (N,), residual without any of the rivals, to which each is fitted
+        sizes : ndarray, shape (p,), plausible sizes; rivals : positions of each rival's parameters
+        """
+        own = np.concatenate(list(rivals))
+        rest = np.setdiff1d(np.arange(rows.shape[1]), own)
+        order = np.concatenate([rest, own])
+        whole = Information.of(np.column_stack([rows[:, order] * sizes[order], y]), len(rest))
+        now = replace(whole, root=whole.root[:-1, :-1])
+        ends = np.cumsum([0, *map(len, rivals)])
+        columns = tuple(np.arange(a, b) for a, b in itertools.pairwise(ends))
+        S, lengths, score = now.S, now.lengths, whole.S[:-1, -1]
+        seen = [directions(S[np.ix_(at, at)], lengths[at])[0] for at in columns]
+        b = tuple(U @ (U.T @ score[at]) for U, at in zip(seen, columns, strict=True))
+        return cls(now, order, sizes[order], columns, b, tuple(pairs))
+
+    @classmethod
+    def within(
+        cls, forecast: Forecast, members: Sequence[Candidate], pairs: Sequence[tuple[int, int]]
+    ) -> Discrimination:
+        """Of the rivals of one place, as the readings in hand know them."""
+        model, (r, rows) = forecast.model, forecast.known.independent
+        at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in members]
+        own = np.concatenate(at)
+        # Each rival takes the place of all: to first order, whole refits differ by less than noise.
+        y = r + rows[:, own] @ forecast.values[own]
+        return replace(cls.of(rows, y, model.sizes, at, pairs), members=tuple(members))
+
+    @classmethod
+    def in_doubt(cls, forecast: Forecast, rivalry: Rivalry) -> Discrimination:
+        """The pairs in doubt; those of a class are by declaration, if either explains anything.
+
+        A cause that stands alone is in doubt where another would often be preferred though it is true;
+        that a richer rival would not show beside it is what Schwarz's price means.
+        """
+        found = cls.within(forecast, rivalry.members, rivalry.pairs)
+        signal = found.likeness(found.now).size[:, 0]
+        open_ = found.preferences(found.now)[:, 0] < SURE
+        pairs = tuple(
+            pair
+            for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
+            if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
+        )
+        return replace(found, pairs=pairs)
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """Of the pairs, ``effect:where`` of both."""
+        return [(self.members[i].key, self.members[j].key) for i, j in self.pairs]
+
+    def only(self, kept: Sequence[bool]) -> Discrimination:
+        """The same with some of the pairs."""
+        return replace(self, pairs=tuple(itertools.compress(self.pairs, kept)))
+
+    def within_reach(self, offer: Offer, start: Array, count: int) -> Discrimination:
+        """The same with the pairs that some choice of candidates might tell apart.
+
+        A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.
+
+        start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
+        """
+        blocks = self.columns_of(offer.rows(slice(None), start), offer.q)
+        planned = self.now.rows + count * blocks.shape[1]
+        reach = self.reach(blocks, min(count, len(blocks)), planned)
+        return replace(self.only((reach >= _MARGIN).tolist()), planned=planned)
+
+    def columns_of(self, rows: Array, q: Array) -> Array:
+        """Rows (..., r, p) of SI units in the columns of the information, (..., r, n + K)."""
+        del q
+        return np.asarray(rows[..., self.order] * self.sizes)
+
+    def likeness(self, known: Information, S: Array | None = None) -> Likeness:
+        """How alike the rivals are as they were fitted; S : other Gram matrices (..., K, K)."""
+        signals = [b[:, None] for b in self.b]
+        return likeness(known.S if S is None else S, known.lengths, self.columns, signals)
+
+    def of_pairs(self, found: Array) -> Array:
+        """Of (..., E, E) both directions of every pair, shape (..., pairs, 2): either as the truth."""
+        first, second = np.array(self.pairs, dtype=int).reshape(-1, 2).T
+        return np.stack([found[..., first, second], found[..., second, first]], axis=-1)
+
+    def separation(self, known: Information) -> Array:
+        """What is left of each rival beside the other, in noise variances, shape (pairs, 2)."""
+        return self.of_pairs(self.likeness(known).remaining[..., 0])
+
+    def values(self, known: Information, S: Array) -> Array:
+        """Margins once the poses are read by which the truth is to stand alone, (..., pairs).
+
+        Standard deviations, of the worse direction.
+        """
+        alike, rows = self.likeness(known, S), known.rows if self.planned is None else self.planned
+        found = margins(alike.remaining, alike.directions, alike.shared, rows, SAME)[..., 0]
+        return np.asarray(self.of_pairs(found).min(axis=-1))
+
+    def preferences(self, known: Information) -> Array:
+        """Probability that the truth is preferred, shape (pairs, 2): the first one, the second one."""
+        alike = self.likeness(known)
+        return self.of_pairs(alike.preferred(alike.size[:, 0], known.rows))
+
+    def probabilities(self, known: Information) -> Array:
+        """The same, whichever of the two it is, shape (pairs,)."""
+        return np.asarray(self.preferences(known).min(axis=-1))
+
+    def reach(self, blocks: Array, count: int, rows: int) -> Array:
+        """Upper bound on the margins after any ``count`` of m blocks (m, r, n + K), shape (pairs,).
+
+        What is left of one beside another is a least squares minimum, and so concave in the weights of
+        the blocks: the plane that touches it at even weights lies above. Its slope towards a block is
+        what the rival leaves of the truth there.
+        """
+        share = count / len(blocks)
+        even, whole = self.now.added(np.sqrt(share) * blocks), self.now.added(blocks)
+        _, D = even.left(blocks)
+        S, limit = even.S, self.likeness(even).remaining
+        for f, other in enumerate(self.columns):
+            U = directions(S[np.ix_(other, other)], even.lengths[other])[0]
+            for e, (at, b) in enumerate(zip(self.columns, self.b, strict=True)):
+                imitated = U @ (U.T @ (S[np.ix_(other, at)] @ b))
+                slope = ((D[..., at] @ b - D[..., other] @ imitated) ** 2).sum(axis=-1)
+                limit[e, f] += np.sort(slope)[-count:].sum() - share * slope.sum()
+        k = self.likeness(whole).directions
+        # Nothing scatters less than the difference of rivals that share all they can.
+        found = margins(limit, k, np.minimum.outer(k, k), rows)[..., 0]
+        return np.asarray(self.of_pairs(found).min(axis=-1))

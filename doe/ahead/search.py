@@ -1,16 +1,22 @@
-"""The poses that make the worst of what is asked as clear as can be: greedy, then exchange."""
+"""The poses that make the worst of what is asked as clear as can be: greedy, then exchange.
+
+Of causes and of the error at the targets, what a plan reaches counts as a share of what as many poses
+for it alone would reach, from what the data know already. Shares have no unit and can be added: a
+compound criterion, as that of McGree, Eccleston and Duffull (J. Biopharm. Stat. 18(2), 2008) for D and
+T.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from calib.arrays import Array
-from doe.ahead.evidence import ReducedEquations, RivalEvidence
-from doe.ahead.situation import CandidateRows
+from doe.ahead.forecast import Offer
+from doe.ahead.information import Information
 
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6
@@ -19,23 +25,28 @@ _CLEAR = 4.0  # standard deviations beyond which a pair gains nothing any more
 
 
 class Objective(Protocol):
-    """What poses are asked for, as the search sees it: the larger its values, the better."""
+    """A question as the search sees it: the larger its values, the better."""
 
     @property
-    def data(self) -> ReducedEquations:
+    def now(self) -> Information:
         """What is known after the data."""
 
-    def blocks(self, rows: Array, q: Array) -> Array:
-        """Rows (m, r, p) of configurations (m, dof) in the coordinates of the equations."""
+    def columns_of(self, rows: Array, q: Array) -> Array:
+        """Rows (m, r, p) of configurations (m, dof) in the columns of the information."""
 
-    def values(self, known: ReducedEquations, S: Array) -> Array:
-        """Of what is known, for Gram matrices S (..., K, K), its own or tried ones, shape (..., k)."""
+    def values(self, known: Information, S: Array) -> Array:
+        """Of what is known, for Schur complements S (..., K, K), its own or tried ones, (..., k)."""
 
 
 def worst(values: Sequence[Array]) -> Array:
     """The worst of all, and a little of the mean; from those of each objective, (..., k)."""
     together = np.minimum(np.concatenate(values, axis=-1), _CLEAR)
     return np.asarray(together.min(axis=-1) + _OTHERS * together.mean(axis=-1))
+
+
+def last(values: Sequence[Array]) -> Array:
+    """The last objective alone, of one value."""
+    return values[-1][..., 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +58,7 @@ class PoseSearch:
     """
 
     objectives: tuple[Objective, ...]
-    offer: CandidateRows
+    offer: Offer
     start: Array
     weigh: Callable[[Sequence[Array]], Array] = worst
 
@@ -91,9 +102,9 @@ class PoseSearch:
         each = zip(self.objectives, self.known(plan), strict=True)
         return [objective.values(known, known.S) for objective, known in each]
 
-    def known(self, plan: Sequence[int]) -> list[ReducedEquations]:
+    def known(self, plan: Sequence[int]) -> list[Information]:
         """What is known for every objective after the data and a sequence of candidates."""
-        found = [objective.data for objective in self.objectives]
+        found = [objective.now for objective in self.objectives]
         for k, index in enumerate(plan):
             found = self._added(found, index, self._before(plan[:k]))
         return found
@@ -101,37 +112,54 @@ class PoseSearch:
     def _before(self, plan: Sequence[int]) -> Array:
         return np.asarray(self.offer.q[plan[-1]] if plan else self.start)
 
-    def _added(
-        self, known: list[ReducedEquations], index: int, before: Array
-    ) -> list[ReducedEquations]:
+    def _added(self, known: list[Information], index: int, before: Array) -> list[Information]:
         one = np.array([index])
         rows, q = self.offer.rows(one, before), self.offer.q[one]
         each = zip(known, self.objectives, strict=True)
-        return [own.added(objective.blocks(rows, q)) for own, objective in each]
+        return [own.added(objective.columns_of(rows, q)) for own, objective in each]
 
-    def _best(self, known: list[ReducedEquations], before: Array, taken: list[int]) -> int:
+    def _best(self, known: list[Information], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""
         rows, q = self.offer.rows(slice(None), before), self.offer.q
         each = zip(known, self.objectives, strict=True)
         tried = [
-            objective.values(own, own.tried(objective.blocks(rows, q))) for own, objective in each
+            objective.values(own, own.tried(objective.columns_of(rows, q)))
+            for own, objective in each
         ]
         scores = self.weigh(tried)
         scores[taken] = -np.inf
         return int(scores.argmax())
 
 
-def search_of(
-    rivals: Sequence[RivalEvidence],
-    offer: CandidateRows,
-    start: Array,
-    count: int,
-    others: Sequence[Objective] = (),
-) -> PoseSearch | None:
-    """The search over all rivals that can be told apart, and other objectives; None where none is left.
+@dataclass(frozen=True, eq=False)
+class CompoundCriterion:
+    """The mean efficiency for telling causes apart, and for accuracy, which is the last objective.
 
-    start : ndarray, shape (dof,), where the arm stands
+    Each is the share of what poses for it alone would reach.
+    now, best : values of the two, with the data and at best
     """
-    reached = [evidence.within_reach(offer, start, count) for evidence in rivals]
-    found = (*(own for own in reached if own.pairs), *others)
-    return PoseSearch(found, offer, start) if found else None
+
+    now: tuple[float, float]
+    best: tuple[float, float]
+
+    def of(self, values: Sequence[Array]) -> tuple[Array, Array]:
+        """Both shares of the values of all objectives (..., k), shape (...)."""
+        reached = worst(values[:-1]), last(values)
+        first, second = (
+            (own - now) / max(best - now, 1e-9)
+            for own, now, best in zip(reached, self.now, self.best, strict=True)
+        )
+        return np.asarray(first), np.asarray(second)
+
+    def __call__(self, values: Sequence[Array]) -> Array:
+        """The mean of both."""
+        first, second = self.of(values)
+        return np.asarray(0.5 * (first + second))
+
+
+def with_accuracy(search: PoseSearch, accuracy: Objective, count: int) -> PoseSearch:
+    """The search for causes and accuracy together."""
+    alone = replace(search, objectives=(accuracy,), weigh=last)
+    both = replace(search, objectives=(*search.objectives, accuracy))
+    ends = search.value(search.best_plan(count)), alone.value(alone.best_plan(count))
+    return replace(both, weigh=CompoundCriterion((search.value(()), alone.value(())), ends))

@@ -214,7 +214,7 @@ def _look_alikes(found: PowerAnalysis) -> Iterator[LookAlike]:
         return
     rho, worst = found.alike.rho, found.alike.rho_worst
     needed = np.array([cause.needed for cause in found.seen])
-    chance = found.alike.preferred(needed, found.view.field.rows)
+    chance = found.alike.preferred(needed, found.view.detection.field.rows)
     for i, j in found.pairs:
         cause, times = found.seen[i], float(found.times[i, j])
         main = cause.parameters[cause.lead]

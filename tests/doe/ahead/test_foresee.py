@@ -52,7 +52,7 @@ def keys(found: PowerAnalysis, positions: tuple[int, ...]) -> set[str]:
 
 
 def columns(found: PowerAnalysis, key: str) -> np.ndarray:
-    return found.view.columns[[c.key for c in found.view.suspects].index(key)]
+    return found.view.detection.columns[[c.key for c in found.view.suspects].index(key)]
 
 
 @pytest.mark.long
@@ -60,7 +60,7 @@ def test_a_smallest_size_is_found_nine_times_in_ten(found: PowerAnalysis) -> Non
     rng = np.random.default_rng(1)
     for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
         cause = next(s for s in found.seen if s.key == key)
-        field, own = found.view.field, columns(found, key)
+        field, own = found.view.detection.field, columns(found, key)
         signal = field.X[:, own[cause.lead]] * cause.smallest[cause.lead]
         hits = [
             score(replace(field, r=signal + rng.normal(size=len(signal))), own).fall > cause.limit
@@ -173,7 +173,7 @@ def test_markers_out_of_sight_tell_nothing(cell: Cell, found: PowerAnalysis) -> 
     seen = found.view.data.seen.copy()
     seen[:, 1] = False
     part = foresee(cell, replace(found.view.data, seen=seen))
-    assert part.view.field.rows == 2 * found.view.field.rows // 3
+    assert part.view.detection.field.rows == 2 * found.view.detection.field.rows // 3
     whole = {s.key: s.smallest[s.lead] for s in found.seen}
     for cause in part.seen:
         assert cause.smallest[cause.lead] > 0.98 * whole[cause.key]

@@ -1,0 +1,178 @@
+"""The error at the targets: what is expected of the estimate now and after each further pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from calib.arrays import Array, stacked
+from calib.cell.targets import targets_of
+from calib.identification import Identification
+from calib.linear import LinearProblem
+from calib.model import Model
+from calib.model.covariance import identifiable, ignorance, task_error
+from calib.uncertainty.expanded import freedom
+from doe.ahead.error_floor import ErrorFloor
+from doe.ahead.information import Information
+from doe.problem.linearisation import Linearisation
+from doe.problem.target_errors import TargetErrors
+
+_SURE = 0.95
+_MANY = 1e6  # degrees of freedom: known
+
+
+@dataclass(frozen=True, eq=False)
+class ForecastStep:
+    """What will be known after one more pose.
+
+    pose : str, empty for what is known now; readings : int, in all
+    task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
+        size, as far as the others do not make up for it
+    task_most : float, m, that the error at the targets exceeds once in twenty
+    common : float, m, the part of ``task_rms`` by errors common to all readings
+    from_parameters : float, m, the part of ``task_rms`` that more readings lower
+    std : ndarray, shape (p,), SI, NaN for what is open
+    open : tuple of str, parameters that cannot be told
+    """
+
+    pose: str
+    readings: int
+    task_rms: float
+    task_worst: float
+    task_most: float
+    from_parameters: float
+    std: Array
+    open: tuple[str, ...]
+    common: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TaskError:
+    """The error that is expected at the cell's targets, as ``calib.identify`` will say it.
+
+    targets : TargetErrors, per plausible size
+    lacking : ErrorFloor, the error there that no reading lowers
+    dof : float, degrees of freedom behind the noise, infinite where it is known
+    """
+
+    model: Model
+    targets: TargetErrors
+    lacking: ErrorFloor
+    dof: float
+
+    @classmethod
+    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Self:
+        """At the targets of a cell; found : of the data so far, None where there is none.
+
+        What is taken for noise is known by as many degrees of freedom as the identification says.
+        Where poses err as a whole they count, not points: which variances they show is chosen as well.
+        """
+        model, dof = at.model, np.inf
+        if found is not None:
+            told = found.levels is not None and not len(found.levels.free)
+            as_a_whole = bool(lacking.rms) and not told
+            dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
+        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
+        return cls(model, targets, lacking, dof)
+
+    def expected(self, pose: str, readings: int, told: LinearProblem, moved: Array) -> ForecastStep:
+        """What is known by then.
+
+        told : LinearProblem, all readings by then
+        moved : ndarray, shape (m, R, b), how they follow errors common to all
+        """
+        rows, weights, sizes = self.targets.rows, self.targets.weights, self.model.sizes
+        p, J = len(sizes), told.fitted[1] * sizes
+        ids = tuple(parameter.id for parameter in self.model.parameters)
+        choice = identifiable(J, np.ones(p), ids)
+        known = np.zeros(p, dtype=bool)
+        known[choice.kept] = True
+        span = np.eye(p)[:, choice.kept]
+        told = replace(told, span=sizes[:, None] * span)
+        cov = told.covariance / np.outer(sizes, sizes) + ignorance(J, span, np.ones(p), ~known)
+        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
+        own = np.sqrt(np.maximum(squared, 0.0))
+        response = told.followed(moved) / sizes[:, None]
+        missed = self.targets.missed(response)
+        common = np.sqrt((missed**2).sum(axis=(1, 2)))
+        rms, worst = task_error(np.hypot(own, np.hypot(common, self.lacking.at_targets)), weights)
+        variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
+        most = float(np.hypot(rms, self.lacking.hidden)) * self._margin(cov, missed, rms)
+        return ForecastStep(
+            pose,
+            readings,
+            rms,
+            worst,
+            most if pose else max(most, self.lacking.seen.rms),
+            task_error(own, weights)[0],
+            np.where(known, np.sqrt(variances) * sizes, np.nan),
+            tuple(name for entry in choice.unidentifiable for name in entry.names),
+            task_error(common, weights)[0],
+        )
+
+    def _margin(self, cov: Array, missed: Array, rms: float) -> float:
+        """By how much the error exceeds its expectation once in twenty.
+
+        One draw of the parameters and of the common errors, ``missed`` (targets, r, b) by one standard
+        uncertainty of each, errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
+        (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
+        has an F distribution.
+        """
+        from scipy.special import fdtri
+
+        share = np.sqrt(self.targets.weights)[:, None, None]
+        half, shared = stacked(self.targets.rows * share), stacked(missed * share)
+        # The same sums of squares in p + b rows: of values and common errors side by side.
+        both = np.concatenate([half, shared], axis=1)
+        inner = both.T @ both
+        p, b = len(cov), shared.shape[1]
+        spreads = np.zeros((p + b, p + b))
+        spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
+        spread = np.linalg.eigvals(spreads @ inner).real
+        squares = float((spread**2).sum())
+        drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
+        return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What poses do for the error at the targets: less the logarithm of its RMS by the parameters.
+
+    now : Information, after the data; sizes : ndarray, shape (p,), plausible, SI
+    square : float, m^2, mean square with the data
+
+    Where the targets are stands as columns that no reading shows: what is modelled imitates them by its
+    covariance, and their Gram matrix is what the mean square falls by.
+    """
+
+    now: Information
+    sizes: Array
+    square: float
+
+    @classmethod
+    def of(cls, targets: TargetErrors, rows: Array, sizes: Array) -> Self:
+        """For errors per plausible size, of the p with these sizes, SI.
+
+        rows : ndarray, shape (N, ..), independent, of what is known, these p first
+        """
+        p = len(sizes)
+        known = Information.of(rows[:, :p] * sizes, p)
+        at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None])
+        # As many rows as parameters say the same of so many targets.
+        root = np.linalg.qr(at @ known.inverse, mode="r").T
+        k = root.shape[1]
+        whole = np.block([[known.root, root], [np.zeros((k, p + k))]])
+        return cls(Information(whole, p, known.rows), sizes, float((root**2).sum()))
+
+    def columns_of(self, rows: Array, q: Array) -> Array:
+        """Rows (m, r, ..) of SI units, and nothing of the targets."""
+        del q
+        own, K = rows[..., : len(self.sizes)] * self.sizes, len(self.now.root) - len(self.sizes)
+        return np.concatenate([own, np.zeros((*own.shape[:-1], K))], axis=-1)
+
+    def values(self, known: Information, S: Array) -> Array:
+        """The larger the better, shape (..., 1)."""
+        del known
+        return np.asarray(-0.5 * np.log(self.square - np.trace(S, axis1=-2, axis2=-1)))[..., None]

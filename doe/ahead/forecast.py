@@ -19,7 +19,6 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask, in_parts
 from calib.cell import Cell, Load
-from calib.cell.views import NUMBERS
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import Fit
 from calib.effects.base import Base
@@ -34,7 +33,7 @@ from doe.ahead.conditions import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.levels import AngleLevels, levels_of
 from doe.problem.linearisation import Linearisation
-from doe.problem.pool import in_turn_brought, rounded
+from doe.problem.pool import drawn
 
 _DRAWN = 8192
 _MANY = 2  # rows of a configuration for each parameter, beyond which their triangle stands for them
@@ -139,22 +138,12 @@ class Forecast(Linearisation):
 
     def feasible(self, count: int, seed: int) -> Array:
         """Up to ``count`` configurations that the cell allows, under every load, (m, dof)."""
-        rng = np.random.default_rng(seed)
         found: list[Array] = []
-        for _ in range(_DRAWN // 512):
-            found.append(self.allowed(self._anywhere(rng)))
+        for q in drawn(self.cell, _DRAWN, self.levels, seed):
+            found.append(self.allowed(q))
             if sum(map(len, found)) >= count:
                 break
         return np.concatenate(found)[:count]
-
-    def _anywhere(self, rng: np.random.Generator) -> Array:
-        """Configurations over the joint box, drawn by chance."""
-        low, high = self.cell.robot.sample_limits().T
-        q = rounded(self.cell, rng.uniform(low, high, (512, len(low))))
-        if self.levels is not None:
-            q[:, self.levels.joint] = rng.choice(self.levels.values, 512)
-        even = rng.uniform(size=(512, NUMBERS))
-        return in_turn_brought(self.cell, self.cell.robot.tied(q), even, self.levels)
 
     def allowed(self, q: Array) -> Array:
         """The configurations of (m, dof) that the cell allows under every load."""

@@ -18,6 +18,8 @@ from calib.arrays import Array
 from doe.ahead.forecast import Offer
 from doe.ahead.information import Information
 
+_DRAWN = 4  # sequences by chance that are improved beside the greedy one, of so few poses
+_FEW = 12
 _PASSES = 3  # over all places of the plan, while exchanges still help
 _BETTER = 1e-6
 _OTHERS = 1e-3  # weight of the mean beside the worst pair: it decides between equals
@@ -63,18 +65,17 @@ class PoseSearch:
     weigh: Callable[[Sequence[Array]], Array] = worst
 
     def best_plan(self, count: int) -> list[int]:
-        """A sequence of candidates that no exchange of one of them improves."""
-        return self.exchanged(self.greedy(count))
+        """The best of some sequences that no exchange of one candidate improves."""
+        rng, n = np.random.default_rng(0), len(self.offer)
+        more = _DRAWN if count <= _FEW else 0
+        drawn = [rng.permutation(n)[:count].tolist() for _ in range(more)]
+        return max(map(self.exchanged, [self.greedy(count), *drawn]), key=self.value)
 
     def greedy(self, count: int) -> list[int]:
         """Candidate by candidate, each the best after those before."""
         plan: list[int] = []
-        known = self.known(plan)
         for _ in range(min(count, len(self.offer))):
-            before = self._before(plan)
-            index = self._best(known, before, plan)
-            known = self._added(known, index, before)
-            plan = [*plan, index]
+            plan = [*plan, self._best(self.known(plan), self._before(plan), plan)]
         return plan
 
     def exchanged(self, plan: list[int]) -> list[int]:
@@ -104,19 +105,17 @@ class PoseSearch:
 
     def known(self, plan: Sequence[int]) -> list[Information]:
         """What is known for every objective after the data and a sequence of candidates."""
-        found = [objective.now for objective in self.objectives]
-        for k, index in enumerate(plan):
-            found = self._added(found, index, self._before(plan[:k]))
-        return found
+        if not len(plan):
+            return [objective.now for objective in self.objectives]
+        each = (
+            self.offer.rows(np.array([index]), self._before(plan[:k]))
+            for k, index in enumerate(plan)
+        )
+        rows, q = np.concatenate(list(each)), self.offer.q[list(plan)]
+        return [own.now.added(own.columns_of(rows, q)) for own in self.objectives]
 
     def _before(self, plan: Sequence[int]) -> Array:
-        return np.asarray(self.offer.q[plan[-1]] if plan else self.start)
-
-    def _added(self, known: list[Information], index: int, before: Array) -> list[Information]:
-        one = np.array([index])
-        rows, q = self.offer.rows(one, before), self.offer.q[one]
-        each = zip(known, self.objectives, strict=True)
-        return [own.added(objective.columns_of(rows, q)) for own, objective in each]
+        return np.asarray(self.offer.q[plan[-1]] if len(plan) else self.start)
 
     def _best(self, known: list[Information], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""

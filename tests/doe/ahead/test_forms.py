@@ -19,9 +19,9 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
 from calib.simulation import drawn_readings
+from doe.ahead.forecast import Forecast
 from doe.ahead.information import FREE
 from doe.ahead.next_poses import accuracy_of
-from doe.ahead.forecast import Forecast
 from studies.demo.embedded import embedded_cell
 from tests.doe.ahead.day import asking_only
 from tests.helpers import with_effects

@@ -20,11 +20,9 @@ from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.accuracy import Accuracy, ForecastStep, TaskError
-from doe.ahead.conditions import loads_of_plan
-from doe.ahead.error_floor import ErrorFloor, error_floor
+from doe.ahead.accuracy import Accuracy, ErrorFloor, ForecastStep, TaskError, error_floor
+from doe.ahead.coming import Match, loads_of_plan, match, whole_day
 from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
-from doe.ahead.remaining import Match, match, whole_day
 from doe.ahead.search import PoseSearch, last
 from doe.curve import stops_paying
 from doe.plan import named

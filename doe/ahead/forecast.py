@@ -4,8 +4,8 @@ A model is linearised about what is known of it. The readings in hand, or those 
 independent rows of unit variance, ``V^-1/2 J`` with V the covariance by instrument and arm. A
 configuration to come brings rows of the same kind under the conditions in which it will be read. All
 that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), which causes
-are told apart (:mod:`~doe.ahead.rivals`), which are found (:mod:`~doe.ahead.foresee`), and whether one
-has another form (:mod:`~doe.ahead.forms`).
+are told apart (:mod:`~doe.ahead.causes`), which are found (:mod:`~doe.ahead.foresee`), and whether one
+has another form (:mod:`~doe.ahead.causes`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements, Poses
-from doe.ahead.conditions import Conditions, TipLoad, conditions_of
+from doe.ahead.coming import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.levels import AngleLevels, levels_of
 from doe.problem.linearisation import Linearisation

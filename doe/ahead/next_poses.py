@@ -16,11 +16,10 @@ from calib.poses import Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.accuracy import Accuracy
+from doe.ahead.causes import CauseForm, Discrimination, forms_of, rivalries, suspicious
 from doe.ahead.forecast import Forecast, likely_read, refusal
-from doe.ahead.forms import CauseForm, forms_of
-from doe.ahead.likeness import SURE
+from doe.ahead.information import SURE
 from doe.ahead.remedies import helpful
-from doe.ahead.rivals import Discrimination, rivalries, suspicious
 from doe.ahead.search import CompoundCriterion, PoseSearch, with_accuracy
 from doe.plan import named
 from doe.problem.target_errors import TargetErrors

@@ -20,7 +20,7 @@ from calib.effects.link_growth import translations
 from calib.effects.readings import ReadingEffect
 from calib.model.covariance import identifiable
 from calib.threads import one_blas_thread
-from doe.ahead.conditions import TipLoad
+from doe.ahead.coming import TipLoad
 from doe.ahead.forecast import Forecast
 from doe.ahead.foresee import Detection, PowerAnalysis
 
@@ -104,9 +104,15 @@ def _loads(forecast: Forecast) -> Iterator[Change]:
     aside = _ASIDE * forecast.model.robot.reach * np.eye(3)[1]
     mass = load.mass_under(forecast.model.gravity)
     shown = f"{1e3 * aside[1]:.0f} mm to the side (y of the tip)"
-    offered = [(load.shifted(aside), f"hang the load of {mass:.3g} kg {shown}")]
+    shifted = replace(load, lever=load.lever + aside, com=load.com + aside)
+    offered = [(shifted, f"hang the load of {mass:.3g} kg {shown}")]
     if present:
-        heavy = load.scaled(_HEAVIER)
+        heavy = replace(
+            load,
+            force=_HEAVIER * load.force,
+            moment=_HEAVIER * load.moment,
+            mass=_HEAVIER * load.mass,
+        )
         limit = "check the arm's payload, which the cell does not give"
         offered.insert(0, (heavy, f"hang {_HEAVIER * mass:.3g} kg at the same point; {limit}"))
     else:
@@ -207,15 +213,15 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
 
     A change counts if every two of the group are told apart from five times their smallest size on.
     """
-    view, groups = found.view, found.confounded
+    groups = found.confounded
     if not groups:
         return ()
     every = [found.seen[i].candidate for group in groups for i in group]
-    model, values = view.model.extended(view.values, [c.effect for c in every])
-    at = np.concatenate([positions(view.forecast.model, effect) for effect in model.effects])
-    forecast = view.forecast.with_model(model, values, at)
-    q = forecast.feasible(int(view.data.poses.configuration.max()) + 1, seed=0)
-    causes = np.arange(len(view.values), len(values))
+    model, values = found.model.extended(found.values, [c.effect for c in every])
+    at = np.concatenate([positions(found.forecast.model, effect) for effect in model.effects])
+    forecast = found.forecast.with_model(model, values, at)
+    q = forecast.feasible(int(found.data.poses.configuration.max()) + 1, seed=0)
+    causes = np.arange(len(found.values), len(values))
 
     def told(changed: Forecast, allowed: Array) -> Iterator[tuple[int, float]]:
         rows = changed.known.independent[1], stacked(changed.in_order(allowed))
@@ -225,7 +231,7 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
         kept = identifiable(both[:, modelled], changed.model.sizes[modelled], ids).kept
         for k, group in enumerate(groups):
             members = [found.seen[i].candidate for i in group]
-            own = Detection.of(changed.model, both, modelled[kept], members, view.asked)
+            own = Detection.of(changed.model, both, modelled[kept], members, found.asked)
             seen = all(limit.directions for limit in own.limits)
             yield k, float(seen and own.told_apart()[1].max() < _WORTH)
 

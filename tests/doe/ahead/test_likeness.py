@@ -7,7 +7,7 @@ import pytest
 
 from calib.arrays import Array
 from calib.diagnosis.screen import Field, field
-from doe.ahead.likeness import SURE, likeness, plausible
+from doe.ahead.information import SURE, likeness, plausible
 
 ROWS = 400
 RNG = np.random.default_rng(3)

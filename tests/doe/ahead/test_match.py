@@ -9,8 +9,8 @@ import pytest
 
 from calib import Cell, Measurements, Poses
 from calib.poses import poses_at
+from doe.ahead.coming import match
 from doe.ahead.forecast import likely_read, refusal
-from doe.ahead.remaining import match
 from studies.demo.embedded import embedded_cell
 from tests.doe.ahead.day import cell_of_day, of_poses, whole_day
 

@@ -19,8 +19,8 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
+from doe.ahead.causes import Discrimination
 from doe.ahead.forecast import Forecast, Offer
-from doe.ahead.rivals import Discrimination
 from doe.ahead.search import PoseSearch
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured

@@ -1,4 +1,4 @@
-"""Under what conditions the poses to come are read: as the data were, unless changed on purpose."""
+"""The readings to come: those of a plan that are left, and further ones as the data were read."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.api import Plan, in_turn, poses_of, readings
 from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate, skew
-from calib.arrays import Array
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.poses import Poses, poses_at
-from calib.poses.moves import moves
+from calib.poses import Measurements, Poses, poses_at
+from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
+from doe.constraints import scene_of, visible
 
+_AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
+_AS_TOLD_M = 1e-5
+_AS_NAMED = np.radians(5.0)  # rad: a pose that was moved a little for want of room
+_AS_NAMED_M = 0.05
 _FORCE, _MASS = 1.0, 0.1  # N, kg: loads closer than this are one
 _MOST_LOADS = 3
 
@@ -42,19 +49,6 @@ class TipLoad:
         """Mass that weighs as much, kg; gravity, shape (3,), m/s^2, standard where it is none."""
         pull = float(np.linalg.norm(gravity)) or 9.80665
         return self.mass + float(np.linalg.norm(self.force)) / pull
-
-    def scaled(self, factor: float) -> TipLoad:
-        """A load of the same kind, heavier or lighter."""
-        return replace(
-            self,
-            force=self.force * factor,
-            moment=self.moment * factor,
-            mass=self.mass * factor,
-        )
-
-    def shifted(self, by: Array) -> TipLoad:
-        """The same load at another point of the tip; by, shape (3,), m."""
-        return replace(self, lever=self.lever + by, com=self.com + by)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +111,8 @@ class Conditions:
         wrench = np.stack([_wrench(R, load) for load in loads], axis=1).reshape(-1, 6)
         approach = np.repeat(approach, count, axis=0)
         if self.sides:
-            approach = np.sign(np.repeat(np.tile(self.sides, m), len(self.loads)))[:, None]
-            approach = np.broadcast_to(approach, (m * count, q.shape[1]))
+            sides = np.sign(np.repeat(np.tile(self.sides, m), len(self.loads)))
+            approach = np.broadcast_to(sides[:, None], approach.shape)
         com = next((load.com for load in loads if load.mass), np.zeros(3))
         known = self.motion is not None
         return poses_at(
@@ -128,9 +122,7 @@ class Conditions:
             load_com=com,
             time=None if self.time is None else self.time + time,
             start=self.start,
-            temperature=None
-            if self.temperature is None
-            else np.full(m * count, float(self.temperature)),
+            temperature=None if self.temperature is None else np.full(m * count, self.temperature),
             approach=approach if known else None,
             motion=np.repeat(motion, count, axis=0) if known else None,
             station=np.full(m * count, self.station),
@@ -202,3 +194,139 @@ def _load(robot: Robot, poses: Poses) -> TipLoad:
     scale = float(np.abs(moment).max(initial=0.0))
     rest = np.where(np.abs(rest) > 1e-3 * scale, rest, 0.0)
     return TipLoad(mean, lever, rest, mass, poses.load_com if mass else np.zeros(3))
+
+
+def whole_day(
+    cell: Cell, data: Measurements, plan: Poses, left: IntArray | None = None
+) -> tuple[Measurements, IntArray]:
+    """Data and the readings ``left`` of a plan as one set, and of each the pose of the plan, else -1.
+
+    left : ndarray of int, of ``calib.readings(cell, plan)``, all without it
+    Points still to come are zero. What is to come goes on at the pace, the temperature and the station
+    of the data, in the order of the plan, with the markers that will be in sight.
+    """
+    pose = np.full(len(data), -1)
+    if not len(plan) or (left is not None and not len(left)):
+        return data, pose
+    turn = np.arange(len(readings(cell, plan)))
+    turn = turn.reshape(-1, len(plan)).T.ravel() if cell.scatters else turn
+    kept = np.full(len(turn), True) if left is None else np.isin(turn, left)
+    coming = readings_of(cell, plan).take(kept)
+    day = Measurements(
+        _followed(cell, data.poses, coming.poses),
+        np.concatenate([data.readings, coming.readings]),
+        np.concatenate([data.seen, coming.seen]),
+        np.concatenate([data.sigma, coming.sigma]),
+    )
+    return day, np.concatenate([pose, turn[kept] % len(plan)])
+
+
+def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
+    order, k = in_order(now), len(coming)
+    last = int(order[-1])
+    way = np.concatenate([now.q[order], coming.q])
+    fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
+    approach, motion = (part[len(now) :] for part in moves(way, fresh))
+    ahead = np.arange(1.0, k + 1.0)
+    pace = 0.0
+    if now.time is not None and len(now) > 1:
+        pace = float(np.median(np.diff(np.sort(now.time))))
+    sites = np.full(k, "") if coming.site is None else coming.site
+    return replace(
+        now,
+        names=(*now.names, *coming.names),
+        q=np.concatenate([now.q, coming.q]),
+        wrench=np.concatenate(
+            [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
+        ),
+        temperature=_continued(now.temperature, last, np.zeros(k)),
+        time=_continued(now.time, last, pace * ahead),
+        order=_continued(now.order, last, ahead),
+        torque=None,  # what the arm will measure nobody knows beforehand
+        approach=None if now.approach is None else np.concatenate([now.approach, approach]),
+        motion=None if now.motion is None else np.concatenate([now.motion, motion]),
+        station=np.concatenate([now.station, np.full(k, now.station[last])]),
+        load_mass=np.zeros(len(way)),
+        site=None if now.site is None else np.concatenate([now.site, sites]),
+        session=None
+        if now.session is None
+        else np.concatenate([now.session, np.full(k, now.session[last])]),
+    )
+
+
+def _continued(values: Array | None, last: int, beyond: Array) -> Array | None:
+    return None if values is None else np.concatenate([values, values[last] + beyond])
+
+
+def readings_of(cell: Cell, plan: Plan) -> Measurements:
+    """The readings that a plan brings, their points still unknown."""
+    if isinstance(plan, Measurements):
+        return plan
+    poses = poses_of(cell, plan)
+    if poses.approach is None:
+        poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
+    poses = in_turn(cell, poses)
+    seen = visible(scene_of(cell, poses.q))
+    blank = np.zeros((*seen.shape, cell.channels.width))
+    return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """The readings of a plan against those of the data.
+
+    left : ndarray of int, readings of ``calib.readings(cell, plan)`` that are still to come
+    poses : int, poses of the plan of which nothing is left
+    warnings : tuple of str
+    """
+
+    left: IntArray
+    poses: int
+    warnings: tuple[str, ...]
+
+
+def match(cell: Cell, plan: Poses, data: Poses) -> Match:
+    """Find the readings of a plan in the data: by joints, or by name where the joints are near.
+
+    However often a pose was read before the arm went on, it counts once, unless the readings carry
+    different names of the plan. So a reference is to come as often as it was not yet measured.
+    """
+    wanted, count = readings(cell, plan), len(plan)
+    if not count:
+        return Match(np.zeros(0, dtype=int), 0, ())
+    plain = np.array(plan.names * (len(wanted) // count), dtype=object)
+    named = np.array([(plain == n) | (np.array(wanted.names) == n) for n in data.names])
+    off = np.abs(wanted.q - data.q[:, None])
+    there = np.all(off <= np.where(cell.robot.prismatic, _AS_TOLD_M, _AS_TOLD), axis=-1)
+    near = np.all(off <= np.where(cell.robot.prismatic, _AS_NAMED_M, _AS_NAMED), axis=-1)
+    given, hung = (wrench_with_load(cell.robot, cell.gravity, poses) for poses in (data, wanted))
+    fits = _equally_loaded(given[:, :3], hung[:, :3])
+    left, warnings = np.ones(len(wanted), dtype=bool), []
+    for one in _counted(data, np.any(named, axis=1)):
+        score = (left & fits[one]) * (2 * there[one] + (named[one] & near[one]))
+        best = int(score.argmax())
+        if score[best] > 0:
+            left[best] = False
+        if score[best] == 1:
+            warnings.append(f"{data.names[one]} was measured beside the plan's joints: it counts")
+        elif (left & fits[one] & named[one] & ~near[one]).any() and not score[best]:
+            warnings.append(
+                f"{data.names[one]} stands in the plan at quite other joints: is it the right plan?"
+            )
+    whole = ~left.reshape(-1, count).any(axis=0)
+    return Match(np.flatnonzero(left), int(whole.sum()), tuple(warnings))
+
+
+def _counted(data: Poses, known: Mask) -> list[int]:
+    """Readings that may be the plan's: the first of each stay and load, and all known by name."""
+    keys = np.column_stack([visits(data), alike(data)])
+    _, first = np.unique(keys, axis=0, return_index=True)
+    rest = np.setdiff1d(np.flatnonzero(known), first)
+    return [int(i) for i in (*first, *rest)]
+
+
+def _equally_loaded(given: Array, wanted: Array) -> Mask:
+    """Whether the arm is as loaded as it should be, (m, n): free or loaded, not to the newton."""
+    lengths = (np.linalg.norm(forces, axis=1) for forces in (given, wanted))
+    least = 0.5 * np.maximum.outer(*lengths)
+    return np.asarray(np.linalg.norm(given[:, None] - wanted, axis=-1) <= least)

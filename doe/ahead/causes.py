@@ -1,28 +1,32 @@
-"""Which causes are rivals, and how surely readings tell them apart.
+"""What is asked of causes: which of several is there, and whether one has the form of its name.
 
-Truth e moves the markers by ``X_e b``, b its fit to the data. What is left of it beside everything
-modelled and a rival follows from the Schur complement of :mod:`doe.ahead.information`, and from that how
-alike they are (:mod:`doe.ahead.likeness`).
+A cause e that is there moves the markers by ``X_e b``, b its fit to the data. What is left of it beside
+all that is modelled and a rival follows from the Schur complement (:mod:`doe.ahead.information`).
+
+A cause that stands alone is not explained while nobody could have seen that its size runs with an angle
+(:mod:`calib.diagnosis.shape`). The poses that show it are those where the cause is large and the angles
+are many: the power of that test, foreseen.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.causes import Cause
 from calib.diagnosis.contest import Entrant
 from calib.diagnosis.equivalence import SAME
+from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
 from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import linear_scores
 from doe.ahead.forecast import Forecast, Offer
-from doe.ahead.information import Information
-from doe.ahead.likeness import SURE, Likeness, directions, likeness, margins
+from doe.ahead.information import SURE, Information, Likeness, directions, likeness, margins
 
 _MARGIN = 1.6448536269514722  # standard deviations of ``SURE``
 _SOMETHING = 1.0  # noise variances that a rival must explain to be one
@@ -31,6 +35,8 @@ _REACH = 25.0
 standard deviations above the mean."""
 _NEAREST = 3  # rivals of a cause that stands alone
 _MOST = 5  # rivals in one place: ten pairs
+_WAVES = 4  # of each angle
+_SURELY = 1e-12  # least probability, and greatest
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,3 +257,75 @@ class Discrimination:
         # Nothing scatters less than the difference of rivals that share all they can.
         found = margins(limit, k, np.minimum.outer(k, k), rows)[..., 0]
         return np.asarray(self.of_pairs(found).min(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class CauseForm:
+    """The question whether a cause has the form of its name.
+
+    columns_of : callable, rows (m, r, p) at configurations (m, dof) -> those of the fitted, and what
+        the cause does times each wave over the angles of the joints, in plausible sizes
+    now : Information, of the waves beside all that is modelled, after the data
+    chances : ndarray, shape (joints,), what each counts; alpha : float, chance of a false doubt
+    """
+
+    key: str
+    columns_of: Callable[[Array, Array], Array]
+    now: Information
+    chances: Array
+    alpha: float
+
+    def values(self, known: Information, S: Array) -> Array:
+        """In standard deviations like those of rivals: enough of either is enough."""
+        from scipy.special import ndtri
+
+        del known
+        power = np.clip(self.power(S), _SURELY, 1.0 - _SURELY)
+        return np.asarray(ndtri(power) - ndtri(TESTED) + ndtri(SURE))[..., None]
+
+    def power(self, S: Array) -> Array:
+        """Probability of seeing another form, from products of the waves (..., K, K), shape (...)."""
+        lengths, found = self.now.lengths, np.zeros(S.shape[:-2])
+        for i, chance in enumerate(self.chances):
+            at = slice(_WAVES * i, _WAVES * (i + 1))
+            found += chance * wave_power(S[..., at, at], lengths[at], chance * self.alpha)
+        return np.asarray(found / self.chances.sum())
+
+    def hopeful(self, offer: Offer, start: Array) -> bool:
+        """Whether all candidates together would show it."""
+        blocks = self.columns_of(offer.rows(slice(None), start), offer.q)
+        return bool(self.power(self.now.added(blocks).S) >= TESTED)
+
+
+def forms_of(forecast: Forecast, diagnosis: Diagnosis) -> Iterator[CauseForm]:
+    """Causes of which no reading would have shown another form, with what the data tell of it."""
+    for cause in diagnosis.causes:
+        if not (cause.doubt.tested or cause.misshapen):
+            found = _form(forecast, diagnosis, cause)
+            if found is not None:
+                yield found
+
+
+def _form(forecast: Forecast, diagnosis: Diagnosis, cause: Cause) -> CauseForm | None:
+    model, q = diagnosis.after.model, diagnosis.data.poses.q
+    own = np.setdiff1d(positions(model, cause.named.candidate.effect), model.tunings)
+    joints = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
+    if not len(joints) or not len(own):
+        return None
+    sizes, moving = model.sizes, diagnosis.after.values[own]
+
+    def beside(rows: Array, at: Array) -> Array:
+        run = np.concatenate([waves(model.robot, at, q, int(k)) for k in joints], axis=1)
+        moved = rows[..., own] @ moving
+        # What only rivals have is none of this question.
+        modelled = rows[..., : len(sizes)] * sizes
+        return np.concatenate([modelled, moved[..., None] * run[:, None, :]], axis=-1)
+
+    rows = stacked(beside(forecast.known.by_reading, q))
+    held = forecast.known.held[:, : len(sizes)] * sizes
+    held = np.pad(held, ((0, 0), (0, rows.shape[1] - len(sizes))))
+    now = Information.of(np.concatenate([rows, held]), len(sizes))
+    robot, where = model.robot, cause.named.candidate.where
+    chances = np.array([chance_of(robot, robot.joints[k], where) for k in joints])
+    alpha = SHAPE_ALPHA / max(1, len(diagnosis.causes))
+    return CauseForm(cause.named.candidate.key, beside, now, chances, alpha)

@@ -13,10 +13,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import Cause
@@ -39,23 +40,9 @@ _WAVES = 4  # of each angle
 _SURELY = 1e-12  # least probability, and greatest
 
 
-@dataclass(frozen=True, eq=False)
-class Rivalry:
-    """Causes that compete for one place among the effects found; the others stay as they are.
-
-    members : tuple of Candidate
-    declared : whether the diagnosis itself could not tell them apart
-    """
-
-    members: tuple[Candidate, ...]
-    declared: bool
-
-    @property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Positions of all two that compete; where nothing is in doubt, the first and each other."""
-        count = len(self.members)
-        first = range(count) if self.declared else range(1)
-        return tuple((i, j) for i in first for j in range(i + 1, count))
+Rivalry: TypeAlias = tuple[tuple[Candidate, ...], bool]
+"""Causes that compete for one place among the effects found, and whether the diagnosis itself could not
+tell them apart."""
 
 
 def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
@@ -75,7 +62,7 @@ def rivalries(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
         if not declared and not ambiguous:
             members = [cause.named.candidate, *_near(cause.named.entry, chosen)]
         if len(members) > 1:
-            found.append(Rivalry(tuple(members[:_MOST]), declared))
+            found.append((tuple(members[:_MOST]), declared))
     return tuple(found)
 
 
@@ -91,7 +78,7 @@ def _suspected(diagnosis: Diagnosis) -> tuple[Rivalry, ...]:
     named = [c for c in view.suspects if c.named and not c.echo]
     scores = linear_scores(view.complement, view, named)
     leading = sorted(named, key=lambda c: -scores[c.key].gain)[:_MOST]
-    return (Rivalry(tuple(leading), True),) if len(leading) > 1 else ()
+    return ((tuple(leading), True),) if len(leading) > 1 else ()
 
 
 def _near(entry: Entrant, chosen: Sequence[Candidate]) -> list[Candidate]:
@@ -168,36 +155,50 @@ class Discrimination:
         A cause that stands alone is in doubt where another would often be preferred though it is true;
         that a richer rival would not show beside it is what Schwarz's price means.
         """
-        found = cls.within(forecast, rivalry.members, rivalry.pairs)
-        signal = found.likeness(found.now).size[:, 0]
-        open_ = found.preferences(found.now)[:, 0] < SURE
-        pairs = tuple(
-            pair
-            for pair, doubtful in zip(rivalry.pairs, open_, strict=True)
-            if (rivalry.declared or doubtful) and signal[list(pair)].min() > _SOMETHING
-        )
-        return replace(found, pairs=pairs)
+        members, declared = rivalry
+        pairs = list(itertools.combinations(range(len(members)), 2))
+        pairs = pairs if declared else pairs[: len(members) - 1]  # the first and each other
+        found = cls.within(forecast, members, pairs)
+        doubtful = found.preferences(found.now)[:, 0] < SURE
+        signal = found.likeness(found.now).size[:, 0][np.array(pairs)].min(axis=1)
+        return found.only((declared | doubtful) & (signal > _SOMETHING))
 
     @property
     def keys(self) -> list[tuple[str, str]]:
         """Of the pairs, ``effect:where`` of both."""
         return [(self.members[i].key, self.members[j].key) for i, j in self.pairs]
 
-    def only(self, kept: Sequence[bool]) -> Discrimination:
-        """The same with some of the pairs."""
+    def only(self, kept: Mask) -> Discrimination:
+        """The same with some of the pairs, (pairs,) of bool."""
         return replace(self, pairs=tuple(itertools.compress(self.pairs, kept)))
 
     def within_reach(self, offer: Offer, start: Array, count: int) -> Discrimination:
-        """The same with the pairs that some choice of candidates might tell apart.
+        """The same with the pairs that some choice of ``count`` candidates might tell apart.
 
         A pair that no choice brings to the margin of ``SURE`` is not worth the poses that others need.
+        What is left of one beside another is a least squares minimum, and so concave in the weights of
+        the candidates: the plane that touches it at even weights lies above. Its slope towards a
+        candidate is what the rival leaves of the truth there.
 
-        start : ndarray, shape (dof,), where the arm stands; count : int, poses to be chosen
+        start : ndarray, shape (dof,), where the arm stands
         """
         blocks = self.columns_of(offer.rows(slice(None), start), offer.q)
-        planned = self.now.rows + count * blocks.shape[1]
-        reach = self.reach(blocks, min(count, len(blocks)), planned)
-        return replace(self.only((reach >= _MARGIN).tolist()), planned=planned)
+        planned, count = self.now.rows + count * blocks.shape[1], min(count, len(blocks))
+        share = count / len(blocks)
+        even, whole = self.now.added(np.sqrt(share) * blocks), self.now.added(blocks)
+        _, D = even.left(blocks)
+        S, limit = even.S, self.likeness(even).remaining
+        for f, other in enumerate(self.columns):
+            U = directions(S[np.ix_(other, other)], even.lengths[other])[0]
+            for e, (at, b) in enumerate(zip(self.columns, self.b, strict=True)):
+                imitated = U @ (U.T @ (S[np.ix_(other, at)] @ b))
+                slope = ((D[..., at] @ b - D[..., other] @ imitated) ** 2).sum(axis=-1)
+                limit[e, f] += np.sort(slope)[-count:].sum() - share * slope.sum()
+        k = self.likeness(whole).directions
+        # Nothing scatters less than the difference of rivals that share all they can.
+        best = margins(limit, k, np.minimum.outer(k, k), planned)[..., 0]
+        reached = self.of_pairs(best).min(axis=-1) >= _MARGIN
+        return replace(self.only(reached), planned=planned)
 
     def columns_of(self, rows: Array, q: Array) -> Array:
         """Rows (..., r, p) of SI units in the columns of the information, (..., r, n + K)."""
@@ -235,28 +236,6 @@ class Discrimination:
     def probabilities(self, known: Information) -> Array:
         """The same, whichever of the two it is, shape (pairs,)."""
         return np.asarray(self.preferences(known).min(axis=-1))
-
-    def reach(self, blocks: Array, count: int, rows: int) -> Array:
-        """Upper bound on the margins after any ``count`` of m blocks (m, r, n + K), shape (pairs,).
-
-        What is left of one beside another is a least squares minimum, and so concave in the weights of
-        the blocks: the plane that touches it at even weights lies above. Its slope towards a block is
-        what the rival leaves of the truth there.
-        """
-        share = count / len(blocks)
-        even, whole = self.now.added(np.sqrt(share) * blocks), self.now.added(blocks)
-        _, D = even.left(blocks)
-        S, limit = even.S, self.likeness(even).remaining
-        for f, other in enumerate(self.columns):
-            U = directions(S[np.ix_(other, other)], even.lengths[other])[0]
-            for e, (at, b) in enumerate(zip(self.columns, self.b, strict=True)):
-                imitated = U @ (U.T @ (S[np.ix_(other, at)] @ b))
-                slope = ((D[..., at] @ b - D[..., other] @ imitated) ** 2).sum(axis=-1)
-                limit[e, f] += np.sort(slope)[-count:].sum() - share * slope.sum()
-        k = self.likeness(whole).directions
-        # Nothing scatters less than the difference of rivals that share all they can.
-        found = margins(limit, k, np.minimum.outer(k, k), rows)[..., 0]
-        return np.asarray(self.of_pairs(found).min(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -168,9 +168,9 @@ def enough(
     lacking = error_floor(cell, at.model, at.values, arm, found)
     day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
     steps = tuple(day.steps(task, day.order(task), plan.names))
-    model, data = at.model, day.data
-    footprint = model.footprint(at.values, data.take(pose < 0))
-    sigma = believed_sigma(data, at.weights(data), model.readout.channels.lengths) * arm.scale
+    model, read = at.model, day.data
+    footprint = model.footprint(at.values, data)
+    sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
     unasked = not fresh and (goal is None or known_after_all)
@@ -180,7 +180,7 @@ def enough(
     if not len(q):
         return result
     names = [f"fresh{k + 1}" for k in range(len(q))]
-    further = Day.of(at, *whole_day(cell, data, named(q)), found)
+    further = Day.of(at, *whole_day(cell, read, named(q)), found)
     _, *beyond = further.steps(task, range(len(q)), names)
     met = [k + 1 for k, step in enumerate(beyond) if result.reaches(step)]
     count = len(q) if fresh or not met else met[0]

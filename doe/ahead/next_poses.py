@@ -140,7 +140,7 @@ def next_poses(
         alone = replace(diagnosis.after.observation, scatter=None)
         after = replace(diagnosis.after, levels=None, observation=alone)
         diagnosis = replace(diagnosis, after=after)
-    rivals = [c.effect for rivalry in found for c in rivalry.members]
+    rivals = [c.effect for members, _ in found for c in members]
     forecast = Forecast.after_diagnosis(cell, diagnosis, rivals)
     doubts = [doubt for r in found if (doubt := Discrimination.in_doubt(forecast, r)).pairs]
     unseen = tuple(forms_of(forecast, diagnosis)) if forms else ()
@@ -236,7 +236,7 @@ def _remedies(
 
     told : keys of the pairs that poses do tell apart
     """
-    open_ = [doubt.only([key not in told for key in doubt.keys]) for doubt in doubts]
+    open_ = [doubt.only(np.array([k not in told for k in doubt.keys])) for doubt in doubts]
     open_ = [doubt for doubt in open_ if doubt.pairs]
 
     def surely(changed: Forecast, allowed: Array) -> Iterator[tuple[tuple[str, str], float]]:

@@ -282,7 +282,7 @@ class Accuracy:
         known = Information.of(rows[:, :p] * sizes, p)
         at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None])
         # As many rows as parameters say the same of so many targets.
-        root = np.linalg.qr(at @ known.inverse, mode="r").T
+        root = np.asarray(np.linalg.qr(at @ known.inverse, mode="r")).T
         k = root.shape[1]
         whole = np.block([[known.root, root], [np.zeros((k, p + k))]])
         return cls(Information(whole, p, known.rows), sizes, float((root**2).sum()))

@@ -285,9 +285,9 @@ def _imitators(found: PowerAnalysis, position: int) -> list[str]:
     kinds, columns = list(dict.fromkeys(own)), found.detection.columns[position]
     N = found.forecast.known.independent[1][:, found.kept]
     X = found.detection.field.columns[:, columns]
-    found = []
+    needed = []
     for kind in kinds:
         others = N[:, [k != kind for k in own]]
         if field(others, X, np.zeros(len(X))).directions(np.arange(len(columns))).shape[1]:
-            found.append(kind)
-    return found or kinds
+            needed.append(kind)
+    return needed or kinds

@@ -17,10 +17,10 @@ from calib.result import Result
 from calib.threads import one_blas_thread
 from doe.ahead.accuracy import Accuracy
 from doe.ahead.causes import CauseForm, Discrimination, forms_of, rivalries, suspicious
-from doe.ahead.forecast import Forecast, likely_read, refusal
+from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
 from doe.ahead.information import SURE
 from doe.ahead.remedies import helpful
-from doe.ahead.search import CompoundCriterion, PoseSearch, with_accuracy
+from doe.ahead.search import CompoundCriterion, Objective, PoseSearch, with_accuracy
 from doe.plan import named
 from doe.problem.target_errors import TargetErrors
 from doe.visiting import visiting_order
@@ -150,43 +150,44 @@ def next_poses(
     q = q[likely_read(cell.robot, q, diagnosis.data.poses, missed)]
     if not len(q):
         raise CalibError(refusal(missed))
-    offer, start = forecast.offered(q, count), forecast.conditions.last
-    shown = [form for form in unseen if form.hopeful(offer, start)]
-    reached = [doubt.within_reach(offer, start, count) for doubt in doubts]
-    asked = (*(doubt for doubt in reached if doubt.pairs), *shown)
-    search, plan = PoseSearch(asked, offer, start), []
-    if asked and accuracy:
+    search = _search(doubts, unseen, forecast.offered(q, count), forecast.conditions.last, count)
+    if search.objectives and accuracy:
         search = with_accuracy(search, accuracy_of(forecast, diagnosis), count)
-    if asked:
-        plan = search.best_plan(count)
-    chosen = offer.q[plan]
+    plan = search.best_plan(count) if search.objectives else []
+    chosen = search.offer.q[plan]
     # Where no column depends on the approach the order is free: the shortest way.
-    if offer.left is None and len(plan):
+    if search.offer.left is None and len(plan):
         chosen = chosen[visiting_order(chosen)]
-    judged = [_judged(doubt, forecast, chosen) for doubt in doubts]
-    pairs = [pair for own, _ in judged for pair in own]
-    serves = (
-        np.concatenate([own for _, own in judged], axis=1) if judged else np.zeros((len(plan), 0))
-    )
-    ways = _remedies(
-        doubts, {pair.rivals for pair in pairs if pair.told}, forecast, q[:_TRIED], count
-    )
-    pairs = [replace(pair, remedies=ways.get(pair.rivals, ())) for pair in pairs]
-    splits = (
-        tuple(pair.rivals for pair, own in zip(pairs, pose, strict=True) if own) for pose in serves
-    )
+    judged = [own for doubt in doubts for own in _judged(doubt, forecast, chosen)]
+    told = {pair.rivals for pair, _ in judged if pair.told}
+    ways = _remedies(doubts, told, forecast, q[:_TRIED], count)
+    pairs = [replace(pair, remedies=ways.get(pair.rivals, ())) for pair, _ in judged]
     shares = None
-    if asked and isinstance(search.weigh, CompoundCriterion):
+    if isinstance(search.weigh, CompoundCriterion):
         first, second = search.weigh.of(search.values(plan))
         shares = float(first), float(second)
     return NextPoses(
         named(chosen, "n"),
-        tuple(splits),
+        tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen))),
         tuple(sorted(pairs, key=lambda pair: pair.now)),
         assumptions_of(forecast, len(chosen)),
         tuple(_shown(form, forecast, chosen) for form in unseen),
         shares,
     )
+
+
+def _search(
+    doubts: Sequence[Discrimination],
+    forms: Sequence[CauseForm],
+    offer: Offer,
+    start: Array,
+    count: int,
+) -> PoseSearch:
+    """For what some choice of candidates might show."""
+    reached = (doubt.within_reach(offer, start, count) for doubt in doubts)
+    asked: list[Objective] = [doubt for doubt in reached if doubt.pairs]
+    asked += [form for form in forms if form.hopeful(offer, start)]
+    return PoseSearch(tuple(asked), offer, start)
 
 
 def accuracy_of(forecast: Forecast, diagnosis: Diagnosis) -> Accuracy:
@@ -208,8 +209,8 @@ def _shown(form: CauseForm, forecast: Forecast, q: Array) -> PairPrediction:
 
 def _judged(
     doubt: Discrimination, forecast: Forecast, q: Array
-) -> tuple[list[PairPrediction], Mask]:
-    """Every pair before and after, and to which poses it owes that, (m, pairs); as they are read."""
+) -> Iterator[tuple[PairPrediction, Mask]]:
+    """Every pair before and after, and to which poses it owes that, (m,); as they are read."""
     now = after = doubt.probabilities(doubt.now)
     serves = np.zeros((len(q), len(now)), dtype=bool)
     if len(q):
@@ -221,8 +222,8 @@ def _judged(
         lost = reached - np.array([doubt.separation(own) for own in rest])
         serves = ((lost >= _SERVES * gained / len(q)) & (gained > 0.0)).any(axis=-1)
         serves &= (after >= SURE) | (after > now + _HELPED)
-    each = zip(doubt.keys, now.tolist(), after.tolist(), strict=True)
-    return [PairPrediction(*own) for own in each], serves
+    for i, key in enumerate(doubt.keys):
+        yield PairPrediction(key, float(now[i]), float(after[i])), serves[:, i]
 
 
 def _remedies(
@@ -243,10 +244,9 @@ def _remedies(
         offer, start = changed.offered(allowed, count), changed.conditions.last
         for doubt in open_:
             within = Discrimination.within(changed, doubt.members, doubt.pairs)
-            reached = within.within_reach(offer, start, count)
-            if not reached.pairs:
+            search = _search([within], [], offer, start, count)
+            if not search.objectives:
                 continue
-            search = PoseSearch((reached,), offer, start)
             plan = search.greedy(count)
             after = within.probabilities(search.known(plan)[0])
             if after.max() >= SURE:  # worth a second look, as it is read

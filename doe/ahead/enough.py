@@ -168,7 +168,7 @@ def enough(
     lacking = error_floor(cell, at.model, at.values, arm, found)
     day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
     steps = tuple(day.steps(task, day.order(task), plan.names))
-    model, read = at.model, day.data
+    model, read = at.model, day.forecast.data
     footprint = model.footprint(at.values, data)
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
@@ -215,13 +215,11 @@ def _linearised(
 class Day:
     """Readings in hand and to come, to first order.
 
-    data : Measurements, those to come where they are expected
     pose : ndarray of int, shape (m,), of what is to come, -1 for what is in hand
-    forecast : Forecast, in which all of them are known
+    forecast : Forecast, in which all of them are known, those to come where they are expected
     moved : ndarray, shape (m, R, b), how they follow errors common to all readings
     """
 
-    data: Measurements
     pose: IntArray
     forecast: Forecast
     moved: Array
@@ -246,7 +244,7 @@ class Day:
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
         moved = moved_rows(at, data, at.weights(data, kept), known).J
         forecast = Forecast.after(at, known, data).under(loads=loads_of_plan(at.cell))
-        return cls(data, pose, forecast, moved)
+        return cls(pose, forecast, moved)
 
     def read(self, done: Mask) -> LinearProblem:
         """What some of the readings tell, (m,), and what is known beside them."""
@@ -289,7 +287,7 @@ def _fresh(
 
     The best of as many as are still to be read; where nobody says how many, one after the other.
     """
-    forecast, read = day.forecast, day.data.poses.take(day.pose < 0)
+    forecast, read = day.forecast, day.forecast.data.poses.take(day.pose < 0)
     q = forecast.feasible(_CANDIDATES, seed)
     q = q[likely_read(forecast.cell.robot, q, read, missed)]
     if not len(q) and missed is not None:

@@ -2,10 +2,10 @@
 
 A model is linearised about what is known of it. The readings in hand, or those of a plan, are
 independent rows of unit variance, ``V^-1/2 J`` with V the covariance by instrument and arm. A
-configuration to come brings rows of the same kind under the conditions in which it will be read. All
+configuration to come brings rows of the same kind, under the conditions in which it will be read. All
 that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), which causes
-are told apart (:mod:`~doe.ahead.causes`), which are found (:mod:`~doe.ahead.foresee`), and whether one
-has another form (:mod:`~doe.ahead.causes`).
+are found (:mod:`~doe.ahead.foresee`), which are told apart and of what form they are
+(:mod:`~doe.ahead.causes`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from calib.observations import Points
 from calib.poses import Measurements, Poses
 from doe.ahead.coming import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
-from doe.problem.levels import AngleLevels, levels_of
+from doe.problem.levels import levels_of
 from doe.problem.linearisation import Linearisation
 from doe.problem.pool import drawn
 
@@ -43,29 +43,21 @@ _MANY = 2  # rows of a configuration for each parameter, beyond which their tria
 class Forecast(Linearisation):
     """A model to first order, what is known of it, and the conditions of the readings to come.
 
-    known : LinearProblem, of the readings in hand and what is known beside them
-    sigma : float, m, usual standard deviation of a point where readings give their own, else NaN
-    levels : AngleLevels, to which the cell's design and the readings keep, or None
+    data : Measurements, the readings in hand; known : LinearProblem, of them and what is known beside
+    conditions : Conditions, of those to come
     """
 
+    data: Measurements = field(kw_only=True)
     known: LinearProblem = field(kw_only=True)
     conditions: Conditions = field(kw_only=True)
-    sigma: float = field(kw_only=True)
-    levels: AngleLevels | None = field(kw_only=True)
 
     @classmethod
     def after(cls, at: Linearisation, known: LinearProblem, data: Measurements) -> Self:
         """With further readings under the conditions of ``data``, which are known to first order."""
         off, held = at.model.prior_residuals(at.values)
-        given = data.sigma[np.isfinite(data.sigma) & data.seen]
-        levels = levels_of(at.cell, None, None)
-        return cls(
-            **vars(at),
-            known=replace(known, off=off, held=held),
-            conditions=conditions_of(at.model.robot, data.poses),
-            sigma=float(np.median(given)) if len(given) else np.nan,
-            levels=levels if levels is not None and (levels.of(data.poses.q) >= 0).all() else None,
-        )
+        known = replace(known, off=off, held=held)
+        conditions = conditions_of(at.model.robot, data.poses)
+        return cls(**vars(at), data=data, known=known, conditions=conditions)
 
     @classmethod
     def after_diagnosis(cls, cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Self:
@@ -112,7 +104,9 @@ class Forecast(Linearisation):
         conditions, reading = self.conditions, np.arange(len(poses))
         seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
         visit = reading // conditions.stay, reading // conditions.each
-        rows = self.candidates(poses, seen, visit, self.sigma).by_reading
+        given = self.data.sigma[np.isfinite(self.data.sigma) & self.data.seen]
+        sigma = float(np.median(given)) if len(given) else np.nan
+        rows = self.candidates(poses, seen, visit, sigma).by_reading
         rows = rows.reshape(len(q), -1, rows.shape[-1])
         rows = np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
         many = rows.shape[1] > _MANY * rows.shape[2]
@@ -137,9 +131,14 @@ class Forecast(Linearisation):
         return Offer(q, right, left, joint)
 
     def feasible(self, count: int, seed: int) -> Array:
-        """Up to ``count`` configurations that the cell allows, under every load, (m, dof)."""
-        found: list[Array] = []
-        for q in drawn(self.cell, _DRAWN, self.levels, seed):
+        """Up to ``count`` configurations that the cell allows, under every load, (m, dof).
+
+        They keep to the levels of the cell's design where the readings in hand do.
+        """
+        levels, found = levels_of(self.cell, None, None), list[Array]()
+        if levels is not None and (levels.of(self.data.poses.q) < 0).any():
+            levels = None
+        for q in drawn(self.cell, _DRAWN, levels, seed):
             found.append(self.allowed(q))
             if sum(map(len, found)) >= count:
                 break

@@ -49,8 +49,8 @@ class PowerAnalysis(Result):
 
     model : Model; values : ndarray, shape (p,), SI, where it is linearised; assumed : bool, whether its
         compliances are taken as usual, for nobody gave them
-    forecast : Forecast, of the model and all suspects, in which the plan is known
-    data : Measurements, the readings to come: which markers are seen; its points are predictions
+    forecast : Forecast, of the model and all suspects, in which the plan is known; points of its data
+        are predictions
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
     detection : Detection, of the suspects, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
@@ -65,7 +65,6 @@ class PowerAnalysis(Result):
     values: Array
     assumed: bool
     forecast: Forecast
-    data: Measurements
     waiting: Mask
     detection: Detection
     missing: tuple[NotAsked, ...]
@@ -75,6 +74,11 @@ class PowerAnalysis(Result):
     moved: Array
     alike: Likeness | None
     times: Array
+
+    @property
+    def data(self) -> Measurements:
+        """The readings to come: which markers are seen."""
+        return self.forecast.data
 
     @cached_property
     def causes(self) -> tuple[Detectability, ...]:
@@ -157,7 +161,7 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
     moved = np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0))
     return PowerAnalysis(
-        model, values, assumed, forecast, data, waiting, detection, tuple(missing), asked,
+        model, values, assumed, forecast, waiting, detection, tuple(missing), asked,
         choice.kept, choice.unidentifiable, moved, *detection.told_apart(),
     )  # fmt: skip
 

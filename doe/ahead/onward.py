@@ -79,7 +79,7 @@ def onward(
 
     aim : "task", the expected error at the targets; "causes", the rivals that a diagnosis cannot tell
         apart, and the forms of those that stand alone; "both", poses that serve both while both are
-        open (:mod:`doe.ahead.objectives`)
+        open (:mod:`doe.ahead.search`)
     goal : expected RMS error at the targets that is wanted, m; without one, the task is done when more
         poses only average noise
     ahead : poses that the day still has room for: those for the task are chosen as the best of so many

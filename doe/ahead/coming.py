@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,11 +34,11 @@ class TipLoad:
     mass : float, kg, at ``com`` (3,), m, tip axes
     """
 
-    force: Array
-    lever: Array
-    moment: Array
-    mass: float
-    com: Array
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    lever: Array = field(default_factory=lambda: np.zeros(3))
+    moment: Array = field(default_factory=lambda: np.zeros(3))
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def free(self) -> bool:
@@ -160,11 +160,9 @@ def conditions_of(robot: Robot, poses: Poses) -> Conditions:
 
 def loads_of_plan(cell: Cell) -> tuple[TipLoad, ...]:
     """The loads under which a cell's plan is read, the free state first."""
-    nothing = np.zeros(3)
-    free = TipLoad(nothing, nothing, nothing, 0.0, nothing)
     if cell.load is None:
-        return (free,)
-    return free, replace(free, mass=cell.load.mass, com=np.asarray(cell.load.com))
+        return (TipLoad(),)
+    return TipLoad(), TipLoad(mass=cell.load.mass, com=np.asarray(cell.load.com))
 
 
 def loads_of_data(robot: Robot, poses: Poses) -> tuple[TipLoad, ...]:

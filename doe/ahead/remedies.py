@@ -123,9 +123,8 @@ def _loads(forecast: Forecast) -> Iterator[Change]:
 
 def _pulled(forecast: Forecast) -> Change:
     """Forces across gravity, which turns no vertical axis."""
-    nothing = np.zeros(3)
     across = np.linalg.svd(forecast.model.gravity[None])[2][1:]
-    pulls = (TipLoad(_PULL * way, nothing, nothing, 0.0, nothing) for way in across)
+    pulls = (TipLoad(_PULL * way) for way in across)
     says = f"pull at the tip with {_PULL:.0f} N, level, in two directions across each other"
     loads = (*forecast.conditions.loads, *pulls)
     return Change("sideways_pull", says, forecast.under(loads=loads))
@@ -139,7 +138,7 @@ def _light(forecast: Forecast) -> TipLoad:
     else:
         own = float(forecast.model.robot.masses.sum())
         mass, at = (_LIGHT * own if own else _UNKNOWN_ARM), np.zeros(3)
-    return TipLoad(mass * forecast.model.gravity, at, np.zeros(3), 0.0, np.zeros(3))
+    return TipLoad(mass * forecast.model.gravity, at)
 
 
 def _station(forecast: Forecast) -> Change:

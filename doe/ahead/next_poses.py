@@ -19,7 +19,7 @@ from doe.ahead.accuracy import Accuracy
 from doe.ahead.causes import CauseForm, Discrimination, forms_of, rivalries, suspicious
 from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
 from doe.ahead.information import SURE
-from doe.ahead.remedies import helpful
+from doe.ahead.remedies import Remedy, helpful
 from doe.ahead.search import CompoundCriterion, Objective, PoseSearch, with_accuracy
 from doe.plan import named
 from doe.problem.target_errors import TargetErrors
@@ -31,15 +31,6 @@ _CANDIDATES = 256
 _TRIED = 32  # candidates that an intervention is tried on
 _HELPED = 0.05  # rise of the probability from which poses are said to help
 _SERVES = 0.5  # of an even share: what a pose must bring to a pair to be said to split it
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """An intervention that tells two rivals apart, with the poses best for it."""
-
-    name: str
-    says: str
-    probability: float
 
 
 @dataclass(frozen=True)
@@ -254,11 +245,7 @@ def _remedies(
                 after = within.probabilities(within.now.added(rows))
             yield from zip(doubt.keys, after.tolist(), strict=True)
 
-    found = helpful(forecast, q, surely, SURE) if open_ else {}
-    return {
-        key: tuple(Remedy(change.name, change.says, sure) for change, sure in own)
-        for key, own in found.items()
-    }
+    return helpful(forecast, q, surely, SURE) if open_ else {}
 
 
 def assumptions_of(forecast: Forecast, count: int) -> tuple[str, ...]:

@@ -6,9 +6,9 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -36,33 +36,37 @@ _MOST = 3  # that are named
 _Key = TypeVar("_Key", bound=Hashable)
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change of the conditions.
+Change: TypeAlias = tuple[str, str, Forecast]
+"""A short name, what to do, with its size, and the forecast of readings after that."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change that tells causes apart.
 
     name : str, short; says : str, what to do, with its size
-    forecast : Forecast, of the readings to come
+    probability : float, that the true cause is preferred; one where nothing more than yes was asked
     """
 
     name: str
     says: str
-    forecast: Forecast
+    probability: float
 
 
 def changes(forecast: Forecast) -> Iterator[Change]:
     """Every change that makes sense in a cell, the easy ones first."""
     says = "choose as many poses again, for this pair alone"
-    yield Change("more_poses", says, forecast)
+    yield "more_poses", says, forecast
     conditions = forecast.conditions
     if conditions.motion is not None and not conditions.sides:
         says = "reach every pose from both sides, all joints rising and all joints falling"
-        yield Change("reverse_approach", says, forecast.under(sides=(1.0, -1.0)))
+        yield "reverse_approach", says, forecast.under(sides=(1.0, -1.0))
     yield from _loads(forecast)
     yield _pulled(forecast)
     if conditions.temperature is not None:
         says = f"let the arm warm by {_WARMER:.0f} K, then go on"
         warm = conditions.temperature + _WARMER
-        yield Change("warm_up", says, forecast.under(temperature=warm))
+        yield "warm_up", says, forecast.under(temperature=warm)
     yield _station(forecast)
     yield from _link_masses(forecast)
     yield _tilted(forecast)
@@ -73,28 +77,26 @@ def helpful(
     q: Array,
     helps: Callable[[Forecast, Array], Iterable[tuple[_Key, float]]],
     least: float,
-) -> dict[_Key, list[tuple[Change, float]]]:
-    """Changes that help, with how surely: the surest few of each key, one of a name.
-
-    Where they are equal the easier ones come first.
+) -> dict[_Key, tuple[Remedy, ...]]:
+    """The surest few changes of each key, one of a name; where they are equal the easier ones first.
 
     q : ndarray, shape (m, dof), candidates; helps : callable, a changed forecast and the candidates
-        that it allows -> how surely it helps each key; least : which is sure enough
+        that it allows -> probability that it helps each key; least : which is enough
     """
-    found: dict[_Key, list[tuple[Change, float]]] = {}
-    for change in changes(forecast):
-        allowed = change.forecast.allowed(q)
-        for key, sure in helps(change.forecast, allowed) if len(allowed) else ():
+    found: dict[_Key, list[Remedy]] = {}
+    for name, says, changed in changes(forecast):
+        allowed = changed.allowed(q)
+        for key, sure in helps(changed, allowed) if len(allowed) else ():
             if sure >= least:
-                found.setdefault(key, []).append((change, sure))
+                found.setdefault(key, []).append(Remedy(name, says, sure))
     return {key: _surest(own) for key, own in found.items()}
 
 
-def _surest(found: list[tuple[Change, float]]) -> list[tuple[Change, float]]:
-    best: dict[str, tuple[Change, float]] = {}
-    for change, sure in sorted(found, key=lambda own: -round(own[1], 2)):
-        best.setdefault(change.name, (change, sure))
-    return list(best.values())[:_MOST]
+def _surest(found: Sequence[Remedy]) -> tuple[Remedy, ...]:
+    best: dict[str, Remedy] = {}
+    for remedy in sorted(found, key=lambda own: -round(own.probability, 2)):
+        best.setdefault(remedy.name, remedy)
+    return tuple(best.values())[:_MOST]
 
 
 def _loads(forecast: Forecast) -> Iterator[Change]:
@@ -118,7 +120,7 @@ def _loads(forecast: Forecast) -> Iterator[Change]:
     else:
         offered.insert(0, (load, f"hang {mass:.3g} kg at the tip, which no reading has so far"))
     for other, says in offered:
-        yield Change("another_load", says, forecast.under(loads=(*loads, other)))
+        yield "another_load", says, forecast.under(loads=(*loads, other))
 
 
 def _pulled(forecast: Forecast) -> Change:
@@ -127,7 +129,7 @@ def _pulled(forecast: Forecast) -> Change:
     pulls = (TipLoad(_PULL * way) for way in across)
     says = f"pull at the tip with {_PULL:.0f} N, level, in two directions across each other"
     loads = (*forecast.conditions.loads, *pulls)
-    return Change("sideways_pull", says, forecast.under(loads=loads))
+    return "sideways_pull", says, forecast.under(loads=loads)
 
 
 def _light(forecast: Forecast) -> TipLoad:
@@ -151,7 +153,7 @@ def _station(forecast: Forecast) -> Change:
         e for e in forecast.model.effects if isinstance(e, ReadingEffect) and "time" in e.uses
     )
     says = "measure from another instrument that stands elsewhere, for as long again"
-    return Change("another_station", says, replace(second, silent=own))
+    return "another_station", says, replace(second, silent=own)
 
 
 _POSES = 8  # poses over which a second session is spread
@@ -174,7 +176,7 @@ def _link_masses(forecast: Forecast) -> Iterator[Change]:
         heavier = replace(robot, masses=masses, coms=coms)
         says = f"clamp a known mass of {mass:.3g} kg halfway along the link of {robot.joints[link]}"
         changed = replace(forecast, model=replace(model, robot=heavier))
-        yield Change("mass_on_link", says, changed)
+        yield "mass_on_link", says, changed
 
 
 def _tilted(forecast: Forecast) -> Change:
@@ -185,7 +187,7 @@ def _tilted(forecast: Forecast) -> Change:
     turned = replace(anew.model, gravity=R @ anew.model.gravity)
     changed = replace(anew.under(loads=loads), model=turned)
     says = f"mount the base tilted by {np.degrees(_TILT):.0f} deg"
-    return Change("tilted_base", says, changed)
+    return "tilted_base", says, changed
 
 
 def _placed_anew(forecast: Forecast) -> Forecast:
@@ -207,7 +209,7 @@ _WORTH = 5.0  # times its smallest size at which a cause must be told apart for 
 
 
 @one_blas_thread
-def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
+def remedies_of(found: PowerAnalysis) -> tuple[tuple[Remedy, ...], ...]:
     """Changes by which each group of confounded causes would be told apart, the easy ones first.
 
     A change counts if every two of the group are told apart from five times their smallest size on.
@@ -235,4 +237,4 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
             yield k, float(seen and own.told_apart()[1].max() < _WORTH)
 
     ways = helpful(forecast, q, told, 1.0)
-    return tuple(tuple(change for change, _ in ways.get(k, ())) for k in range(len(groups)))
+    return tuple(ways.get(k, ()) for k in range(len(groups)))

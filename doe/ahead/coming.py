@@ -241,8 +241,10 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
         time=_continued(now.time, last, pace * ahead),
         order=_continued(now.order, last, ahead),
         torque=None,  # what the arm will measure nobody knows beforehand
-        approach=None if now.approach is None else np.concatenate([now.approach, approach]),
-        motion=None if now.motion is None else np.concatenate([now.motion, motion]),
+        approach=_both(now.approach, approach),
+        motion=_both(now.motion, motion),
+        velocity=_both(now.velocity, np.zeros_like(coming.q)),  # it stands where a plan is read
+        acceleration=_both(now.acceleration, np.zeros_like(coming.q)),
         station=np.concatenate([now.station, np.full(k, now.station[last])]),
         load_mass=np.zeros(len(way)),
         site=None if now.site is None else np.concatenate([now.site, sites]),
@@ -252,8 +254,12 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
     )
 
 
-def _continued(values: Array | None, last: int, beyond: Array) -> Array | None:
-    return None if values is None else np.concatenate([values, values[last] + beyond])
+def _both(so_far: Array | None, coming: Array) -> Array | None:
+    return None if so_far is None else np.concatenate([so_far, coming])
+
+
+def _continued(so_far: Array | None, last: int, beyond: Array) -> Array | None:
+    return None if so_far is None else np.concatenate([so_far, so_far[last] + beyond])
 
 
 def readings_of(cell: Cell, plan: Plan) -> Measurements:

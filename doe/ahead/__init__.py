@@ -1,6 +1,7 @@
 """What would more readings tell? Before the day, on the day, and after a diagnosis.
 
-Every answer stands on one linearisation of the readings (:mod:`doe.problem.linearisation`), one
-probability of detection (:mod:`calib.diagnosis.detection_limit`), one likeness of two causes
-(:mod:`~doe.ahead.likeness`) and one list of what could be changed (:mod:`~doe.ahead.remedies`).
+Every answer is a question asked of one forecast (:mod:`~doe.ahead.forecast`): what is known now, and
+the rows that readings to come would add (:mod:`~doe.ahead.information`). One search chooses poses for
+all questions (:mod:`~doe.ahead.search`), and one list has what could be changed where no pose helps
+(:mod:`~doe.ahead.remedies`).
 """

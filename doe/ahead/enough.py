@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
 from calib.errors import CalibError, EffectCannotAct, TooFewPoses
@@ -17,30 +16,17 @@ from calib.identification.noise_level import believed_sigma
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.error_floor import ErrorFloor, error_floor
-from doe.ahead.forecast import (
-    Forecast,
-    ForecastStep,
-    NormalEquations,
-    Readings,
-    best_next,
-    regularised,
-)
-from doe.ahead.remaining import Match, match, whole_day
-from doe.ahead.situation import likely_read, refusal
-from doe.constraints import constraints_of, scene_of, visible
-from doe.criteria import Criterion
+from doe.ahead.accuracy import Accuracy, ErrorFloor, ForecastStep, TaskError, error_floor
+from doe.ahead.coming import Match, loads_of_plan, match, whole_day
+from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
+from doe.ahead.search import PoseSearch, last
 from doe.curve import stops_paying
-from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks, pack
-from doe.optimal.relax import relax
-from doe.optimal.search import best_plan
-from doe.problem.linearisation import Linearisation, Regressor, nominal
-from doe.problem.pool import drawn, pool_of
+from doe.plan import named
+from doe.problem.linearisation import Linearisation, moved_rows, nominal
 
 _CANDIDATES = 1000
 _MOST_FRESH = 30
@@ -177,142 +163,138 @@ def enough(
         found, why = identify(cell, data, heldout=heldout), ""
     except (TooFewPoses, EffectCannotAct) as error:
         found, why = None, str(error)
-    arm, at, day = _linearised(cell, data, whole_day(cell, data, plan, done.left), found)
-    model = at.model
-    lacking = error_floor(cell, model, at.values, arm, found)
-    forecast = Forecast.at(at, lacking, found)
-    kept = np.ones(len(day), dtype=bool)
-    if found is not None:
-        kept[: len(found.fit.outlier)] = ~found.fit.outlier
-    rows = Readings.at(at, day, kept)
-    # By how much more what is believed weighs beside arms that scatter, as it does in the estimate.
-    pull = 1.0 if found is None else found.pull
-    if found is not None and not at.arm.any:
-        pull /= found.noise.divisor
-    rows = rows.with_prior(model.prior_residuals(at.values)[1] * model.sizes, pull)
-    so_far = np.arange(len(day)) < len(data)
-    order = _best_order(forecast.criterion, rows.rows, so_far, plan, done.left)
-    further = ((name, count, rows.equations(upto)) for name, count, upto in order)
-    steps = tuple(forecast.steps(rows.equations(so_far), len(data), further))
+    readings, pose = whole_day(cell, data, plan, done.left)
+    arm, at = _linearised(cell, readings.poses, found)
+    lacking = error_floor(cell, at.model, at.values, arm, found)
+    day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
+    steps = tuple(day.steps(task, day.order(task), plan.names))
+    model, read = at.model, day.forecast.data
     footprint = model.footprint(at.values, data)
-    sigma = believed_sigma(day, at.weights(day), model.readout.channels.lengths) * arm.scale
+    sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    whole = rows.equations()
-    regressor = Regressor.nominal(cell, model, at.values)
-    pool = pool_of(
-        regressor, constraints_of(cell), None, drawn(cell, _CANDIDATES, None, seed), _CANDIDATES
-    )
-    if missed is not None:
-        pool = pool.where(likely_read(cell.robot, pool.q, data.poses, missed))
-        if not len(pool):
-            raise CalibError(refusal(missed))
-    blocks = Blocks(pool.packed / arm.scale**2, whole.root.T @ whole.root, regressor.rank)
-    chosen = _together(forecast.criterion, blocks, fresh, ahead, seed)
-    beyond, index = _fresh(pool.q, blocks, forecast, at, whole, result, fresh, chosen)
-    return replace(result, fresh=beyond, fresh_q=pool.q[index])
+    q = _fresh(day, task, fresh, ahead, missed, seed)
+    if not len(q):
+        return result
+    names = [f"fresh{k + 1}" for k in range(len(q))]
+    further = Day.of(at, *whole_day(cell, read, named(q)), found)
+    _, *beyond = further.steps(task, range(len(q)), names)
+    met = [k + 1 for k, step in enumerate(beyond) if result.reaches(step)]
+    count = len(q) if fresh or not met else met[0]
+    return replace(result, fresh=tuple(beyond[:count]), fresh_q=q[:count])
 
 
 def _linearised(
-    cell: Cell, data: Measurements, day: Measurements, found: Identification | None
-) -> tuple[Variances, Linearisation, Measurements]:
-    """How the arm scatters, and the whole day to first order, linearised as identified so far.
+    cell: Cell, poses: Poses, found: Identification | None
+) -> tuple[Variances, Linearisation]:
+    """How the arm scatters, and the model of the whole day to first order, as identified so far.
 
     Readings count with scatter that was not found, as the identification has it.
     """
-    model = build(cell, day.poses).model
+    model = build(cell, poses).model
     if found is not None:  # with what the readings leave to be believed of type, sizes and noise
         model = replace(model, prior=found.model.prior, noise_scales=found.model.noise_scales)
-    refuse_idle_effects(cell, model, day.poses)
-    values = nominal(model, day.poses)
+    refuse_idle_effects(cell, model, poses)
+    values = nominal(model, poses)
+    arm = hidden = Variances.of_arm(model.robot.dof, cell.repeatability)
     if found is not None:
-        ids = [[p.id for p in own.parameters] for own in (found.model, model)]
-        known = dict(zip(ids[0], found.values, strict=True))
-        values = np.array([known.get(i, v) for i, v in zip(ids[1], values, strict=True)])
-    # Points where they are expected after those that are measured: noise has a range.
-    predicted = model.predict(values, day.poses)[len(data) :]
-    day = replace(day, readings=np.concatenate([day.readings[: len(data)], predicted]))
-    day = after_the_first_move(model, day)
-    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-    if found is not None:
+        known = dict(zip((p.id for p in found.model.parameters), found.values, strict=True))
+        values = np.array(
+            [known.get(p.id, v) for p, v in zip(model.parameters, values, strict=True)]
+        )
         arm = arm if found.levels is None else found.levels.variances
         arm = arm if arm.any else replace(arm, scale=found.noise.divisor)
-    hidden = None if found is None else found.unnoticed
-    counted = arm if hidden is None else hidden[1].variances
-    return arm, Linearisation(cell, model, values, counted), day
+        hidden = arm if found.unnoticed is None else found.unnoticed[1].variances
+    return arm, Linearisation(cell, model, values, hidden)
 
 
-def _best_order(
-    criterion: Criterion, rows: LinearProblem, so_far: Mask, plan: Poses, left: IntArray
-) -> Iterator[tuple[str, int, Mask]]:
-    """The poses of which readings are still to come: name, how many, and all that is read by then.
+@dataclass(frozen=True, eq=False)
+class Day:
+    """Readings in hand and to come, to first order.
 
-    rows : LinearProblem, of the whole day
+    pose : ndarray of int, shape (m,), of what is to come, -1 for what is in hand
+    forecast : Forecast, in which all of them are known, those to come where they are expected
+    moved : ndarray, shape (m, R, b), how they follow errors common to all readings
     """
-    if not len(left):
-        return
-    poses, of = np.unique(left % len(plan), return_inverse=True)
-    number = np.full(len(so_far), -1)
-    number[~so_far] = of
-    each, held = rows.by_reading, rows.held
-    own = [stacked(each[number == k]) for k in range(len(poses))]
-    known = stacked(each[so_far])
-    packed = pack(np.stack([one.T @ one for one in own]))
-    blocks = Blocks(packed, known.T @ known + held.T @ held, max(map(len, own)))
-    done = so_far.copy()
-    for k in best_next(criterion, blocks, len(own)):
-        done = done | (number == k)
-        yield plan.names[poses[k]], len(of[of == k]), done
 
+    pose: IntArray
+    forecast: Forecast
+    moved: Array
 
-def _together(criterion: Criterion, blocks: Blocks, fresh: int, ahead: int, seed: int) -> IntArray:
-    """The best of as many candidates as are still to be read, those first that add most."""
-    count = min(max(fresh, ahead), len(blocks))
-    if count < 2 or not fresh:
-        return np.zeros(0, dtype=int)
-    beside = regularised(blocks)
-    rules = Allowed.any_of(len(blocks), count)
-    relaxed = relax(criterion, beside, rules)
-    plan = best_plan(criterion, beside, rules, relaxed, seed=seed, thorough=False).plan
-    return plan[best_next(criterion, blocks.take(plan), count)]
+    @classmethod
+    def of(
+        cls, at: Linearisation, data: Measurements, pose: IntArray, found: Identification | None
+    ) -> Day:
+        """Points of what is to come are those expected after what is measured: noise has a range."""
+        expected = at.model.predict(at.values, data.poses)
+        points = np.where((pose >= 0)[:, None, None], expected, data.readings)
+        data = after_the_first_move(at.model, replace(data, readings=points))
+        kept = np.ones(len(data), dtype=bool)
+        # By how much more what is believed weighs beside arms that scatter, as it does in the estimate.
+        pull = 1.0
+        if found is not None:
+            kept[: len(found.fit.outlier)] = ~found.fit.outlier
+            pull = found.pull if at.arm.any else found.pull / found.noise.divisor
+        known = replace(at.of(data, kept), pull=pull)
+        arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+        if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
+            known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
+        moved = moved_rows(at, data, at.weights(data, kept), known).J
+        forecast = Forecast.after(at, known, data).under(loads=loads_of_plan(at.cell))
+        return cls(pose, forecast, moved)
+
+    def read(self, done: Mask) -> LinearProblem:
+        """What some of the readings tell, (m,), and what is known beside them."""
+        known = self.forecast.known
+        return replace(known, J=known.J * done[:, None, None])
+
+    def steps(
+        self, task: TaskError, order: Iterable[int], names: Sequence[str]
+    ) -> Iterator[ForecastStep]:
+        """What is known now, then with each further pose."""
+        done, name = self.pose < 0, ""
+        for k in (-1, *order):
+            done = done | (self.pose == k)
+            name = names[k] if k >= 0 else ""
+            yield task.expected(name, int(done.sum()), self.read(done), self.moved)
+
+    def order(self, task: TaskError) -> list[int]:
+        """The poses still to come, each the one that adds most beside those before it."""
+        poses = np.unique(self.pose[self.pose >= 0])
+        if not len(poses):
+            return []
+        each = [stacked(self.forecast.known.by_reading[self.pose == k]) for k in poses]
+        most = max(map(len, each))
+        rows = np.stack([np.pad(own, ((0, most - len(own)), (0, 0))) for own in each])
+        offer = Offer(np.zeros((len(poses), 0)), rows)
+        return [int(poses[i]) for i in self.search(task, offer, self.pose < 0).greedy(len(poses))]
+
+    def search(self, task: TaskError, offer: Offer, done: Mask) -> PoseSearch:
+        """For the error at the targets, beside some of the readings."""
+        known = self.forecast.known
+        rows = np.concatenate([stacked(known.by_reading[done]), known.held])
+        accuracy = Accuracy.of(task.targets, rows, task.model.sizes)
+        return PoseSearch((accuracy,), offer, self.forecast.conditions.last, last)
 
 
 def _fresh(
-    candidates: Array,
-    blocks: Blocks,
-    forecast: Forecast,
-    at: Linearisation,
-    known: NormalEquations,
-    answer: Enough,
-    wanted: int,
-    chosen: IntArray,
-) -> tuple[tuple[ForecastStep, ...], IntArray]:
-    """Poses beyond the plan, those that are chosen or each the one that adds most, and which of the
-    candidates (m, dof) they are.
+    day: Day, task: TaskError, fresh: int, ahead: int, missed: Poses | None, seed: int
+) -> Array:
+    """Joint values of poses beyond the plan, (n, dof): those that add most come first.
 
-    So many as are wanted, else until the goal is met or tried enough.
+    The best of as many as are still to be read; where nobody says how many, one after the other.
     """
-    steps: list[ForecastStep] = []
-    index: list[int] = []
-    count = answer.steps[-1].readings
-    while len(candidates) and len(steps) < (wanted or _MOST_FRESH):
-        if len(steps) < len(chosen):
-            index.append(int(chosen[len(steps)]))
-        else:
-            blocks = replace(blocks, fixed=known.root.T @ known.root)
-            index.append(int(best_next(forecast.criterion, blocks, 1)[0]))
-        q = candidates[index[-1:]]
-        poses = readings(at.cell, poses_at(q, names=[""]))
-        seen = np.tile(visible(scene_of(at.cell, q)), (len(poses), 1))
-        points = at.model.predict(at.values, poses)
-        read = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-        known = known.combined(Readings.at(at, read).equations())
-        *_, step = forecast.steps(known, count, [(f"fresh{len(steps) + 1}", len(poses), known)])
-        count = step.readings
-        steps.append(step)
-        if not wanted and answer.reaches(step):
-            break
-    return tuple(steps), np.array(index, dtype=int)
+    forecast, read = day.forecast, day.forecast.data.poses.take(day.pose < 0)
+    q = forecast.feasible(_CANDIDATES, seed)
+    q = q[likely_read(forecast.cell.robot, q, read, missed)]
+    if not len(q) and missed is not None:
+        raise CalibError(refusal(missed))
+    if not len(q):
+        return q
+    offer, every = forecast.offered(q, 1), np.full(len(day.pose), True)
+    if fresh > 0:
+        offer = offer.take(day.search(task, offer, every).best_plan(max(fresh, ahead)))
+    return offer.q[day.search(task, offer, every).greedy(fresh or _MOST_FRESH)]

@@ -1,249 +1,233 @@
-"""What is expected of the estimate after each further pose, as ``calib.identify`` will say it."""
+"""What is known now, and the rows that readings to come would add.
+
+A model is linearised about what is known of it. The readings in hand, or those of a plan, are
+independent rows of unit variance, ``V^-1/2 J`` with V the covariance by instrument and arm. A
+configuration to come brings rows of the same kind, under the conditions in which it will be read. All
+that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), which causes
+are found (:mod:`~doe.ahead.foresee`), which are told apart and of what form they are
+(:mod:`~doe.ahead.causes`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
-from calib.cell.targets import targets_of
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray, Mask, in_parts
+from calib.cell import Cell, Load
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.stage import Fit
+from calib.effects.base import Base
+from calib.effects.protocol import Effect
 from calib.identification import Identification
+from calib.instruments import Camera
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.covariance import covariance, identifiable, ignorance, task_error
-from calib.poses import Measurements
-from calib.scatter import Variances
-from calib.uncertainty.expanded import freedom
-from doe.ahead.error_floor import ErrorFloor
-from doe.criteria import Criterion
-from doe.criteria.trace import Task
-from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
-from doe.optimal.exchange import greedy
-from doe.problem.linearisation import Linearisation, moved_rows
-from doe.problem.target_errors import TargetErrors
+from calib.observations import Points
+from calib.poses import Measurements, Poses
+from doe.ahead.coming import Conditions, TipLoad, conditions_of
+from doe.constraints import constraints_of, scene_of, visible
+from doe.problem.levels import levels_of
+from doe.problem.linearisation import Linearisation
+from doe.problem.pool import drawn
 
-_SURE = 0.95
-_MANY = 1e6  # degrees of freedom: known
-_ROUNDING = 1e-12  # of the largest information, below which a smaller one is lost
-_OPEN = 0.05**2  # information of a direction that is as uncertain as twenty plausible sizes
+_DRAWN = 8192
+_MANY = 2  # rows of a configuration for each parameter, beyond which their triangle stands for them
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """What readings tell: the normal equations of least squares, and the noise in them.
+class Forecast(Linearisation):
+    """A model to first order, what is known of it, and the conditions of the readings to come.
 
-    root : ndarray, shape (p, p), R with ``R^T R`` the sum of the rows' squares
-    core : ndarray, shape (p, p), covariance of the equations' right side; None for independent rows of
-        unit variance, where it is ``R^T R``
-    crossed : ndarray, shape (p, b), what errors common to all readings put there
+    data : Measurements, the readings in hand; known : LinearProblem, of them and what is known beside
+    conditions : Conditions, of those to come
     """
 
-    root: Array
-    core: Array | None
-    crossed: Array
-
-    def combined(self, other: NormalEquations) -> NormalEquations:
-        """Both, of other configurations."""
-        both = root(np.concatenate([self.root, other.root]))
-        crossed = self.crossed + other.crossed
-        if self.core is None or other.core is None:
-            return NormalEquations(both, None, crossed)
-        return NormalEquations(both, self.core + other.core, crossed)
-
-    def covariance(self, span: Array) -> Array:
-        """Of the least-squares values along ``span`` (p, k), shape (p, p)."""
-        bread = covariance(self.root, span)
-        return bread if self.core is None else np.asarray(bread @ self.core @ bread)
-
-    def response(self, span: Array) -> Array:
-        """Of those values to one standard uncertainty of each common error, shape (p, b)."""
-        return np.asarray(covariance(self.root, span) @ self.crossed)
-
-
-@dataclass(frozen=True, eq=False)
-class ForecastStep:
-    """What will be known after one more pose.
-
-    pose : str, empty for what is known now; readings : int, in all
-    task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
-        size, as far as the others do not make up for it
-    task_most : float, m, that the error at the targets exceeds once in twenty
-    common : float, m, the part of ``task_rms`` by errors common to all readings
-    from_parameters : float, m, the part of ``task_rms`` that more readings lower
-    std : ndarray, shape (p,), SI, NaN for what is open
-    open : tuple of str, parameters that cannot be told
-    """
-
-    pose: str
-    readings: int
-    task_rms: float
-    task_worst: float
-    task_most: float
-    from_parameters: float
-    std: Array
-    open: tuple[str, ...]
-    common: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Forecast:
-    """Predicts how accurate the estimate is at the cell's targets after further poses.
-
-    targets : TargetErrors, per plausible size
-    lacking : ErrorFloor, the error there that no reading lowers
-    dof : float, degrees of freedom behind the noise, infinite where it is known
-    """
-
-    model: Model
-    targets: TargetErrors
-    lacking: ErrorFloor
-    dof: float
+    data: Measurements = field(kw_only=True)
+    known: LinearProblem = field(kw_only=True)
+    conditions: Conditions = field(kw_only=True)
 
     @classmethod
-    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Forecast:
-        """At the targets of a cell; found : of the data so far, None where there is none.
+    def after(cls, at: Linearisation, known: LinearProblem, data: Measurements) -> Self:
+        """With further readings under the conditions of ``data``, which are known to first order."""
+        off, held = at.model.prior_residuals(at.values)
+        known = replace(known, off=off, held=held)
+        conditions = conditions_of(at.model.robot, data.poses)
+        return cls(**vars(at), data=data, known=known, conditions=conditions)
 
-        What is taken for noise is known by as many degrees of freedom as the identification says.
-        Where poses err as a whole they count, not points: which variances they show is chosen as well.
+    @classmethod
+    def after_diagnosis(cls, cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Self:
+        """At the final fit, with its weights, beside ``rivals`` beyond it at zero."""
+        data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
+        model, values = after.model.extended(after.values, rivals)
+        arm = replace(after.variances, scale=diagnosis.noise.factor)
+        W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
+        rows = Points(model, data, W).whitened(values)
+        known = LinearProblem(*rows, np.eye(len(values)), mixing=after.mixing)
+        return cls.after(Linearisation(as_found(cell, after), model, values, arm), known, data)
+
+    def under(self, **changed: Any) -> Self:
+        """The same where some of the conditions are changed."""
+        return replace(self, conditions=replace(self.conditions, **changed))
+
+    def with_model(self, model: Model, values: Array, at: IntArray) -> Self:
+        """The same with other parameters.
+
+        at : ndarray of int, shape (p,), where each stands in the present model, -1 where it is none of
+            its own: of that the readings in hand tell nothing
         """
-        model, dof = at.model, np.inf
-        if found is not None:
-            told = found.levels is not None and not len(found.levels.free)
-            as_a_whole = bool(lacking.rms) and not told
-            dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
-        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
-        return cls(model, targets, lacking, dof)
+        J, held = (
+            np.concatenate([own, np.zeros((*own.shape[:-1], 1))], axis=-1)[..., at]
+            for own in (self.known.J, self.known.held)
+        )
+        known = replace(self.known, J=J, held=held, span=np.eye(len(at)))
+        return replace(self, model=model, values=values, known=known)
 
-    @property
-    def criterion(self) -> Criterion:
-        """The expected error at the targets, for information in plausible sizes."""
-        return Task.at_targets(self.targets.rows, self.targets.weights)
+    def read(self, q: Array, poses: Poses) -> Array:
+        """Independent rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p).
 
-    def steps(
-        self,
-        known: NormalEquations,
-        readings: int,
-        further: Iterable[tuple[str, int, NormalEquations]],
-    ) -> Iterator[ForecastStep]:
-        """What is known now, then with each further pose: its name, the readings it adds, and all that
-        is told by then.
-
-        Rows are in standard deviations per plausible size.
+        Where the arm stands no more, so soft would it be, they tell nothing.
         """
-        now = self._step("", readings, known)
-        yield replace(now, task_most=max(now.task_most, self.lacking.seen.rms))
-        for name, count, told in further:
-            readings += count
-            yield self._step(name, readings, told)
+        each, p = self.conditions.each, len(self.values)
+        numbers = int(self.model.readout.channels.rows.sum()) * each
+        parts = in_parts(len(q), numbers * p)
+        own = (poses.take(slice(part.start * each, part.stop * each)) for part in parts)
+        return np.concatenate(
+            [self._read(q[part], at) for part, at in zip(parts, own, strict=True)]
+        )
 
-    def _step(self, pose: str, readings: int, told: NormalEquations) -> ForecastStep:
-        rows, weights = self.targets.rows, self.targets.weights
-        p = rows.shape[-1]
-        ids = tuple(parameter.id for parameter in self.model.parameters)
-        choice = identifiable(told.root, np.ones(p), ids)
-        known = np.zeros(p, dtype=bool)
-        known[choice.kept] = True
-        span = np.eye(p)[:, choice.kept]
-        cov = told.covariance(span) + ignorance(told.root, span, np.ones(p), ~known)
-        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
-        own = np.sqrt(np.maximum(squared, 0.0))
-        parameters = task_error(own, weights)[0]
-        response = told.response(span)
-        missed = self.targets.missed(response)
-        common = np.sqrt((missed**2).sum(axis=(1, 2)))
-        combined = np.hypot(common, self.lacking.at_targets)
-        rms, worst = task_error(np.hypot(own, combined), weights)
-        variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
-        std = np.where(known, np.sqrt(variances) * self.model.sizes, np.nan)
-        lost = tuple(name for entry in choice.unidentifiable for name in entry.names)
-        doubted = np.hypot(rms, self.lacking.hidden)
-        most = float(doubted) * self._margin(cov, missed, rms)
-        by_common = task_error(common, weights)[0]
-        return ForecastStep(pose, readings, rms, worst, most, parameters, std, lost, by_common)
+    def _read(self, q: Array, poses: Poses) -> Array:
+        conditions, reading = self.conditions, np.arange(len(poses))
+        seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
+        visit = reading // conditions.stay, reading // conditions.each
+        given = self.data.sigma[np.isfinite(self.data.sigma) & self.data.seen]
+        sigma = float(np.median(given)) if len(given) else np.nan
+        rows = self.candidates(poses, seen, visit, sigma).by_reading
+        rows = rows.reshape(len(q), -1, rows.shape[-1])
+        rows = np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
+        many = rows.shape[1] > _MANY * rows.shape[2]
+        return np.asarray(np.linalg.qr(rows, mode="r")) if many else rows
 
-    def _margin(self, cov: Array, missed: Array, rms: float) -> float:
-        """By how much the error exceeds its expectation once in twenty.
+    def in_order(self, q: Array) -> Array:
+        """Rows of configurations read one after the other, shape (m, r, p)."""
+        return self.read(q, self.conditions.in_order(self.model.robot, q))
 
-        One draw of the parameters and of the common errors, ``missed`` (targets, r, b) by one standard
-        uncertainty of each, errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
-        (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
-        has an F distribution.
+    def offered(self, q: Array, count: int) -> Offer:
+        """Candidates (m, dof) with their rows, each as one among ``count`` poses to come."""
+        robot, parameters = self.model.robot, len(self.model.parameters)
+        joint, sided = np.zeros(parameters, dtype=int), False
+        for effect, part in zip(self.model.effects, self.model.slices, strict=True):
+            variable, _, name = effect.depends_on.partition(":")
+            if variable == "approach" and name in robot.joints:
+                joint[part], sided = robot.joints.index(name), True
+        right = self.read(q, self.conditions.alike(robot, q, 1.0, count))
+        if not sided or self.conditions.sides:
+            return Offer(q, right)
+        left = self.read(q, self.conditions.alike(robot, q, -1.0, count))
+        return Offer(q, right, left, joint)
+
+    def feasible(self, count: int, seed: int) -> Array:
+        """Up to ``count`` configurations that the cell allows, under every load, (m, dof).
+
+        They keep to the levels of the cell's design where the readings in hand do.
         """
-        from scipy.special import fdtri
+        levels, found = levels_of(self.cell, None, None), list[Array]()
+        if levels is not None and (levels.of(self.data.poses.q) < 0).any():
+            levels = None
+        for q in drawn(self.cell, _DRAWN, levels, seed):
+            found.append(self.allowed(q))
+            if sum(map(len, found)) >= count:
+                break
+        return np.concatenate(found)[:count]
 
-        share = np.sqrt(self.targets.weights)[:, None, None]
-        half, shared = (self.targets.rows * share).reshape(-1, len(cov)), missed * share
-        shared = shared.reshape(len(half), missed.shape[-1])
-        # The same sums of squares in p + b rows: of values and common errors side by side.
-        both = np.concatenate([half, shared], axis=1)
-        inner = both.T @ both
-        p, b = len(cov), shared.shape[1]
-        spreads = np.zeros((p + b, p + b))
-        spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
-        spread = np.linalg.eigvals(spreads @ inner).real
-        squares = float((spread**2).sum())
-        drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
-        return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
+    def allowed(self, q: Array) -> Array:
+        """The configurations of (m, dof) that the cell allows under every load."""
+        for load in self.conditions.loads:
+            for constraint in constraints_of(self._loaded(load)):
+                q = q[constraint.allows(scene_of(self.cell, q))] if len(q) else q
+        return q
+
+    def _loaded(self, load: TipLoad) -> Cell:
+        """The cell with this load hanging, as its constraints are asked."""
+        if load.free:
+            return replace(self.cell, load=None)
+        mass = load.mass_under(self.cell.gravity)
+        x, y, z = load.com if load.mass else load.lever
+        tilt = np.pi / 2 if self.cell.load is None else self.cell.load.max_tilt
+        return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
+
+
+def as_found(cell: Cell, after: Fit | Identification) -> Cell:
+    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
+    if not any(isinstance(i, Camera) for i in cell.instruments):
+        return cell
+    effects = zip(after.model.effects, after.model.slices, strict=True)
+    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
+    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
+    markers = after.model.marker_positions(after.values)
+    return replace(cell, instruments=tuple(found), markers=markers)
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
-    """Readings to first order, per plausible size of the parameters.
+class Offer:
+    """Candidates with their rows, by the side from which each joint comes.
 
-    rows, common : LinearProblem, the latter how the same readings follow errors common to all
+    q : ndarray, shape (m, dof)
+    right, left : ndarray, shape (m, r, p), of joints that rise, and that fall; left is None where no
+        column depends on the approach
+    joint : ndarray of int, shape (p,), whose side counts for a column
     """
 
-    rows: LinearProblem
-    common: LinearProblem
+    q: Array
+    right: Array
+    left: Array | None = None
+    joint: IntArray | None = None
 
-    @classmethod
-    def at(cls, at: Linearisation, data: Measurements, kept: Mask | None = None) -> Readings:
-        """Of a data set, of which some readings count, shape (m,)."""
-        rows = at.of(data, kept)
-        arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
-        # The estimate weighs whole poses as the cell says that the arm scatters.
-        weighing = replace(at, arm=arm).of(data, kept).mixing if arm.any else None
-        rows = LinearProblem.of_rows(rows.J * at.model.sizes, rows.mixing)
-        common = moved_rows(at, data, at.weights(data, kept), rows)
-        return cls(replace(rows, weighing=weighing, held=np.zeros((0, len(at.values)))), common)
+    def __len__(self) -> int:
+        return len(self.q)
 
-    def with_prior(self, held: Array, pull: float) -> Readings:
-        """The same where rows ``held`` (k, p) are known, which weigh ``pull`` times more."""
-        return replace(self, rows=replace(self.rows, off=np.zeros(len(held)), held=held, pull=pull))
+    def rows(self, index: IntArray | slice, before: Array) -> Array:
+        """Rows of candidates that are reached from joint values ``before`` (dof,)."""
+        if self.left is None:
+            return self.right[index]
+        rising = (self.q[index] >= before)[:, self.joint]
+        return np.where(rising[:, None, :], self.right[index], self.left[index])
 
-    def equations(self, chosen: Mask | None = None) -> NormalEquations:
-        """What they tell together, all or some of them, (m,), and what is known beside them."""
-        own = self.rows.J if chosen is None else self.rows.J * chosen[:, None, None]
-        counted, pull = own, self.rows.pull
-        if self.rows.weighing is not None:
-            counted = self.rows.weighing(own)
-            own = self.rows.weighing.back(counted)
-        held = pull * self.rows.held
-        core = None
-        if self.rows.mixing is not None:  # the error of what is held weighs more as well
-            core = self.rows.mixing.covariance(own) + pull**2 * held.T @ held
-        crossed = np.einsum("mrp,mrb->pb", own, self.common.J)
-        return NormalEquations(root(np.concatenate([stacked(counted), held])), core, crossed)
+    def take(self, index: Sequence[int]) -> Offer:
+        """Some of the candidates."""
+        left = None if self.left is None else self.left[index]
+        return Offer(self.q[index], self.right[index], left, self.joint)
 
 
-def root(rows: Array) -> Array:
-    """R (p, p) with ``R^T R = rows^T rows``."""
-    R = np.linalg.qr(rows, mode="r")
-    return np.concatenate([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
+def likely_read(robot: Robot, q: Array, read: Poses, missed: Poses | None) -> Mask:
+    """Configurations (m, dof) whose nearest tried one, over the joints' ranges, could be read, (m,).
 
-
-def regularised(blocks: Blocks) -> Blocks:
-    """Candidates beside what is known, of which what nothing tells counts as twenty plausible sizes."""
-    largest = max(np.abs(blocks.fixed).max(initial=0.0), np.abs(blocks.packed).max(initial=0.0))
-    return blocks.plus(max(_OPEN, _ROUNDING * float(largest)) * np.eye(len(blocks.fixed)))
-
-
-def best_next(criterion: Criterion, blocks: Blocks, count: int) -> IntArray:
-    """The candidates that add most, one after the other, beside what is known already.
-
-    What is open is closed first.
+    What hides a marker or bars the way is seldom a point; how far it goes nobody has said. All, where
+    none was missed.
     """
-    return greedy(criterion, regularised(blocks), Allowed.any_of(len(blocks), count))
+    if missed is None or not len(missed):
+        return np.ones(len(q), dtype=bool)
+    low, high = robot.sample_limits().T
+    span = np.where(high > low, high - low, 1.0)
+    return np.asarray(_nearest(q / span, read.q / span) < _nearest(q / span, missed.q / span))
+
+
+def _nearest(q: Array, others: Array) -> Array:
+    """Squared distance of each of (m, dof) to the nearest of others (n, dof), shape (m,)."""
+    if not len(others):
+        return np.full(len(q), np.inf)
+    return np.asarray(((q[:, None] - others) ** 2).sum(axis=-1).min(axis=1))
+
+
+def refusal(missed: Poses | None) -> str:
+    """Why no configuration is left to propose."""
+    if missed is None or not len(missed):
+        return "no configuration satisfies the cell's constraints; relax [design]"
+    return (
+        f"all candidates are nearer to one of {len(missed)} missed poses than to any that was read; "
+        "leave out those that were missed by accident"
+    )

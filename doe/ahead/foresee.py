@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import Detectable, detectable
 from calib.diagnosis.screen import Field, field
+from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned
@@ -33,8 +35,9 @@ from calib.poses.moves import before_the_first_move
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.likeness import Likeness, likeness, plausible
-from doe.ahead.remaining import readings_of
+from doe.ahead.coming import readings_of
+from doe.ahead.forecast import Forecast
+from doe.ahead.information import Likeness, likeness, plausible
 from doe.problem.linearisation import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
@@ -42,20 +45,55 @@ _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never look
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PowerAnalysis(Result):
-    """What a plan can tell, cause by cause and pair by pair.
+    """What a plan can tell of the causes of the catalogue that a model lacks.
 
-    view : PlanView
-    seen : tuple of Detectability, E of them; hidden : the same of what cannot be seen
-    alike : Likeness, of those seen, None where there are none
+    model : Model; values : ndarray, shape (p,), SI, where it is linearised; assumed : bool, whether its
+        compliances are taken as usual, for nobody gave them
+    forecast : Forecast, of the model and all suspects, in which the plan is known; points of its data
+        are predictions
+    waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
+    detection : Detection, of the suspects, by name; missing : tuple of NotAsked
+    asked : int, all that the diagnosis will ask, curves included
+    kept : ndarray of int, columns of what is modelled; lost : what the plan leaves open
+    moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
+    alike : Likeness, of the E causes that can be seen, None where there are none
     times : ndarray, shape (E, E), multiple of a cause's smallest size (row) from which on it is told
         from another (column); at most one where it always is once it is seen, infinite where never
     """
 
-    view: PlanView
-    seen: tuple[Detectability, ...]
-    hidden: tuple[Detectability, ...]
+    model: Model
+    values: Array
+    assumed: bool
+    forecast: Forecast
+    waiting: Mask
+    detection: Detection
+    missing: tuple[NotAsked, ...]
+    asked: int
+    kept: IntArray
+    lost: tuple[Unidentifiable, ...]
+    moved: Array
     alike: Likeness | None
     times: Array
+
+    @property
+    def data(self) -> Measurements:
+        """The readings to come: which markers are seen."""
+        return self.forecast.data
+
+    @cached_property
+    def causes(self) -> tuple[Detectability, ...]:
+        """What can be seen of every suspect."""
+        return tuple(_detectability(self, i) for i in range(len(self.detection.causes)))
+
+    @property
+    def seen(self) -> tuple[Detectability, ...]:
+        """Those that are found where they are large enough, E of them."""
+        return tuple(cause for cause in self.causes if not cause.reason)
+
+    @property
+    def hidden(self) -> tuple[Detectability, ...]:
+        """The others."""
+        return tuple(cause for cause in self.causes if cause.reason)
 
     def sentences(self) -> list[str]:
         return [
@@ -64,7 +102,7 @@ class PowerAnalysis(Result):
 
     def rows(self) -> list[dict[str, object]]:
         return [
-            {"cause": own.key, "seen": own in self.seen, "reason": own.reason}
+            {"cause": own.key, "seen": not own.reason, "reason": own.reason}
             for own in (*self.seen, *self.hidden)
         ]
 
@@ -97,31 +135,81 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
     """
-    view = view_of(cell, plan, values)
-    every = [detectability_of(view, i) for i in range(len(view.suspects))]
-    seen = tuple(found for found in every if found.directions)
-    hidden = tuple(found for found in every if not found.directions)
-    if not seen:
-        return PowerAnalysis(view, (), hidden, None, np.zeros((0, 0)))
-    columns = [own for own, found in zip(view.columns, every, strict=True) if found.directions]
-    sizes, needed = [found.sizes for found in seen], [found.needed for found in seen]
-    return PowerAnalysis(view, seen, hidden, *told_apart(view.field, columns, sizes, needed))
+    data = readings_of(cell, plan)
+    model = build(cell, data.poses).model
+    check_counts(model, data)
+    assumed = values is None
+    values = soft(model, data.poses) if values is None else values
+    data = replace(data, readings=model.predict(values, data.poses))
+    everything, missing = candidates(cell, model, data)
+    # So many values of a tuning are tried at these poses, none where they tell nothing of it.
+    tried = [
+        len(c.effect.grid(data.poses)) if isinstance(c.effect, Tuned) else 1 for c in everything
+    ]
+    everything = [replace(c, tried=n) for c, n in zip(everything, tried, strict=True) if n]
+    suspects = tuple(c for c in everything if c.named)
+    full, start = model.extended(values, [c.effect for c in suspects])
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+    whole = Linearisation(cell, full, start, arm)
+    waiting = before_the_first_move(data.poses)
+    forecast = Forecast.after(whole, whole.of(data, ~waiting), data)
+    own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
+    choice = choose_directions(own, values)
+    asked, rows = len(everything), forecast.known.independent[1]
+    detection = Detection.of(full, rows, choice.kept, suspects, asked)
+    _, J = full.jacobian(start, data.poses)
+    added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
+    moved = np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0))
+    return PowerAnalysis(
+        model, values, assumed, forecast, waiting, detection, tuple(missing), asked,
+        choice.kept, choice.unidentifiable, moved, *detection.told_apart(),
+    )  # fmt: skip
 
 
-def told_apart(
-    field: Field, columns: Sequence[IntArray], sizes: Sequence[Array], needed: Sequence[float]
-) -> tuple[Likeness, Array]:
-    """How alike causes with these columns are, and ``times`` of them, shape (E, E).
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """The question which causes are found beside all that is modelled, from which size on.
 
-    sizes : of each, plausible sizes of its parameters, SI; needed : noncentrality that is found
+    causes : tuple of Candidate; columns : tuple of ndarray of int, of each in the field
+    field : Field, of their columns; limits : tuple of Detectable, of each cause
     """
-    at = np.concatenate(list(columns))
-    X, ends = field.projected(at), np.cumsum([0, *map(len, columns)])
-    own = [np.arange(a, b) for a, b in pairwise(ends)]
-    alike = likeness(X.T @ X, field.lengths[at], own, [plausible(size) for size in sizes])
-    times: Array = np.sqrt(alike.needed(field.rows) / np.array(needed)[:, None])
-    np.fill_diagonal(times, 0.0)
-    return alike, times
+
+    causes: tuple[Candidate, ...]
+    columns: tuple[IntArray, ...]
+    field: Field
+    limits: tuple[Detectable, ...]
+
+    @classmethod
+    def of(
+        cls, model: Model, rows: Array, kept: IntArray, causes: Sequence[Candidate], asked: int
+    ) -> Detection:
+        """From independent rows (N, p) of all parameters.
+
+        kept : ndarray of int, of what is modelled; asked : int, all causes that will be
+        """
+        at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in causes]
+        ends = np.cumsum([0, *map(len, at)])
+        columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
+        X = rows[:, np.concatenate([kept[:0], *at])]
+        own = field(rows[:, kept], X, np.zeros(len(rows)))
+        each = zip(columns, causes, strict=True)
+        limits = tuple(detectable(own, at, asked * cause.tried, ALPHA) for at, cause in each)
+        return cls(tuple(causes), columns, own, limits)
+
+    def told_apart(self) -> tuple[Likeness | None, Array]:
+        """How alike those that can be seen are, and ``times`` of them, shape (E, E)."""
+        seen = [i for i, limit in enumerate(self.limits) if limit.directions]
+        if not seen:
+            return None, np.zeros((0, 0))
+        at = np.concatenate([self.columns[i] for i in seen])
+        X, ends = self.field.projected(at), np.cumsum([0, *(len(self.columns[i]) for i in seen)])
+        own = [np.arange(a, b) for a, b in pairwise(ends)]
+        signals = [plausible(np.array([p.size for p in self.causes[i].amounts])) for i in seen]
+        alike = likeness(X.T @ X, self.field.lengths[at], own, signals)
+        needed = np.array([self.limits[i].needed for i in seen])
+        times: Array = np.sqrt(alike.needed(self.field.rows) / needed[:, None])
+        np.fill_diagonal(times, 0.0)
+        return alike, times
 
 
 _STILL_M = 1e-10  # largest movement of the markers by what moves nothing
@@ -160,31 +248,31 @@ class Detectability(Detectable):
         return int(np.argmin(self.smallest / self.sizes))
 
 
-def detectability_of(view: PlanView, position: int) -> Detectability:
+def _detectability(found: PowerAnalysis, position: int) -> Detectability:
     """What can be seen of one suspect."""
-    candidate, columns = view.suspects[position], view.columns[position]
-    seen = detectable(view.field, columns, view.asked * candidate.tried, ALPHA)
+    candidate, columns = found.detection.causes[position], found.detection.columns[position]
+    seen = found.detection.limits[position]
     moved, finite = np.full(len(columns), np.inf), np.isfinite(seen.smallest)
-    moved[finite] = seen.smallest[finite] * view.moved[columns][finite]
-    reason = "" if seen.directions else _why_hidden(view, position)
+    moved[finite] = seen.smallest[finite] * found.moved[columns][finite]
+    reason = "" if seen.directions else _why_hidden(found, position)
     return Detectability(**vars(seen), candidate=candidate, moved=moved, reason=reason)
 
 
-def _why_hidden(view: PlanView, position: int) -> str:
+def _why_hidden(found: PowerAnalysis, position: int) -> str:
     """It moves nothing, or what the model has moves the markers alike."""
-    effect, columns = view.suspects[position].effect, view.columns[position]
-    sizes = np.array([p.size for p in view.suspects[position].amounts])
-    if (view.moved[columns] * sizes).max() < _STILL_M:
-        return _why_still(effect, view)
-    kinds = _imitators(view, position)
+    effect, columns = found.detection.causes[position].effect, found.detection.columns[position]
+    sizes = np.array([p.size for p in found.detection.causes[position].amounts])
+    if (found.moved[columns] * sizes).max() < _STILL_M:
+        return _why_still(effect, found)
+    kinds = _imitators(found, position)
     together = f"{', '.join(kinds[:-1])} and {kinds[-1]} together" if len(kinds) > 1 else kinds[0]
     return f"{together} {'move' if len(kinds) > 1 else 'moves'} the markers in the same way"
 
 
-def _why_still(effect: Effect, view: PlanView) -> str:
+def _why_still(effect: Effect, found: PowerAnalysis) -> str:
     if effect.uses:
         return f"{' and '.join(effect.uses)} never changes at these poses"
-    model, poses = view.model, view.data.poses
+    model, poses = found.model, found.data.poses
     if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
         return "nothing in the model is elastic"
     if not isinstance(effect, ElasticEffect | LoadEffect):
@@ -195,100 +283,15 @@ def _why_still(effect: Effect, view: PlanView) -> str:
     return "no load acts on it at these poses" if elastic else "nothing elastic feels it"
 
 
-def _imitators(view: PlanView, position: int) -> list[str]:
+def _imitators(found: PowerAnalysis, position: int) -> list[str]:
     """Kinds of modelled effect without which the cause would be seen, else all."""
-    own = [view.model.parameters[i].effect for i in view.kept]
-    kinds, columns = list(dict.fromkeys(own)), view.columns[position]
-    N, X = view.rows[:, view.kept], view.field.columns[:, columns]
-    found = []
+    own = [found.model.parameters[i].effect for i in found.kept]
+    kinds, columns = list(dict.fromkeys(own)), found.detection.columns[position]
+    N = found.forecast.known.independent[1][:, found.kept]
+    X = found.detection.field.columns[:, columns]
+    needed = []
     for kind in kinds:
         others = N[:, [k != kind for k in own]]
         if field(others, X, np.zeros(len(X))).directions(np.arange(len(columns))).shape[1]:
-            found.append(kind)
-    return found or kinds
-
-
-@dataclass(frozen=True, eq=False)
-class PlanView:
-    """The causes of the catalogue that a model lacks, as a plan shows them.
-
-    model : Model; values : ndarray, shape (p,), SI, where it is linearised
-    whole : Linearisation, of the model and all suspects
-    data : Measurements, the readings to come: which markers are seen; its points are predictions
-    waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
-    suspects : tuple of Candidate, by name; missing : tuple of NotAsked
-    asked : int, all that the diagnosis will ask, curves included
-    rows : ndarray, shape (N, K), derivatives by all parameters, in independent rows of unit variance
-    kept : ndarray of int, columns of what is modelled; lost : what the plan leaves open
-    field : Field, of the suspects; columns : tuple of ndarray of int, of each suspect in it
-    moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
-    assumed : bool, whether compliances are taken as usual, for nobody gave them
-    """
-
-    model: Model
-    values: Array
-    whole: Linearisation
-    data: Measurements
-    waiting: Mask
-    suspects: tuple[Candidate, ...]
-    missing: tuple[NotAsked, ...]
-    asked: int
-    rows: Array
-    kept: IntArray
-    lost: tuple[Unidentifiable, ...]
-    field: Field
-    columns: tuple[IntArray, ...]
-    moved: Array
-    assumed: bool
-
-
-def view_of(cell: Cell, plan: Plan, values: Array | None = None) -> PlanView:
-    """Linearise the model and every cause that it lacks at the readings of a plan.
-
-    plan : a plan, whose poses are read free and loaded where the cell has a [load], with the markers
-        that are in sight; or measurements, which are taken as they are but for their points
-    values : ndarray, shape (p,), SI. Without them all is nominal, but what is elastic is as soft as
-        usual: weights and springs show through compliances only
-
-    Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
-    """
-    data = readings_of(cell, plan)
-    model = build(cell, data.poses).model
-    check_counts(model, data)
-    assumed = values is None
-    values = soft(model, data.poses) if values is None else values
-    data = replace(data, readings=model.predict(values, data.poses))
-    everything, missing = candidates(cell, model, data)
-    # So many values of a tuning are tried at these poses, none where they tell nothing of it.
-    tried = [
-        len(c.effect.grid(data.poses)) if isinstance(c.effect, Tuned) else 1 for c in everything
-    ]
-    everything = [replace(c, tried=n) for c, n in zip(everything, tried, strict=True) if n]
-    suspects = tuple(c for c in everything if c.named)
-    full, start = model.extended(values, [c.effect for c in suspects])
-    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-    whole = Linearisation(cell, full, start, arm)
-    waiting = before_the_first_move(data.poses)
-    rows = np.concatenate([whole.of(data, ~waiting).independent[1], full.prior_residuals(start)[1]])
-    own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
-    choice = choose_directions(own, values)
-    _, J = full.jacobian(start, data.poses)
-    added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
-    ends = np.cumsum([0, *(len(c.amounts) for c in suspects)])
-    return PlanView(
-        model,
-        values,
-        whole,
-        data,
-        waiting,
-        suspects,
-        tuple(missing),
-        len(everything),
-        rows,
-        choice.kept,
-        choice.unidentifiable,
-        field(rows[:, choice.kept], rows[:, added], np.zeros(len(rows))),
-        tuple(np.arange(a, b) for a, b in pairwise(ends)),
-        np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0)),
-        assumed,
-    )
+            needed.append(kind)
+    return needed or kinds

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.cell.targets import targets_of
 from calib.diagnosis import Diagnosis
 from calib.errors import CalibError
 from calib.poses import Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
-from doe.ahead.evidence import RivalEvidence
-from doe.ahead.likeness import SURE
-from doe.ahead.objectives import CauseForm, CompoundCriterion, accuracy_of, forms_of, with_accuracy
-from doe.ahead.remedies import changes, easiest
-from doe.ahead.rivals import (
-    data_rows,
-    doubt_of,
-    evidence_of,
-    rivalries,
-    situation_after,
-    suspicious,
-)
-from doe.ahead.search import search_of
-from doe.ahead.situation import Situation, candidate_rows, likely_read, refusal
+from doe.ahead.accuracy import Accuracy
+from doe.ahead.causes import CauseForm, Discrimination, forms_of, rivalries, suspicious
+from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
+from doe.ahead.information import SURE
+from doe.ahead.remedies import Remedy, helpful
+from doe.ahead.search import CompoundCriterion, Objective, PoseSearch, with_accuracy
 from doe.plan import named
+from doe.problem.target_errors import TargetErrors
 from doe.visiting import visiting_order
 
 POSES = 8
@@ -37,15 +31,6 @@ _CANDIDATES = 256
 _TRIED = 32  # candidates that an intervention is tried on
 _HELPED = 0.05  # rise of the probability from which poses are said to help
 _SERVES = 0.5  # of an even share: what a pose must bring to a pair to be said to split it
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """An intervention that tells two rivals apart, with the poses best for it."""
-
-    name: str
-    says: str
-    probability: float
 
 
 @dataclass(frozen=True)
@@ -146,92 +131,96 @@ def next_poses(
         alone = replace(diagnosis.after.observation, scatter=None)
         after = replace(diagnosis.after, levels=None, observation=alone)
         diagnosis = replace(diagnosis, after=after)
-    rivals = [c.effect for rivalry in found for c in rivalry.members]
-    situation = situation_after(cell, diagnosis, rivals)
-    data = data_rows(situation, diagnosis)
-    doubts = [doubt for r in found if (doubt := doubt_of(situation, data, r)).pairs]
-    unseen = tuple(forms_of(diagnosis, data)) if forms else ()
+    rivals = [c.effect for members, _ in found for c in members]
+    forecast = Forecast.after_diagnosis(cell, diagnosis, rivals)
+    doubts = [doubt for r in found if (doubt := Discrimination.in_doubt(forecast, r)).pairs]
+    unseen = tuple(forms_of(forecast, diagnosis)) if forms else ()
     if not doubts and not unseen:
         return nothing
-    q = situation.feasible(_CANDIDATES, seed)
+    q = forecast.feasible(_CANDIDATES, seed)
     q = q[likely_read(cell.robot, q, diagnosis.data.poses, missed)]
     if not len(q):
         raise CalibError(refusal(missed))
-    offer = candidate_rows(situation, q, count)
-    start = situation.conditions.last
-    shown = [form for form in unseen if form.hopeful(offer, start)]
-    search = search_of(doubts, offer, start, count, shown)
-    if search is not None and accuracy:
-        search = with_accuracy(search, accuracy_of(situation, diagnosis, data[1]), count)
-    plan = [] if search is None else search.best_plan(count)
-    chosen = offer.q[plan]
+    search = _search(doubts, unseen, forecast.offered(q, count), forecast.conditions.last, count)
+    if search.objectives and accuracy:
+        search = with_accuracy(search, accuracy_of(forecast, diagnosis), count)
+    plan = search.best_plan(count) if search.objectives else []
+    chosen = search.offer.q[plan]
     # Where no column depends on the approach the order is free: the shortest way.
-    if offer.half is None and len(plan):
+    if search.offer.left is None and len(plan):
         chosen = chosen[visiting_order(chosen)]
-    judged = [pair for doubt in doubts for pair in _judged(doubt, situation, chosen)]
-    told = {prediction.rivals for prediction, _ in judged if prediction.told}
-    remedies = _remedies(doubts, told, situation, data, q[:_TRIED], count)
-    predictions = [replace(p, remedies=remedies.get(p.rivals, ())) for p, _ in judged]
-    splits = tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen)))
+    judged = [own for doubt in doubts for own in _judged(doubt, forecast, chosen)]
+    told = {pair.rivals for pair, _ in judged if pair.told}
+    ways = _remedies(doubts, told, forecast, q[:_TRIED], count)
+    pairs = [replace(pair, remedies=ways.get(pair.rivals, ())) for pair, _ in judged]
     shares = None
-    if search is not None and isinstance(search.weigh, CompoundCriterion):
+    if isinstance(search.weigh, CompoundCriterion):
         first, second = search.weigh.of(search.values(plan))
         shares = float(first), float(second)
     return NextPoses(
         named(chosen, "n"),
-        splits,
-        tuple(sorted(predictions, key=lambda p: p.now)),
-        assumptions_of(situation, len(chosen)),
-        tuple(_shown(form, situation, chosen) for form in unseen),
+        tuple(tuple(p.rivals for p, serves in judged if serves[i]) for i in range(len(chosen))),
+        tuple(sorted(pairs, key=lambda pair: pair.now)),
+        assumptions_of(forecast, len(chosen)),
+        tuple(_shown(form, forecast, chosen) for form in unseen),
         shares,
     )
 
 
-def _shown(form: CauseForm, situation: Situation, q: Array) -> PairPrediction:
+def _search(
+    doubts: Sequence[Discrimination],
+    forms: Sequence[CauseForm],
+    offer: Offer,
+    start: Array,
+    count: int,
+) -> PoseSearch:
+    """For what some choice of candidates might show."""
+    reached = (doubt.within_reach(offer, start, count) for doubt in doubts)
+    asked: list[Objective] = [doubt for doubt in reached if doubt.pairs]
+    asked += [form for form in forms if form.hopeful(offer, start)]
+    return PoseSearch(tuple(asked), offer, start)
+
+
+def accuracy_of(forecast: Forecast, diagnosis: Diagnosis) -> Accuracy:
+    """At the targets of the cell, after the readings in hand, for the user's model."""
+    model = diagnosis.stage.model
+    values = diagnosis.after.values[: len(model.parameters)]
+    targets = TargetErrors.of(model, values, *targets_of(forecast.cell)).per(model.sizes)
+    return Accuracy.of(targets, forecast.known.independent[1], model.sizes)
+
+
+def _shown(form: CauseForm, forecast: Forecast, q: Array) -> PairPrediction:
     """How surely another form of a cause would be seen, now and with the poses read."""
-    names = form.key, f"another form of {form.key}"
-    now = float(form.power(form.data.S))
+    names, now = (form.key, f"another form of {form.key}"), float(form.power(form.now.S))
     if not len(q):
         return PairPrediction(names, now, now)
-    whole = form.data.added(form.blocks(situation.in_order(q), q))
+    whole = form.now.added(form.columns_of(forecast.in_order(q), q))
     return PairPrediction(names, now, float(form.power(whole.S)))
 
 
 def _judged(
-    evidence: RivalEvidence, situation: Situation, q: Array
-) -> list[tuple[PairPrediction, list[bool]]]:
-    """Every pair before and after, and which poses it owes that to; the sequence as it is read."""
-    data = evidence.data
-    now = evidence.probabilities(data)
-    if not len(q):
-        return [
-            (PairPrediction(k, float(p), float(p)), [])
-            for k, p in zip(evidence.keys, now, strict=True)
-        ]
-    blocks = evidence.blocks(situation.in_order(q))
-    whole = data.added(blocks)
-    after, reached = evidence.probabilities(whole), evidence.separation(whole)
-    gained = reached - evidence.separation(data)
-    lost = [
-        reached - evidence.separation(data.added(np.delete(blocks, i, axis=0)))
-        for i in range(len(q))
-    ]
-    serves = (np.array(lost) >= _SERVES * gained / len(q)) & (gained > 0.0)
-    helped = (after >= SURE) | (after > now + _HELPED)
-    return [
-        (
-            PairPrediction(key, float(now[i]), float(after[i])),
-            [bool(helped[i] and row[i].any()) for row in serves],
-        )
-        for i, key in enumerate(evidence.keys)
-    ]
+    doubt: Discrimination, forecast: Forecast, q: Array
+) -> Iterator[tuple[PairPrediction, Mask]]:
+    """Every pair before and after, and to which poses it owes that, (m,); as they are read."""
+    now = after = doubt.probabilities(doubt.now)
+    serves = np.zeros((len(q), len(now)), dtype=bool)
+    if len(q):
+        blocks = doubt.columns_of(forecast.in_order(q), q)
+        whole = doubt.now.added(blocks)
+        after, reached = doubt.probabilities(whole), doubt.separation(whole)
+        gained = reached - doubt.separation(doubt.now)
+        rest = (doubt.now.added(np.delete(blocks, i, axis=0)) for i in range(len(q)))
+        lost = reached - np.array([doubt.separation(own) for own in rest])
+        serves = ((lost >= _SERVES * gained / len(q)) & (gained > 0.0)).any(axis=-1)
+        serves &= (after >= SURE) | (after > now + _HELPED)
+    for i, key in enumerate(doubt.keys):
+        yield PairPrediction(key, float(now[i]), float(after[i])), serves[:, i]
 
 
 def _remedies(
-    doubts: Sequence[RivalEvidence],
+    doubts: Sequence[Discrimination],
     told: Collection[tuple[str, str]],
-    situation: Situation,
-    data: tuple[Array, Array],
+    forecast: Forecast,
     q: Array,
     count: int,
 ) -> dict[tuple[str, str], tuple[Remedy, ...]]:
@@ -239,40 +228,31 @@ def _remedies(
 
     told : keys of the pairs that poses do tell apart
     """
-    found: dict[tuple[str, str], list[Remedy]] = {}
-    open_ = [own for doubt in doubts if (own := doubt.without(told)).pairs]
-    for change in changes(situation) if open_ else ():
-        changed = change.situation
-        allowed = changed.allowed(q)
-        if not len(allowed):
-            continue
-        offer = candidate_rows(changed, allowed, count)
+    open_ = [doubt.only(np.array([k not in told for k in doubt.keys])) for doubt in doubts]
+    open_ = [doubt for doubt in open_ if doubt.pairs]
+
+    def surely(changed: Forecast, allowed: Array) -> Iterator[tuple[tuple[str, str], float]]:
+        offer, start = changed.offered(allowed, count), changed.conditions.last
         for doubt in open_:
-            evidence = evidence_of(changed, data, doubt.members, doubt.pairs)
-            search = search_of([evidence], offer, changed.conditions.last, count)
-            if search is None:
+            within = Discrimination.within(changed, doubt.members, doubt.pairs)
+            search = _search([within], [], offer, start, count)
+            if not search.objectives:
                 continue
             plan = search.greedy(count)
-            after = evidence.probabilities(search.known(plan)[0])
+            after = within.probabilities(search.known(plan)[0])
             if after.max() >= SURE:  # worth a second look, as it is read
-                blocks = evidence.blocks(changed.in_order(offer.q[plan]))
-                after = evidence.probabilities(evidence.data.added(blocks))
-            for key, probability in zip(doubt.keys, after.tolist(), strict=True):
-                if probability >= SURE:
-                    found.setdefault(key, []).append(Remedy(change.name, change.says, probability))
-    # The surest few, one of a kind, the easier one first where they are equal.
-    ordered = {
-        key: sorted(own, key=lambda remedy: -round(remedy.probability, 2))
-        for key, own in found.items()
-    }
-    return {key: easiest(own, lambda remedy: remedy.name) for key, own in ordered.items()}
+                rows = within.columns_of(changed.in_order(offer.q[plan]), offer.q[plan])
+                after = within.probabilities(within.now.added(rows))
+            yield from zip(doubt.keys, after.tolist(), strict=True)
+
+    return helpful(forecast, q, surely, SURE) if open_ else {}
 
 
-def assumptions_of(situation: Situation, count: int) -> tuple[str, ...]:
+def assumptions_of(forecast: Forecast, count: int) -> tuple[str, ...]:
     """How the poses to come are taken to be read."""
     if not count:
         return ()
-    conditions = situation.conditions
+    conditions = forecast.conditions
     loads = len(conditions.loads)
     said = [
         "one reading a pose" if loads == 1 else f"each pose under all {loads} loads of the data"

@@ -13,8 +13,8 @@ from calib.errors import CalibError
 from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.threads import one_blas_thread
+from doe.ahead.accuracy import ForecastStep
 from doe.ahead.enough import Enough, enough
-from doe.ahead.forecast import ForecastStep
 from doe.ahead.next_poses import NextPoses, next_poses
 from doe.plan import named
 
@@ -79,7 +79,7 @@ def onward(
 
     aim : "task", the expected error at the targets; "causes", the rivals that a diagnosis cannot tell
         apart, and the forms of those that stand alone; "both", poses that serve both while both are
-        open (:mod:`doe.ahead.objectives`)
+        open (:mod:`doe.ahead.search`)
     goal : expected RMS error at the targets that is wanted, m; without one, the task is done when more
         poses only average noise
     ahead : poses that the day still has room for: those for the task are chosen as the best of so many

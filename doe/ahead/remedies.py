@@ -1,4 +1,4 @@
-"""What could be changed where no pose tells causes apart: each change as a situation of its own.
+"""What could be changed where no pose tells causes apart: each change as a forecast of its own.
 
 No list says which cause has which remedy: each change is tried after the plan, and the causes compared
 again.
@@ -6,29 +6,23 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from calib.arm.se3 import so3_exp
-from calib.arrays import Array, IntArray, stacked
-from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.detection_limit import detectable
-from calib.diagnosis.screen import field
+from calib.arrays import Array, stacked
 from calib.diagnosis.stage import positions
-from calib.diagnosis.stepwise import ALPHA
 from calib.effects.base import Base
 from calib.effects.link_growth import translations
 from calib.effects.readings import ReadingEffect
-from calib.model import Model
 from calib.model.covariance import identifiable
 from calib.threads import one_blas_thread
-from doe.ahead.conditions import TipLoad
-from doe.ahead.foresee import PowerAnalysis, told_apart
-from doe.ahead.situation import Situation, situation_of
+from doe.ahead.coming import TipLoad
+from doe.ahead.forecast import Forecast
+from doe.ahead.foresee import Detection, PowerAnalysis
 
 _HEAVIER = 2.0
 _ASIDE = 0.1  # of the arm's reach: how far a load moves to the side
@@ -39,107 +33,135 @@ _UNKNOWN_ARM = 5.0  # kg: the same where the URDF has no masses
 _SECOND = "second station"
 _PULL = 200.0  # N
 _MOST = 3  # that are named
-_T = TypeVar("_T")
+_Key = TypeVar("_Key", bound=Hashable)
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change of the conditions.
+Change: TypeAlias = tuple[str, str, Forecast]
+"""A short name, what to do, with its size, and the forecast of readings after that."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change that tells causes apart.
 
     name : str, short; says : str, what to do, with its size
-    situation : Situation, of the readings to come
+    probability : float, that the true cause is preferred; one where nothing more than yes was asked
     """
 
     name: str
     says: str
-    situation: Situation
+    probability: float
 
 
-def changes(situation: Situation) -> Iterator[Change]:
+def changes(forecast: Forecast) -> Iterator[Change]:
     """Every change that makes sense in a cell, the easy ones first."""
     says = "choose as many poses again, for this pair alone"
-    yield Change("more_poses", says, situation)
-    conditions = situation.conditions
+    yield "more_poses", says, forecast
+    conditions = forecast.conditions
     if conditions.motion is not None and not conditions.sides:
         says = "reach every pose from both sides, all joints rising and all joints falling"
-        yield Change("reverse_approach", says, situation.under(sides=(1.0, -1.0)))
-    yield from _loads(situation)
-    yield _pulled(situation)
+        yield "reverse_approach", says, forecast.under(sides=(1.0, -1.0))
+    yield from _loads(forecast)
+    yield _pulled(forecast)
     if conditions.temperature is not None:
         says = f"let the arm warm by {_WARMER:.0f} K, then go on"
         warm = conditions.temperature + _WARMER
-        yield Change("warm_up", says, situation.under(temperature=warm))
-    yield _station(situation)
-    yield from _link_masses(situation)
-    yield _tilted(situation)
+        yield "warm_up", says, forecast.under(temperature=warm)
+    yield _station(forecast)
+    yield from _link_masses(forecast)
+    yield _tilted(forecast)
 
 
-def easiest(found: Iterable[_T], name: Callable[[_T], str]) -> tuple[_T, ...]:
-    """The first few, one of a name."""
-    best: dict[str, _T] = {}
-    for one in found:
-        best.setdefault(name(one), one)
+def helpful(
+    forecast: Forecast,
+    q: Array,
+    helps: Callable[[Forecast, Array], Iterable[tuple[_Key, float]]],
+    least: float,
+) -> dict[_Key, tuple[Remedy, ...]]:
+    """The surest few changes of each key, one of a name; where they are equal the easier ones first.
+
+    q : ndarray, shape (m, dof), candidates; helps : callable, a changed forecast and the candidates
+        that it allows -> probability that it helps each key; least : which is enough
+    """
+    found: dict[_Key, list[Remedy]] = {}
+    for name, says, changed in changes(forecast):
+        allowed = changed.allowed(q)
+        for key, sure in helps(changed, allowed) if len(allowed) else ():
+            if sure >= least:
+                found.setdefault(key, []).append(Remedy(name, says, sure))
+    return {key: _surest(own) for key, own in found.items()}
+
+
+def _surest(found: Sequence[Remedy]) -> tuple[Remedy, ...]:
+    best: dict[str, Remedy] = {}
+    for remedy in sorted(found, key=lambda own: -round(own.probability, 2)):
+        best.setdefault(remedy.name, remedy)
     return tuple(best.values())[:_MOST]
 
 
-def _loads(situation: Situation) -> Iterator[Change]:
-    loads = situation.conditions.loads
+def _loads(forecast: Forecast) -> Iterator[Change]:
+    loads = forecast.conditions.loads
     present = [load for load in loads if not load.free]
-    load = present[-1] if present else _light(situation)
-    aside = _ASIDE * situation.model.robot.reach * np.eye(3)[1]
-    mass = load.mass_under(situation.model.gravity)
+    load = present[-1] if present else _light(forecast)
+    aside = _ASIDE * forecast.model.robot.reach * np.eye(3)[1]
+    mass = load.mass_under(forecast.model.gravity)
     shown = f"{1e3 * aside[1]:.0f} mm to the side (y of the tip)"
-    offered = [(load.shifted(aside), f"hang the load of {mass:.3g} kg {shown}")]
+    shifted = replace(load, lever=load.lever + aside, com=load.com + aside)
+    offered = [(shifted, f"hang the load of {mass:.3g} kg {shown}")]
     if present:
-        heavy = load.scaled(_HEAVIER)
+        heavy = replace(
+            load,
+            force=_HEAVIER * load.force,
+            moment=_HEAVIER * load.moment,
+            mass=_HEAVIER * load.mass,
+        )
         limit = "check the arm's payload, which the cell does not give"
         offered.insert(0, (heavy, f"hang {_HEAVIER * mass:.3g} kg at the same point; {limit}"))
     else:
         offered.insert(0, (load, f"hang {mass:.3g} kg at the tip, which no reading has so far"))
     for other, says in offered:
-        yield Change("another_load", says, situation.under(loads=(*loads, other)))
+        yield "another_load", says, forecast.under(loads=(*loads, other))
 
 
-def _pulled(situation: Situation) -> Change:
+def _pulled(forecast: Forecast) -> Change:
     """Forces across gravity, which turns no vertical axis."""
-    nothing = np.zeros(3)
-    across = np.linalg.svd(situation.model.gravity[None])[2][1:]
-    pulls = (TipLoad(_PULL * way, nothing, nothing, 0.0, nothing) for way in across)
+    across = np.linalg.svd(forecast.model.gravity[None])[2][1:]
+    pulls = (TipLoad(_PULL * way) for way in across)
     says = f"pull at the tip with {_PULL:.0f} N, level, in two directions across each other"
-    loads = (*situation.conditions.loads, *pulls)
-    return Change("sideways_pull", says, situation.under(loads=loads))
+    loads = (*forecast.conditions.loads, *pulls)
+    return "sideways_pull", says, forecast.under(loads=loads)
 
 
-def _light(situation: Situation) -> TipLoad:
+def _light(forecast: Forecast) -> TipLoad:
     """A load for an arm that carried none."""
-    load = situation.cell.load
+    load = forecast.cell.load
     if load is not None:
         mass, at = load.mass, np.asarray(load.com)
     else:
-        own = float(situation.model.robot.masses.sum())
+        own = float(forecast.model.robot.masses.sum())
         mass, at = (_LIGHT * own if own else _UNKNOWN_ARM), np.zeros(3)
-    return TipLoad(mass * situation.model.gravity, at, np.zeros(3), 0.0, np.zeros(3))
+    return TipLoad(mass * forecast.model.gravity, at)
 
 
-def _station(situation: Situation) -> Change:
+def _station(forecast: Forecast) -> Change:
     """A second instrument: it shares the base's motion with the first, and none of its own."""
-    second, conditions = _placed_anew(situation), situation.conditions
+    second, conditions = _placed_anew(forecast), forecast.conditions
     if conditions.time is not None:
         length = (conditions.time - conditions.start) / max(1, conditions.each)
         second = second.under(pace=max(conditions.pace, length / _POSES))
     own = tuple(
-        e for e in situation.model.effects if isinstance(e, ReadingEffect) and "time" in e.uses
+        e for e in forecast.model.effects if isinstance(e, ReadingEffect) and "time" in e.uses
     )
     says = "measure from another instrument that stands elsewhere, for as long again"
-    return Change("another_station", says, replace(second, silent=own))
+    return "another_station", says, replace(second, silent=own)
 
 
 _POSES = 8  # poses over which a second session is spread
 
 
-def _link_masses(situation: Situation) -> Iterator[Change]:
+def _link_masses(forecast: Forecast) -> Iterator[Change]:
     """A known body halfway along each of the two longest links that a joint carries."""
-    model = situation.model
+    model = forecast.model
     robot = model.robot
     ahead = translations(robot)[1:]
     mass = _LIGHT * float(robot.masses.sum()) or _UNKNOWN_ARM
@@ -153,85 +175,66 @@ def _link_masses(situation: Situation) -> Iterator[Change]:
         masses[link] = total
         heavier = replace(robot, masses=masses, coms=coms)
         says = f"clamp a known mass of {mass:.3g} kg halfway along the link of {robot.joints[link]}"
-        changed = replace(situation, model=replace(model, robot=heavier))
-        yield Change("mass_on_link", says, changed)
+        changed = replace(forecast, model=replace(model, robot=heavier))
+        yield "mass_on_link", says, changed
 
 
-def _tilted(situation: Situation) -> Change:
+def _tilted(forecast: Forecast) -> Change:
     """Gravity from another side: the base stands anew, so its placement is unknown again."""
     R = so3_exp(np.array([_TILT, 0.0, 0.0]))
-    anew = _placed_anew(situation)
+    anew = _placed_anew(forecast)
     loads = tuple(replace(h, force=R @ h.force, moment=R @ h.moment) for h in anew.conditions.loads)
     turned = replace(anew.model, gravity=R @ anew.model.gravity)
     changed = replace(anew.under(loads=loads), model=turned)
     says = f"mount the base tilted by {np.degrees(_TILT):.0f} deg"
-    return Change("tilted_base", says, changed)
+    return "tilted_base", says, changed
 
 
-def _placed_anew(situation: Situation) -> Situation:
+def _placed_anew(forecast: Forecast) -> Forecast:
     """The same with the base somewhere unknown in the frame of the readings to come."""
-    model, conditions = situation.model, situation.conditions
+    model, conditions = forecast.model, forecast.conditions
     here: list[Base] = [
         e for e in model.effects if isinstance(e, Base) and e.station == conditions.station
     ]
     count = len(conditions.stations)
     base = Base(_SECOND, count, here[0].of) if here else Base(_SECOND, count)
-    start = situation.values[model.slices[model.effects.index(here[0])]] if here else np.zeros(6)
-    moved = situation.under(station=count, stations=(*conditions.stations, _SECOND))
-    values = np.concatenate([situation.values, start])
-    return replace(moved, model=model.with_effects((*model.effects, base)), values=values)
+    start = forecast.values[model.slices[model.effects.index(here[0])]] if here else np.zeros(6)
+    moved = forecast.under(station=count, stations=(*conditions.stations, _SECOND))
+    values = np.concatenate([forecast.values, start])
+    at = np.append(np.arange(len(forecast.values)), np.full(len(start), -1))
+    return moved.with_model(model.with_effects((*model.effects, base)), values, at)
 
 
 _WORTH = 5.0  # times its smallest size at which a cause must be told apart for a change to be named
 
 
 @one_blas_thread
-def remedies_of(found: PowerAnalysis) -> tuple[tuple[Change, ...], ...]:
+def remedies_of(found: PowerAnalysis) -> tuple[tuple[Remedy, ...], ...]:
     """Changes by which each group of confounded causes would be told apart, the easy ones first.
 
     A change counts if every two of the group are told apart from five times their smallest size on.
     """
-    view, groups = found.view, found.confounded
+    groups = found.confounded
     if not groups:
         return ()
     every = [found.seen[i].candidate for group in groups for i in group]
-    model, values = view.model.extended(view.values, [c.effect for c in every])
-    at = [positions(view.whole.model, effect) for effect in model.effects]
-    rows = view.rows[:, np.concatenate(at)]
-    situation = situation_of(replace(view.whole, model=model, values=values), view.data)
-    q = situation.feasible(int(view.data.poses.configuration.max()) + 1, seed=0)
-    named: list[list[Change]] = [[] for _ in groups]
-    for change in changes(situation):
-        allowed = change.situation.allowed(q)
-        if not len(allowed):
-            continue
-        further = change.situation.in_order(allowed)
-        # What only the further readings have is nothing to the plan.
-        more = np.pad(rows, ((0, 0), (0, further.shape[-1] - rows.shape[1])))
-        both = np.concatenate([more, stacked(further)])
-        modelled = np.delete(np.arange(both.shape[1]), np.s_[len(view.values) : rows.shape[1]])
-        for group, own in zip(groups, named, strict=True):
+    model, values = found.model.extended(found.values, [c.effect for c in every])
+    at = np.concatenate([positions(found.forecast.model, effect) for effect in model.effects])
+    forecast = found.forecast.with_model(model, values, at)
+    q = forecast.feasible(int(found.data.poses.configuration.max()) + 1, seed=0)
+    causes = np.arange(len(found.values), len(values))
+
+    def told(changed: Forecast, allowed: Array) -> Iterator[tuple[int, float]]:
+        rows = changed.known.independent[1], stacked(changed.in_order(allowed))
+        both, p = np.concatenate(rows), len(changed.values)
+        modelled = np.setdiff1d(np.arange(p), causes)
+        ids = tuple(changed.model.parameters[i].id for i in modelled)
+        kept = identifiable(both[:, modelled], changed.model.sizes[modelled], ids).kept
+        for k, group in enumerate(groups):
             members = [found.seen[i].candidate for i in group]
-            if _worst_times(change.situation.model, both, modelled, members, view.asked) < _WORTH:
-                own.append(change)
-    return tuple(easiest(own, lambda change: change.name) for own in named)
+            own = Detection.of(changed.model, both, modelled[kept], members, found.asked)
+            seen = all(limit.directions for limit in own.limits)
+            yield k, float(seen and own.told_apart()[1].max() < _WORTH)
 
-
-def _worst_times(
-    model: Model, rows: Array, modelled: IntArray, members: Sequence[Candidate], asked: int
-) -> float:
-    """Multiple of its smallest size from which on the worst of a group is told from the others."""
-    sizes, ids = model.sizes[modelled], [model.parameters[i].id for i in modelled]
-    kept = modelled[identifiable(rows[:, modelled], sizes, tuple(ids)).kept]
-    at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in members]
-    ends = np.cumsum([0, *map(len, at)])
-    view = field(rows[:, kept], rows[:, np.concatenate(at)], np.zeros(len(rows)))
-    columns = [np.arange(a, b) for a, b in pairwise(ends)]
-    seen = [
-        detectable(view, own, asked * c.tried, ALPHA)
-        for own, c in zip(columns, members, strict=True)
-    ]
-    if not all(one.directions for one in seen):
-        return np.inf
-    plausible = [np.array([p.size for p in c.amounts]) for c in members]
-    return float(told_apart(view, columns, plausible, [one.needed for one in seen])[1].max())
+    ways = helpful(forecast, q, told, 1.0)
+    return tuple(ways.get(k, ()) for k in range(len(groups)))

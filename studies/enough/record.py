@@ -24,7 +24,7 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.ahead.forecast import ForecastStep as SufficiencyStep
+    from doe.ahead.accuracy import ForecastStep as SufficiencyStep
 
 _MM = 1e3
 _HOUR = 3600.0

@@ -163,7 +163,7 @@ def next_poses(
     """Poses beyond those measured, with the model in use; goal : m."""
     import doe
     from calib.errors import CalibError
-    from doe.ahead.rivals import as_found
+    from doe.ahead.forecast import as_found
 
     cell = as_found(found.cell, found.found)
     fresh = _MORE if goal is None else 0

@@ -147,31 +147,29 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     from calib.diagnosis.detection_limit import POWER
     from calib.diagnosis.stepwise import ALPHA
     from calib.effects.protocol import LoadEffect
-    from doe.ahead.likeness import SURE
+    from doe.ahead.information import SURE
     from doe.ahead.remedies import remedies_of
 
-    view = found.view
-    poses, causes = view.data.poses, {cause.key: cause for cause in (*found.seen, *found.hidden)}
+    poses = found.data.poses
     through = any(isinstance(cause.candidate.effect, LoadEffect) for cause in found.seen)
     return PlanRecord.from_result(
         found,
         **made_from,
         warnings=(),
-        joints=view.model.robot.joints,
-        readings=len(view.data),
-        points=int(view.data.seen.sum()),
-        hidden_markers=int((~view.data.seen).sum()),
+        joints=found.model.robot.joints,
+        readings=len(found.data),
+        points=int(found.data.seen.sum()),
+        hidden_markers=int((~found.data.seen).sum()),
         before_the_first_move=[
-            name for name, waits in zip(poses.names, view.waiting, strict=True) if waits
+            name for name, waits in zip(poses.names, found.waiting, strict=True) if waits
         ],
-        asked=view.asked,
         alpha=ALPHA,
         power=POWER,
         sure=SURE,
         approach_derived=bool(poses.approach_derived),
-        elastic_assumed=view.assumed and through,
-        unidentifiable=view.lost,
-        could_not_see=[_seen(causes[suspect.key]) for suspect in view.suspects],
+        elastic_assumed=found.assumed and through,
+        unidentifiable=found.lost,
+        could_not_see=map(_seen, found.causes),
         look_alikes=_look_alikes(found),
         twins=[
             EquivalentCauses(
@@ -180,7 +178,7 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
             )
             for group, ways in zip(found.confounded, remedies_of(found), strict=True)
         ],
-        not_asked=view.missing,
+        not_asked=found.missing,
     )
 
 
@@ -214,7 +212,7 @@ def _look_alikes(found: PowerAnalysis) -> Iterator[LookAlike]:
         return
     rho, worst = found.alike.rho, found.alike.rho_worst
     needed = np.array([cause.needed for cause in found.seen])
-    chance = found.alike.preferred(needed, found.view.field.rows)
+    chance = found.alike.preferred(needed, found.detection.field.rows)
     for i, j in found.pairs:
         cause, times = found.seen[i], float(found.times[i, j])
         main = cause.parameters[cause.lead]

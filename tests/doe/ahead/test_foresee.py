@@ -52,7 +52,7 @@ def keys(found: PowerAnalysis, positions: tuple[int, ...]) -> set[str]:
 
 
 def columns(found: PowerAnalysis, key: str) -> np.ndarray:
-    return found.view.columns[[c.key for c in found.view.suspects].index(key)]
+    return found.detection.columns[[c.key for c in found.detection.causes].index(key)]
 
 
 @pytest.mark.long
@@ -60,7 +60,7 @@ def test_a_smallest_size_is_found_nine_times_in_ten(found: PowerAnalysis) -> Non
     rng = np.random.default_rng(1)
     for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
         cause = next(s for s in found.seen if s.key == key)
-        field, own = found.view.field, columns(found, key)
+        field, own = found.detection.field, columns(found, key)
         signal = field.X[:, own[cause.lead]] * cause.smallest[cause.lead]
         hits = [
             score(replace(field, r=signal + rng.normal(size=len(signal))), own).fall > cause.limit
@@ -76,9 +76,9 @@ def test_a_diagnosis_finds_what_is_larger_and_no_less(
     cell: Cell, found: PowerAnalysis, times: float, places: list[str]
 ) -> None:
     cause = next(s for s in found.seen if s.key == "backlash:A3")
-    poses = found.view.data.poses
+    poses = found.data.poses
     model = build(with_effects(cell, *MODEL, cause.key), poses).model
-    truth = np.concatenate([found.view.values, times * cause.smallest])
+    truth = np.concatenate([found.values, times * cause.smallest])
     data = drawn_readings(model, truth, poses, cell.noise, np.random.default_rng(4))
     assert [place.where for place in calib.diagnose(cell, data).located] == places
 
@@ -90,10 +90,10 @@ def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() 
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "tool"))
     plan = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
     derived = foresee(cell, plan)
-    assert np.flatnonzero(derived.view.waiting).tolist() == [0]
+    assert np.flatnonzero(derived.waiting).tolist() == [0]
     poses = with_moves(plan)
     given = foresee(cell, replace(poses, approach_derived=False))
-    assert not given.view.waiting.any()
+    assert not given.waiting.any()
     for seen, first in ((derived, 1), (given, 0)):
         cause = next(s for s in seen.seen if s.key == "backlash:j2")
         columns = [calib.observation(with_effects(cell, *more), poses)[first:]
@@ -156,7 +156,7 @@ def test_twice_the_readings_halve_the_needed_square(cell: Cell) -> None:
 @pytest.mark.long
 def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_two: Poses) -> None:
     plan = foresee(kr270, table_two)
-    assert len(plan.view.data) == 2 * len(table_two)
+    assert len(plan.data) == 2 * len(table_two)
     unloaded = replace(kr270, load=None)
     poses = calib.readings(kr270, table_two)
     rng = np.random.default_rng(0)
@@ -164,16 +164,16 @@ def test_a_load_means_two_readings_and_points_do_not_count(kr270: Cell, table_tw
     assert [s.key for s in table.seen] == [s.key for s in plan.seen]
     for one, two in zip(plan.seen, table.seen, strict=True):
         np.testing.assert_allclose(one.smallest, two.smallest, rtol=1e-9)
-    asked = {entry.effect for entry in plan.view.missing}
+    asked = {entry.effect for entry in plan.missing}
     assert {"base_drift:base", "tracker_drift:instrument", "thermal_expansion:arm"} <= asked
 
 
 @pytest.mark.long
 def test_markers_out_of_sight_tell_nothing(cell: Cell, found: PowerAnalysis) -> None:
-    seen = found.view.data.seen.copy()
+    seen = found.data.seen.copy()
     seen[:, 1] = False
-    part = foresee(cell, replace(found.view.data, seen=seen))
-    assert part.view.field.rows == 2 * found.view.field.rows // 3
+    part = foresee(cell, replace(found.data, seen=seen))
+    assert part.detection.field.rows == 2 * found.detection.field.rows // 3
     whole = {s.key: s.smallest[s.lead] for s in found.seen}
     for cause in part.seen:
         assert cause.smallest[cause.lead] > 0.98 * whole[cause.key]

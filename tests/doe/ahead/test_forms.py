@@ -19,9 +19,9 @@ from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Measurements, poses_at
 from calib.simulation import drawn_readings
-from doe.ahead.evidence import FREE
-from doe.ahead.objectives import Accuracy, accuracy_of
-from doe.ahead.rivals import data_rows, situation_after
+from doe.ahead.forecast import Forecast
+from doe.ahead.information import FREE
+from doe.ahead.next_poses import accuracy_of
 from studies.demo.embedded import embedded_cell
 from tests.doe.ahead.day import asking_only
 from tests.helpers import with_effects
@@ -101,30 +101,29 @@ def expected(model: Model, cell: Cell, rows: Array) -> float:
 def test_the_error_at_the_targets_is_that_of_all_rows_at_once(
     session: Session, found: Diagnosis
 ) -> None:
-    situation = situation_after(session.cell, found, [])
+    forecast = Forecast.after_diagnosis(session.cell, found, [])
     # At the nominal arm, so that targets and readings are linearised where the other side does.
     model = found.stage.model
-    _, rows = data_rows(situation, found)
+    _, rows = forecast.known.independent
     p = len(model.parameters)
     still = replace(found, after=replace(found.after, values=np.zeros(len(found.after.values))))
-    accuracy = accuracy_of(situation, still, rows)
-    more = np.random.default_rng(0).normal(size=(5, 9, rows.shape[1])) / situation.model.sizes
+    accuracy = accuracy_of(forecast, still)
+    more = np.random.default_rng(0).normal(size=(5, 9, rows.shape[1])) / forecast.model.sizes
     q = np.zeros((5, session.cell.robot.dof))
-    blocks = accuracy.blocks(more, q)
-    known = accuracy.data.added(blocks[0])
-    tried, twice = (accuracy.values(k, k.tried(blocks))[:, 0] for k in (accuracy.data, known))
+    blocks = accuracy.columns_of(more, q)
+    known = accuracy.now.added(blocks[0])
+    tried, twice = (accuracy.values(k, k.tried(blocks))[:, 0] for k in (accuracy.now, known))
     own = rows[:, :p] * model.sizes
 
     def direct(*further: int) -> float:
         blocks = [more[i][:, :p] * model.sizes for i in further]
         return -0.5 * np.log(expected(model, session.cell, np.concatenate([own, *blocks])))
 
-    assert float(accuracy.values(accuracy.data, accuracy.data.S)[0]) == pytest.approx(
+    assert float(accuracy.values(accuracy.now, accuracy.now.S)[0]) == pytest.approx(
         direct(), rel=1e-6
     )
     np.testing.assert_allclose(tried, [direct(i) for i in range(5)], rtol=1e-6)
     np.testing.assert_allclose(twice, [direct(0, i) for i in range(5)], rtol=1e-6)
-    assert isinstance(accuracy, Accuracy)
 
 
 def test_poses_for_both_do_most_of_what_poses_for_one_would(

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from calib import Cell, Measurements, Poses
+from calib.cell import Repeatability
 from calib.poses import poses_at
-from doe.ahead.remaining import match
-from doe.ahead.situation import likely_read, refusal
+from doe.ahead.coming import match
+from doe.ahead.coming import whole_day as coming_day
+from doe.ahead.forecast import likely_read, refusal
 from studies.demo.embedded import embedded_cell
 from tests.doe.ahead.day import cell_of_day, of_poses, whole_day
 
@@ -69,6 +71,31 @@ def test_a_reference_is_to_come_as_often_as_it_is_missing(cell: Cell, table_two:
     np.testing.assert_array_equal(free, [0, 1])
     named = match(cell, plan, replace(thrice, names=("ref1", "ref2", "other", "p1")))
     np.testing.assert_array_equal(np.setdiff1d(np.arange(6), named.left), [0, 1, 3])
+
+
+def test_what_is_left_is_known_by_its_pose_in_whatever_turn_it_is_read(
+    cell: Cell, full: Measurements, table_two: Poses
+) -> None:
+    """An arm whose scatter is known reads each pose free and loaded in one stay."""
+    left = match(cell, table_two, full.poses.take(slice(0, 17))).left
+    for arm in (cell, replace(cell, repeatability=Repeatability(3e-5, 1e-4))):
+        day, pose = coming_day(arm, full.take(np.arange(17)), table_two, left)
+        assert len(day) == 30
+        np.testing.assert_array_equal(pose[:17], -1)
+        np.testing.assert_allclose(day.poses.q[17:], table_two.q[pose[17:]])
+        # All free ones are read, and two loaded ones.
+        assert sorted(pose[17:]) == list(range(2, 15))
+        assert (day.poses.wrench[17:, 2] < -100.0).all()
+
+
+def test_the_arm_stands_where_a_plan_is_read(full: Measurements, table_two: Poses) -> None:
+    """Readings in hand that were filmed as it moved keep their velocities."""
+    filmed = replace(full.poses, velocity=full.poses.q, acceleration=full.poses.q)
+    day, _ = coming_day(embedded_cell(), replace(full, poses=filmed), table_two.take([0, 1]))
+    assert day.poses.velocity is not None
+    np.testing.assert_array_equal(day.poses.velocity[:30], full.poses.q)
+    assert not day.poses.velocity[30:].any()
+    assert len(day.poses.take(slice(30, None))) == 4
 
 
 def test_no_plan_leaves_nothing(cell: Cell, full: Measurements) -> None:

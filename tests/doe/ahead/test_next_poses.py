@@ -19,10 +19,9 @@ from calib.diagnosis import Diagnosis
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.stage import positions
 from calib.errors import CalibError
-from doe.ahead.evidence import RivalEvidence
-from doe.ahead.rivals import data_rows, situation_after
+from doe.ahead.causes import Discrimination
+from doe.ahead.forecast import Forecast, Offer
 from doe.ahead.search import PoseSearch
-from doe.ahead.situation import CandidateRows
 from doe.constraints import constraints_of, scene_of
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.doe.ahead.day import asking_only
@@ -33,7 +32,7 @@ SCALE = 9e-6
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-def linear(seed: int, sizes: float = 1.0) -> tuple[RivalEvidence, Array, Array, Array]:
+def linear(seed: int, sizes: float = 1.0) -> tuple[Discrimination, Array, Array, Array]:
     """Rows of data and of 14 candidates, eight parameters modelled, three rivals that look alike."""
     rng = np.random.default_rng(seed)
     mix = rng.normal(size=(14, 14)) * 0.1 + np.eye(14)
@@ -42,7 +41,7 @@ def linear(seed: int, sizes: float = 1.0) -> tuple[RivalEvidence, Array, Array, 
     rows, more = rng.normal(size=(60, 14)) @ mix.T, rng.normal(size=(14, 4, 14)) @ mix.T
     y = rows[:, 8:10] @ np.array([0.9, -0.4]) + rng.normal(size=60)
     rivals = [np.array(at) for at in RIVALS]
-    return RivalEvidence.of(rows, y, np.full(14, sizes), rivals, PAIRS), rows, more, y
+    return Discrimination.of(rows, y, np.full(14, sizes), rivals, PAIRS), rows, more, y
 
 
 def direct(rows: Array, truth: list[int], rival: list[int], b: Array) -> float:
@@ -57,7 +56,7 @@ def test_search_against_every_subset() -> None:
     shares = []
     for seed in range(8):
         evidence, _, more, _ = linear(seed)
-        offer = CandidateRows(np.zeros((14, 1)), more, None, np.zeros(14, dtype=int))
+        offer = Offer(np.zeros((14, 1)), more)
         search = PoseSearch((replace(evidence, planned=72),), offer, np.zeros(1))
         values = [search.value(s) for s in itertools.combinations(range(14), 3)]
         mine = search.best_plan(3)
@@ -97,8 +96,8 @@ def test_probability_is_the_frequency_of_the_right_preference(
             both = [8 + np.arange(len(truth)), 8 + len(truth) + np.arange(len(rival))]
             own = rows[:, [*range(8), *truth, *rival]]
             # Large plausible sizes: the weak prior is then no prior.
-            evidence = RivalEvidence.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
-            predicted = evidence.preferences(evidence.data)[0, 0]
+            evidence = Discrimination.of(own, signal, np.full(own.shape[1], 1e3), both, ((0, 1),))
+            predicted = evidence.preferences(evidence.now)[0, 0]
             assert predicted == pytest.approx(seen, abs=error)
 
 
@@ -135,12 +134,12 @@ def test_predictions_are_those_of_stacked_least_squares(
     (prediction,) = six.predictions
     first, second = (c for c, _ in found.causes[0].named.members)
     assert prediction.rivals == (first.key, second.key)
-    situation = situation_after(cell, found, [first.effect, second.effect])
-    _, rows = data_rows(situation, found)
-    session = situation.conditions.in_order(cell.robot, six.poses.q)
-    _, J = situation.model.jacobian(situation.values, session)
+    forecast = Forecast.after_diagnosis(cell, found, [first.effect, second.effect])
+    _, rows = forecast.known.independent
+    session = forecast.conditions.in_order(cell.robot, six.poses.q)
+    _, J = forecast.model.jacobian(forecast.values, session)
     fresh = J.reshape(-1, J.shape[-1]) / found.noise.sigma
-    at = [positions(situation.model, c.effect) for c in (first, second)]
+    at = [positions(forecast.model, c.effect) for c in (first, second)]
     rest = np.setdiff1d(np.arange(J.shape[-1]), np.concatenate(at))
     refit = found.stage.fit([second.effect])
     b = [found.causes[0].values, refit.values[positions(refit.model, second.effect)]]
@@ -148,10 +147,10 @@ def test_predictions_are_those_of_stacked_least_squares(
         (rows, prediction.now),
         (np.concatenate([rows, fresh]), prediction.after),
     ):
-        have = have * situation.model.sizes
+        have = have * forecast.model.sizes
         margin = []
         for e, f in ((0, 1), (1, 0)):
-            s = have[:, at[e]] @ (b[e] / situation.model.sizes[at[e]])
+            s = have[:, at[e]] @ (b[e] / forecast.model.sizes[at[e]])
             alone, beside = (
                 float(np.linalg.norm(s - own @ np.linalg.lstsq(own, s, rcond=1e-12)[0]) ** 2)
                 for own in (have[:, rest], have[:, np.concatenate([rest, at[f]])])
@@ -167,14 +166,16 @@ def test_the_poses_chosen_beat_poses_at_random(
     cell, found = alike
     (prediction,) = six.predictions
     members = [c for c, _ in found.causes[0].named.members]
-    situation = situation_after(cell, found, [c.effect for c in members])
-    r, rows = data_rows(situation, found)
-    at = [positions(situation.model, c.effect) for c in members]
-    y = r + rows[:, np.concatenate(at)] @ situation.values[np.concatenate(at)]
-    evidence = RivalEvidence.of(rows, y, situation.model.sizes, at, ((0, 1),))
-    q = situation.feasible(120, seed=5).reshape(20, 6, -1)
+    forecast = Forecast.after_diagnosis(cell, found, [c.effect for c in members])
+    r, rows = forecast.known.independent
+    at = [positions(forecast.model, c.effect) for c in members]
+    y = r + rows[:, np.concatenate(at)] @ forecast.values[np.concatenate(at)]
+    evidence = Discrimination.of(rows, y, forecast.model.sizes, at, ((0, 1),))
+    q = forecast.feasible(120, seed=5).reshape(20, 6, -1)
     random = [
-        evidence.probabilities(evidence.data.added(evidence.blocks(situation.in_order(one))))[0]
+        evidence.probabilities(
+            evidence.now.added(evidence.columns_of(forecast.in_order(one), one))
+        )[0]
         for one in q
     ]
     assert prediction.now < min(random)

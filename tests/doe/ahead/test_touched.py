@@ -12,7 +12,7 @@ from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.poses import Measurements, Poses, poses_at
 from doe.ahead.enough import Enough, enough
-from doe.ahead.foresee import view_of
+from doe.ahead.foresee import foresee
 from tests.doe.constraints.test_touching import KINDS, SITES, at, planned, settled, to_socket
 from tests.helpers import all_seen
 
@@ -58,8 +58,8 @@ def test_the_end_is_what_identify_will_say(whole: Measurements, answer: Enough) 
 def test_a_plan_foresees_the_length_as_an_identification_has_it(
     plan: Poses, whole: Measurements
 ) -> None:
-    view = view_of(CELL, plan)
+    view = foresee(CELL, plan)
     found = calib.identify(CELL, whole.take(~view.waiting))
-    own = view.rows[:, : len(view.values)]
+    own = view.forecast.known.independent[1][:, : len(view.values)]
     std = np.sqrt(np.diag(np.linalg.inv(own.T @ own)))
     np.testing.assert_allclose(std, found.std, rtol=0.01)

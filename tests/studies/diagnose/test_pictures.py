@@ -10,7 +10,7 @@ import pytest
 import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
-from doe.ahead.likeness import SURE
+from doe.ahead.information import SURE
 from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
 from studies.diagnose.pictures import waterfall
 from studies.diagnose.record import ErrorSteps, SpectrumEntry, SpectrumLine

@@ -1,4 +1,15 @@
-"""Which causes look alike to readings, and with what probability the right one is preferred.
+"""What readings tell of causes beside all that is modelled, and what further readings add.
+
+Of independent rows of unit variance, N of what is modelled and X of what is asked about, one triangle
+answers every question:
+
+    [N X] = Q R,    R = [R_11 R_12; 0 R_22].
+
+``P = (R_11^T R_11)^-1`` is the covariance of what is modelled, ``R_11^-1 R_12`` its imitation of X, and
+``S = R_22^T R_22`` the Schur complement, what X shows beyond that. Rows (A, Y) that come later add the
+block form of recursive least squares,
+
+    S' = S + D^T (I + A P A^T)^-1 D,    D = Y - A R_11^-1 R_12.
 
 A cause e that is there, of noncentrality lambda once all modelled is projected out, leaves
 ``lambda_{e|f} = lambda (1 - rho^2)`` beside a rival f that is fitted in its place; rho is the part of
@@ -21,19 +32,77 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.evidence import VISIBLE
+from calib.evidence import VISIBLE, visible_directions
 from calib.sobol import Sobol
+from calib.solver import triangle
 
+FREE = 10.0
+"""Plausible sizes to which what is modelled is known beforehand: what is open is finite."""
 SURE = 0.95
 """Probability of preferring the right one at which two causes count as told apart."""
 _DRAWS = 64
 _FINEST, _LARGEST = 1e-2, 1e10  # noncentralities between which the one that is needed is sought
 _HALVINGS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The triangle of all rows so far, and of a weak prior on what is modelled.
+
+    root : ndarray, shape (n + K, n + K), R; n : int, columns of what is modelled, which come first
+    rows : int, that count
+    """
+
+    root: Array
+    n: int
+    rows: int
+
+    @classmethod
+    def of(cls, rows: Array, n: int) -> Information:
+        """From rows (N, n + K), in plausible sizes."""
+        weak = np.diag(np.arange(rows.shape[1]) < n) / FREE
+        return cls(weak, n, 0).added(rows)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """``R_11^-1``, shape (n, n)."""
+        from scipy.linalg import solve_triangular
+
+        return np.asarray(solve_triangular(self.root[: self.n, : self.n], np.eye(self.n)))
+
+    @property
+    def S(self) -> Array:
+        """Products of what is left of X, shape (K, K)."""
+        rest = self.root[self.n :, self.n :]
+        return np.asarray(rest.T @ rest)
+
+    @property
+    def lengths(self) -> Array:
+        """Of the columns of X before the projection, shape (K,)."""
+        return np.asarray(np.linalg.norm(self.root[:, self.n :], axis=0))
+
+    def left(self, rows: Array) -> tuple[Array, Array]:
+        """``A R_11^-1`` and D of further rows (..., r, n + K)."""
+        along = rows[..., : self.n] @ self.inverse
+        return along, np.asarray(rows[..., self.n :] - along @ self.root[: self.n, self.n :])
+
+    def tried(self, rows: Array) -> Array:
+        """S with one of m further blocks (m, r, n + K) each, shape (m, K, K)."""
+        along, D = self.left(rows)
+        V = along @ np.swapaxes(along, -1, -2) + np.eye(along.shape[-2])
+        return np.asarray(self.S + np.swapaxes(D, -1, -2) @ np.linalg.solve(V, D))
+
+    def added(self, rows: Array) -> Information:
+        """With further rows (..., n + K), all of them."""
+        flat = rows.reshape(-1, rows.shape[-1])
+        count = self.rows + int(np.count_nonzero(flat.any(axis=1)))
+        return Information(triangle(np.concatenate([self.root, flat])), self.n, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +210,8 @@ def likeness(
     G, lengths = S[..., order[:, None], order], lengths[order]
     U, seen = np.zeros(G.shape), []
     for at in parts:
-        U[..., at, at], own = directions(G[..., at, at], lengths[at])
-        seen.append(own)
+        U[..., at, at], own = visible_directions(G[..., at, at], lengths[at])
+        seen.append(own.sum(axis=-1))
     Ut = np.swapaxes(U, -1, -2)
     crossed = Ut @ G @ U
     # Only what can be seen of a cause is compared.
@@ -159,17 +228,6 @@ def likeness(
     left = np.minimum(1.0 - imitated / whole, 1.0)
     left = np.where(left < VISIBLE**2, 0.0, left)  # the rest is rounding
     return Likeness(np.stack(seen, axis=-1), size, left, crossed, starts)
-
-
-def directions(S: Array, lengths: Array) -> tuple[Array, IntArray]:
-    """``U`` (..., k, k) whose columns make those of a cause orthonormal, zero for what cannot be seen,
-    and how many can: from their products S (..., k, k), and lengths (k,) before the projection.
-    """
-    scale = np.where(lengths > 0.0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
-    seen = values > VISIBLE**2
-    root = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-    return vectors * root[..., None, :] / scale[:, None], seen.sum(axis=-1)
 
 
 def plausible(sizes: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Look-alikes on plain linear problems, against least squares and simulated choices."""
+"""Information and look-alikes on plain linear problems, against least squares and simulated choices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from calib.arrays import Array
 from calib.diagnosis.screen import Field, field
-from doe.ahead.likeness import SURE, likeness, plausible
+from doe.ahead.information import FREE, SURE, Information, likeness, plausible
 
 ROWS = 400
 RNG = np.random.default_rng(3)
@@ -91,3 +91,39 @@ def test_a_part_of_a_rival_is_told_from_it_by_its_price() -> None:
     """Cause 0 is one direction of cause 3: it costs less for the same, at any size."""
     assert ALIKE.needed(ROWS)[0, 3] == 0.0
     assert 0.0 < ALIKE.needed(ROWS)[3, 0] < np.inf
+
+
+# -- The triangle of all rows ----------------------------------------------------------------------
+
+
+def left_of(rows: Array) -> Array:
+    """What six weakly known columns leave of the others, by plain inversion: their products."""
+    M = rows.T @ rows + np.diag(np.arange(rows.shape[1]) < 6) / FREE**2
+    return np.asarray(M[6:, 6:] - M[6:, :6] @ np.linalg.solve(M[:6, :6], M[:6, 6:]))
+
+
+def test_further_rows_add_what_they_add_to_all_rows_at_once() -> None:
+    rows, blocks = np.column_stack([N, X])[:40], RNG.normal(size=(3, 30, 11))
+    now = Information.of(rows, 6)
+    np.testing.assert_allclose(now.S, left_of(rows), rtol=1e-9)
+    np.testing.assert_allclose(now.lengths, np.linalg.norm(rows[:, 6:], axis=0), rtol=1e-12)
+    for tried, block in zip(now.tried(blocks), blocks, strict=True):
+        np.testing.assert_allclose(tried, left_of(np.concatenate([rows, block])), rtol=1e-9)
+    whole = now.added(blocks)
+    np.testing.assert_allclose(whole.S, left_of(np.concatenate([rows, *blocks])), rtol=1e-9)
+    assert whole.rows == 130
+
+
+def test_the_triangle_of_many_rows_tells_what_they_tell() -> None:
+    blocks = RNG.normal(size=(3, 30, 11))
+    now = Information.of(np.column_stack([N, X])[:40], 6)
+    few = np.linalg.qr(blocks, mode="r")
+    np.testing.assert_allclose(now.tried(few), now.tried(blocks), rtol=1e-9)
+
+
+def test_what_nothing_tells_is_open_and_yet_finite() -> None:
+    rows = np.zeros((1, 8))
+    rows[0, 6:] = 1.0
+    now = Information.of(rows, 6)
+    np.testing.assert_allclose(now.inverse, FREE * np.eye(6))
+    np.testing.assert_allclose(now.S, 1.0)

@@ -1,0 +1,299 @@
+"""The error at the targets: what is expected of the estimate after each pose, and what none lowers.
+
+No reading lowers the arm's scatter, what the model lacks, and a trend of the day.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from calib.arrays import Array, stacked
+from calib.cell import Cell
+from calib.cell.targets import targets_of
+from calib.compensation.estimate import Estimate, estimate_of, fitted_of
+from calib.compensation.trend import trend_of
+from calib.compensation.unexplained import Unexplained, Unseen, at_ends, at_held_out, scatter_at
+from calib.identification import Identification
+from calib.linear import LinearProblem
+from calib.model import Model
+from calib.model.covariance import identifiable, ignorance, task_error
+from calib.poses import Poses
+from calib.scatter import Variances
+from calib.uncertainty.expanded import freedom
+from calib.uncertainty.pose_to_pose import Owner, parted
+from doe.ahead.information import Information
+from doe.problem.linearisation import Linearisation
+from doe.problem.target_errors import TargetErrors
+
+_PART = 0.5  # of what the model seems to lack, that must be more than chance
+_SURE = 0.95
+_MANY = 1e6  # degrees of freedom: known
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorFloor:
+    """The error at the targets that does not average away, RMS, m.
+
+    scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
+        here
+    unfollowed : what the model does not follow from pose to pose; unexplained : what it lacks beside it
+    trend : how far the trend of the day will have gone when the arm comes to the targets; an_hour_on :
+        and an hour later; None where no clock tells
+    seen : what poses showed that the fit was without, zero where there are none
+    rest_of : whose what differs from configuration to configuration is
+    surely : whether what the model lacks, or half of it, is more than chance
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
+    at_targets : ndarray, shape (targets,), m, all of it
+    hidden : what the data neither show nor rule out, for which a bound allows beside all that: scatter
+        that was not found, and a trend that may be chance
+    """
+
+    scatter: float
+    unfollowed: float
+    unexplained: Unexplained
+    trend: float
+    an_hour_on: float | None
+    seen: Unseen
+    rest_of: Owner
+    surely: bool
+    after: float | None
+    at_targets: Array
+    hidden: float = 0.0
+
+    @property
+    def of_model(self) -> float:
+        """What the model lacks, but for the trend."""
+        return float(np.hypot(self.unfollowed, self.unexplained.rms))
+
+    @property
+    def rms(self) -> float:
+        """All of it."""
+        return float(np.linalg.norm([self.scatter, self.of_model, self.trend]))
+
+
+def error_floor(
+    cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
+) -> ErrorFloor:
+    """What does not average away at the cell's targets.
+
+    model, values, arm : of the whole day; found : of the data so far, None where there is none yet
+    Where something is lacking, it is as much as poses miss by that the fit was without.
+    """
+    targets, weights = targets_of(cell)
+    known = None if found is None else estimate_of(found)
+    rest_of: Owner = "instrument" if known is None else known.rest_of
+    own, lacks = (
+        np.sqrt(scatter_at(model, values, targets, part).mean(axis=-1))
+        for part in parted(arm, rest_of)
+    )
+    rest = Unexplained(0.0, "") if known is None else known.unexplained
+    trend, an_hour_on, after = np.zeros(len(targets)), None, cell.design.targets_after
+    if known is not None:
+        later = replace(targets, start=known.start)
+        trend, an_hour_on = (
+            known.moved_on(later, after or 0.0),
+            known.an_hour_on(later, after or 0.0),
+        )
+
+    def rms(errors: Array) -> float:
+        return task_error(errors, weights)[0]
+
+    seen = None
+    if found is not None:
+        fit, held = fitted_of(found), found.heldout
+        if held is not None and held.data.seen.any():
+            seen = at_held_out(fit, held.data)
+        else:
+            seen = at_ends(fit)
+        seen = None if seen is None else seen.times(found.footprint)
+    scatter = rms(np.hypot(own, lacks))
+    sure = float(np.hypot(rms(lacks), rest.rms))
+    if seen is not None and (scatter or rest.rms):
+        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
+        rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
+    seen = seen or Unseen(0.0, 0.0, 0.0, "")
+    part = _PART * float(np.hypot(rms(lacks), rest.rms))
+    surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
+    lacking = ErrorFloor(
+        rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
+        seen, rest_of, surely, after,
+        np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),
+    )  # fmt: skip
+    if found is None or known is None:
+        return lacking
+    hidden = None if found.unnoticed is None else found.unnoticed[1].variances
+    scattered = rms(np.sqrt(scatter_at(model, values, targets, hidden).mean(axis=-1)))
+    scattered = scattered if lacking.rms else max(scattered, seen.certain)
+    moving = _hidden_trend(found, known, targets, weights, after)
+    return replace(lacking, hidden=float(np.hypot(scattered, moving)))
+
+
+def _hidden_trend(
+    found: Identification, known: Estimate, targets: Poses, weights: Array, after: float | None
+) -> float:
+    """RMS error at targets hours after the last reading by a trend that may be chance, m.
+
+    Zero where one is shown, which is expected then, or nobody says that the targets come later.
+    """
+    if not after or known.trend is not None or known.clock_unit != "s":
+        return 0.0
+    known = replace(known, trend=trend_of(fitted_of(found), sure=1.0))
+    return task_error(known.moved_on(replace(targets, start=known.start), after), weights)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class ForecastStep:
+    """What will be known after one more pose.
+
+    pose : str, empty for what is known now; readings : int, in all
+    task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
+        size, as far as the others do not make up for it
+    task_most : float, m, that the error at the targets exceeds once in twenty
+    common : float, m, the part of ``task_rms`` by errors common to all readings
+    from_parameters : float, m, the part of ``task_rms`` that more readings lower
+    std : ndarray, shape (p,), SI, NaN for what is open
+    open : tuple of str, parameters that cannot be told
+    """
+
+    pose: str
+    readings: int
+    task_rms: float
+    task_worst: float
+    task_most: float
+    from_parameters: float
+    std: Array
+    open: tuple[str, ...]
+    common: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TaskError:
+    """The error that is expected at the cell's targets, as ``calib.identify`` will say it.
+
+    targets : TargetErrors, per plausible size
+    lacking : ErrorFloor, the error there that no reading lowers
+    dof : float, degrees of freedom behind the noise, infinite where it is known
+    """
+
+    model: Model
+    targets: TargetErrors
+    lacking: ErrorFloor
+    dof: float
+
+    @classmethod
+    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Self:
+        """At the targets of a cell; found : of the data so far, None where there is none.
+
+        What is taken for noise is known by as many degrees of freedom as the identification says.
+        Where poses err as a whole they count, not points: which variances they show is chosen as well.
+        """
+        model, dof = at.model, np.inf
+        if found is not None:
+            told = found.levels is not None and not len(found.levels.free)
+            as_a_whole = bool(lacking.rms) and not told
+            dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
+        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
+        return cls(model, targets, lacking, dof)
+
+    def expected(self, pose: str, readings: int, told: LinearProblem, moved: Array) -> ForecastStep:
+        """What is known by then.
+
+        told : LinearProblem, all readings by then
+        moved : ndarray, shape (m, R, b), how they follow errors common to all
+        """
+        rows, weights, sizes = self.targets.rows, self.targets.weights, self.model.sizes
+        p, J = len(sizes), told.fitted[1] * sizes
+        ids = tuple(parameter.id for parameter in self.model.parameters)
+        choice = identifiable(J, np.ones(p), ids)
+        known = np.zeros(p, dtype=bool)
+        known[choice.kept] = True
+        span = np.eye(p)[:, choice.kept]
+        told = replace(told, span=sizes[:, None] * span)
+        cov = told.covariance / np.outer(sizes, sizes) + ignorance(J, span, np.ones(p), ~known)
+        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
+        own = np.sqrt(np.maximum(squared, 0.0))
+        response = told.followed(moved) / sizes[:, None]
+        missed = self.targets.missed(response)
+        common = np.sqrt((missed**2).sum(axis=(1, 2)))
+        rms, worst = task_error(np.hypot(own, np.hypot(common, self.lacking.at_targets)), weights)
+        variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
+        most = float(np.hypot(rms, self.lacking.hidden)) * self._margin(cov, missed, rms)
+        return ForecastStep(
+            pose,
+            readings,
+            rms,
+            worst,
+            most if pose else max(most, self.lacking.seen.rms),
+            task_error(own, weights)[0],
+            np.where(known, np.sqrt(variances) * sizes, np.nan),
+            tuple(name for entry in choice.unidentifiable for name in entry.names),
+            task_error(common, weights)[0],
+        )
+
+    def _margin(self, cov: Array, missed: Array, rms: float) -> float:
+        """By how much the error exceeds its expectation once in twenty.
+
+        One draw of the parameters and of the common errors, ``missed`` (targets, r, b) by one standard
+        uncertainty of each, errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
+        (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
+        has an F distribution.
+        """
+        from scipy.special import fdtri
+
+        share = np.sqrt(self.targets.weights)[:, None, None]
+        half, shared = stacked(self.targets.rows * share), stacked(missed * share)
+        # The same sums of squares in p + b rows: of values and common errors side by side.
+        both = np.concatenate([half, shared], axis=1)
+        inner = both.T @ both
+        p, b = len(cov), shared.shape[1]
+        spreads = np.zeros((p + b, p + b))
+        spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
+        spread = np.linalg.eigvals(spreads @ inner).real
+        squares = float((spread**2).sum())
+        drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
+        return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What poses do for the error at the targets: less the logarithm of its RMS by the parameters.
+
+    now : Information, after the data; sizes : ndarray, shape (p,), plausible, SI
+    square : float, m^2, mean square with the data
+
+    Where the targets are stands as columns that no reading shows: what is modelled imitates them by its
+    covariance, and their Gram matrix is what the mean square falls by.
+    """
+
+    now: Information
+    sizes: Array
+    square: float
+
+    @classmethod
+    def of(cls, targets: TargetErrors, rows: Array, sizes: Array) -> Self:
+        """For errors per plausible size, of the p with these sizes, SI.
+
+        rows : ndarray, shape (N, ..), independent, of what is known, these p first
+        """
+        p = len(sizes)
+        known = Information.of(rows[:, :p] * sizes, p)
+        at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None])
+        # As many rows as parameters say the same of so many targets.
+        root = np.asarray(np.linalg.qr(at @ known.inverse, mode="r")).T
+        k = root.shape[1]
+        whole = np.block([[known.root, root], [np.zeros((k, p + k))]])
+        return cls(Information(whole, p, known.rows), sizes, float((root**2).sum()))
+
+    def columns_of(self, rows: Array, q: Array) -> Array:
+        """Rows (m, r, ..) of SI units, and nothing of the targets."""
+        del q
+        own, K = rows[..., : len(self.sizes)] * self.sizes, len(self.now.root) - len(self.sizes)
+        return np.concatenate([own, np.zeros((*own.shape[:-1], K))], axis=-1)
+
+    def values(self, known: Information, S: Array) -> Array:
+        """The larger the better, shape (..., 1)."""
+        del known
+        return np.asarray(-0.5 * np.log(self.square - np.trace(S, axis1=-2, axis2=-1)))[..., None]

@@ -1,0 +1,336 @@
+"""The readings to come: those of a plan that are left, and further ones as the data were read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.api import Plan, in_turn, poses_of, readings
+from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
+from calib.arm.se3 import cross, rotate, skew
+from calib.arm.statics import wrench_with_load
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.poses import Measurements, Poses, poses_at
+from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
+from doe.constraints import scene_of, visible
+
+_AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
+_AS_TOLD_M = 1e-5
+_AS_NAMED = np.radians(5.0)  # rad: a pose that was moved a little for want of room
+_AS_NAMED_M = 0.05
+_FORCE, _MASS = 1.0, 0.1  # N, kg: loads closer than this are one
+_MOST_LOADS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class TipLoad:
+    """What pulls on the tip at a reading.
+
+    force : ndarray, shape (3,), N, base axes, at ``lever`` (3,), m, tip axes
+    moment : ndarray, shape (3,), N m, base axes, beyond that of the force
+    mass : float, kg, at ``com`` (3,), m, tip axes
+    """
+
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    lever: Array = field(default_factory=lambda: np.zeros(3))
+    moment: Array = field(default_factory=lambda: np.zeros(3))
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing pulls."""
+        return not (self.force.any() or self.moment.any() or self.mass)
+
+    def mass_under(self, gravity: Array) -> float:
+        """Mass that weighs as much, kg; gravity, shape (3,), m/s^2, standard where it is none."""
+        pull = float(np.linalg.norm(gravity)) or 9.80665
+        return self.mass + float(np.linalg.norm(self.force)) / pull
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Conditions of further readings.
+
+    loads : tuple of TipLoad, under each of which every configuration is read
+    sides : tuple of float, +1 or -1, from which every joint comes, each a reading of its own; empty
+        where the approach follows from the order of the poses
+    time, pace : float, s, of the last reading and from one to the next; None where time is not known
+    start : float, s, from which drift counts
+    temperature : float, degC, or None
+    station : int, the instrument's frame; stations : tuple of str
+    last : ndarray, shape (dof,), where the arm stands; motion : ndarray, (dof,), usual size of a move,
+        None where nothing is known of the moves
+    """
+
+    loads: tuple[TipLoad, ...]
+    sides: tuple[float, ...]
+    time: float | None
+    pace: float
+    start: float
+    temperature: float | None
+    station: int
+    stations: tuple[str, ...]
+    last: Array
+    motion: Array | None
+
+    @property
+    def each(self) -> int:
+        """Readings of one configuration."""
+        return self.stay * max(1, len(self.sides))
+
+    @property
+    def stay(self) -> int:
+        """Readings between two motions of the arm."""
+        return len(self.loads)
+
+    def in_order(self, robot: Robot, q: Array) -> Poses:
+        """Readings of configurations (m, dof), one after the other; those of one stand together."""
+        approach, motion = moves(np.concatenate([self.last[None], q]))
+        time = self.pace * np.arange(1.0, len(q) * self.each + 1.0)
+        return self._read(robot, q, approach[1:], motion[1:], time)
+
+    def alike(self, robot: Robot, q: Array, side: float, count: int) -> Poses:
+        """Readings of candidates, in turn as the first to the last of ``count`` configurations.
+
+        q : ndarray, shape (m, dof), rad or m
+        side : float, +1 or -1, from which every joint comes
+        """
+        approach = np.full_like(q, side)
+        motion = np.zeros_like(q) if self.motion is None else np.broadcast_to(self.motion, q.shape)
+        time = self.pace * (np.arange(float(len(q) * self.each)) % (count * self.each) + 1.0)
+        return self._read(robot, q, approach, motion, time)
+
+    def _read(self, robot: Robot, q: Array, approach: Array, motion: Array, time: Array) -> Poses:
+        m, count = len(q), self.each
+        loads = list(self.loads) * max(1, len(self.sides))
+        R = forward(robot, q).R[:, -1]
+        wrench = np.stack([_wrench(R, load) for load in loads], axis=1).reshape(-1, 6)
+        approach = np.repeat(approach, count, axis=0)
+        if self.sides:
+            sides = np.sign(np.repeat(np.tile(self.sides, m), len(self.loads)))
+            approach = np.broadcast_to(sides[:, None], approach.shape)
+        com = next((load.com for load in loads if load.mass), np.zeros(3))
+        known = self.motion is not None
+        return poses_at(
+            np.repeat(q, count, axis=0),
+            wrench=wrench,
+            load_mass=np.tile([load.mass for load in loads], m),
+            load_com=com,
+            time=None if self.time is None else self.time + time,
+            start=self.start,
+            temperature=None if self.temperature is None else np.full(m * count, self.temperature),
+            approach=approach if known else None,
+            motion=np.repeat(motion, count, axis=0) if known else None,
+            station=np.full(m * count, self.station),
+            stations=self.stations,
+        )
+
+
+def _wrench(R: Array, load: TipLoad) -> Array:
+    """Force and moment about the tip's origin in base axes, shape (m, 6)."""
+    moment = cross(rotate(R, load.lever), load.force) + load.moment
+    return np.column_stack([np.broadcast_to(load.force, moment.shape), moment])
+
+
+def conditions_of(robot: Robot, poses: Poses) -> Conditions:
+    """What goes on as it was: every load of the data, the pace, the last temperature and station."""
+    order = np.arange(len(poses)) if poses.time is None else np.argsort(poses.time, kind="stable")
+    end = int(order[-1])
+    steps = np.zeros(0) if poses.time is None else np.diff(poses.time[order])
+    steps = steps[steps > 0.0]
+    known = poses.approach is not None or poses.motion is not None
+    usual = np.zeros(robot.dof) if poses.motion is None else np.median(poses.motion, axis=0)
+    return Conditions(
+        loads=loads_of_data(robot, poses),
+        sides=(),
+        time=None if poses.time is None else float(poses.time[end]),
+        pace=float(np.median(steps)) if len(steps) else 0.0,
+        start=poses.start,
+        temperature=None if poses.temperature is None else float(poses.temperature[end]),
+        station=int(poses.station[end]),
+        stations=poses.stations,
+        last=poses.q[end],
+        motion=usual if known else None,
+    )
+
+
+def loads_of_plan(cell: Cell) -> tuple[TipLoad, ...]:
+    """The loads under which a cell's plan is read, the free state first."""
+    if cell.load is None:
+        return (TipLoad(),)
+    return TipLoad(), TipLoad(mass=cell.load.mass, com=np.asarray(cell.load.com))
+
+
+def loads_of_data(robot: Robot, poses: Poses) -> tuple[TipLoad, ...]:
+    """The distinct loads under which the data were read, the free state first.
+
+    Where they differ from reading to reading, as those of a force sensor do, their mean stands for
+    all that are not free.
+    """
+    key = np.column_stack([poses.wrench[:, :3] / _FORCE, poses.load_mass / _MASS])
+    kinds, group = np.unique(np.round(key), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    if len(kinds) > _MOST_LOADS:
+        group = (np.abs(key) > 1.0).any(axis=1).astype(int)
+    found = [_load(robot, poses.take(group == g)) for g in np.unique(group)]
+    return tuple(sorted(found, key=lambda load: not load.free))
+
+
+def _load(robot: Robot, poses: Poses) -> TipLoad:
+    """Force, and where it acts: the point of the tip that explains the moments best."""
+    force, moment = poses.wrench[:, :3], poses.wrench[:, 3:]
+    R = forward(robot, poses.q).R[:, -1]
+    arm = -skew(force) @ R
+    lever = np.linalg.pinv(arm.reshape(-1, 3), rcond=1e-9) @ moment.ravel()
+    rest: Array = (moment - rotate(arm, lever)).mean(axis=0)
+    mean: Array = force.mean(axis=0)
+    mass = float(poses.load_mass.mean())
+    scale = float(np.abs(moment).max(initial=0.0))
+    rest = np.where(np.abs(rest) > 1e-3 * scale, rest, 0.0)
+    return TipLoad(mean, lever, rest, mass, poses.load_com if mass else np.zeros(3))
+
+
+def whole_day(
+    cell: Cell, data: Measurements, plan: Poses, left: IntArray | None = None
+) -> tuple[Measurements, IntArray]:
+    """Data and the readings ``left`` of a plan as one set, and of each the pose of the plan, else -1.
+
+    left : ndarray of int, of ``calib.readings(cell, plan)``, all without it
+    Points still to come are zero. What is to come goes on at the pace, the temperature and the station
+    of the data, in the order of the plan, with the markers that will be in sight.
+    """
+    pose = np.full(len(data), -1)
+    if not len(plan) or (left is not None and not len(left)):
+        return data, pose
+    turn = np.arange(len(readings(cell, plan)))
+    turn = turn.reshape(-1, len(plan)).T.ravel() if cell.scatters else turn
+    kept = np.full(len(turn), True) if left is None else np.isin(turn, left)
+    coming = readings_of(cell, plan).take(kept)
+    day = Measurements(
+        _followed(cell, data.poses, coming.poses),
+        np.concatenate([data.readings, coming.readings]),
+        np.concatenate([data.seen, coming.seen]),
+        np.concatenate([data.sigma, coming.sigma]),
+    )
+    return day, np.concatenate([pose, turn[kept] % len(plan)])
+
+
+def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
+    order, k = in_order(now), len(coming)
+    last = int(order[-1])
+    way = np.concatenate([now.q[order], coming.q])
+    fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
+    approach, motion = (part[len(now) :] for part in moves(way, fresh))
+    ahead = np.arange(1.0, k + 1.0)
+    pace = 0.0
+    if now.time is not None and len(now) > 1:
+        pace = float(np.median(np.diff(np.sort(now.time))))
+    sites = np.full(k, "") if coming.site is None else coming.site
+    return replace(
+        now,
+        names=(*now.names, *coming.names),
+        q=np.concatenate([now.q, coming.q]),
+        wrench=np.concatenate(
+            [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
+        ),
+        temperature=_continued(now.temperature, last, np.zeros(k)),
+        time=_continued(now.time, last, pace * ahead),
+        order=_continued(now.order, last, ahead),
+        torque=None,  # what the arm will measure nobody knows beforehand
+        approach=_both(now.approach, approach),
+        motion=_both(now.motion, motion),
+        velocity=_both(now.velocity, np.zeros_like(coming.q)),  # it stands where a plan is read
+        acceleration=_both(now.acceleration, np.zeros_like(coming.q)),
+        station=np.concatenate([now.station, np.full(k, now.station[last])]),
+        load_mass=np.zeros(len(way)),
+        site=None if now.site is None else np.concatenate([now.site, sites]),
+        session=None
+        if now.session is None
+        else np.concatenate([now.session, np.full(k, now.session[last])]),
+    )
+
+
+def _both(so_far: Array | None, coming: Array) -> Array | None:
+    return None if so_far is None else np.concatenate([so_far, coming])
+
+
+def _continued(so_far: Array | None, last: int, beyond: Array) -> Array | None:
+    return None if so_far is None else np.concatenate([so_far, so_far[last] + beyond])
+
+
+def readings_of(cell: Cell, plan: Plan) -> Measurements:
+    """The readings that a plan brings, their points still unknown."""
+    if isinstance(plan, Measurements):
+        return plan
+    poses = poses_of(cell, plan)
+    if poses.approach is None:
+        poses = replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
+    poses = in_turn(cell, poses)
+    seen = visible(scene_of(cell, poses.q))
+    blank = np.zeros((*seen.shape, cell.channels.width))
+    return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """The readings of a plan against those of the data.
+
+    left : ndarray of int, readings of ``calib.readings(cell, plan)`` that are still to come
+    poses : int, poses of the plan of which nothing is left
+    warnings : tuple of str
+    """
+
+    left: IntArray
+    poses: int
+    warnings: tuple[str, ...]
+
+
+def match(cell: Cell, plan: Poses, data: Poses) -> Match:
+    """Find the readings of a plan in the data: by joints, or by name where the joints are near.
+
+    However often a pose was read before the arm went on, it counts once, unless the readings carry
+    different names of the plan. So a reference is to come as often as it was not yet measured.
+    """
+    wanted, count = readings(cell, plan), len(plan)
+    if not count:
+        return Match(np.zeros(0, dtype=int), 0, ())
+    plain = np.array(plan.names * (len(wanted) // count), dtype=object)
+    named = np.array([(plain == n) | (np.array(wanted.names) == n) for n in data.names])
+    off = np.abs(wanted.q - data.q[:, None])
+    there = np.all(off <= np.where(cell.robot.prismatic, _AS_TOLD_M, _AS_TOLD), axis=-1)
+    near = np.all(off <= np.where(cell.robot.prismatic, _AS_NAMED_M, _AS_NAMED), axis=-1)
+    given, hung = (wrench_with_load(cell.robot, cell.gravity, poses) for poses in (data, wanted))
+    fits = _equally_loaded(given[:, :3], hung[:, :3])
+    left, warnings = np.ones(len(wanted), dtype=bool), []
+    for one in _counted(data, np.any(named, axis=1)):
+        score = (left & fits[one]) * (2 * there[one] + (named[one] & near[one]))
+        best = int(score.argmax())
+        if score[best] > 0:
+            left[best] = False
+        if score[best] == 1:
+            warnings.append(f"{data.names[one]} was measured beside the plan's joints: it counts")
+        elif (left & fits[one] & named[one] & ~near[one]).any() and not score[best]:
+            warnings.append(
+                f"{data.names[one]} stands in the plan at quite other joints: is it the right plan?"
+            )
+    whole = ~left.reshape(-1, count).any(axis=0)
+    return Match(np.flatnonzero(left), int(whole.sum()), tuple(warnings))
+
+
+def _counted(data: Poses, known: Mask) -> list[int]:
+    """Readings that may be the plan's: the first of each stay and load, and all known by name."""
+    keys = np.column_stack([visits(data), alike(data)])
+    _, first = np.unique(keys, axis=0, return_index=True)
+    rest = np.setdiff1d(np.flatnonzero(known), first)
+    return [int(i) for i in (*first, *rest)]
+
+
+def _equally_loaded(given: Array, wanted: Array) -> Mask:
+    """Whether the arm is as loaded as it should be, (m, n): free or loaded, not to the newton."""
+    lengths = (np.linalg.norm(forces, axis=1) for forces in (given, wanted))
+    least = 0.5 * np.maximum.outer(*lengths)
+    return np.asarray(np.linalg.norm(given[:, None] - wanted, axis=-1) <= least)

@@ -15,6 +15,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 
 _ROUNDING = 1e-14
+_TOLD = 6  # rows of a candidate by which it is ranked
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,10 @@ class Blocks:
 
     @cached_property
     def rows(self) -> Array:
-        """Rows J of every candidate with ``J^T J`` its matrix, shape (n, r, p), r at most the rank.
+        """Rows J of every candidate with ``J^T J`` nearly its matrix, shape (n, r, p).
 
-        Cholesky factors, the largest of what is left first; entries are unpacked as they are needed.
+        Of its principal axes the ones that tell most. They come from Cholesky factors, the largest of
+        what is left first, whose entries are unpacked as they are needed.
         """
         p, n = len(self.fixed), np.arange(len(self))
         where = unpack(np.arange(1.0, self.packed.shape[1] + 1.0) * pack(np.ones((p, p))))
@@ -65,13 +67,16 @@ class Blocks:
             pivot = left.argmax(axis=1)
             height = left[n, pivot]
             if (height <= enough).all():
-                return np.ascontiguousarray(found[:k].swapaxes(0, 1))
+                found = found[:k]
+                break
             row = self.packed[n[:, None], entry[pivot]] * scale[pivot]
             row -= np.einsum("ln,lnp->np", found[:k, n, pivot], found[:k])
             row[height <= enough] = 0.0
             found[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
             left = np.maximum(left - found[k] ** 2, 0.0)
-        return np.ascontiguousarray(found.swapaxes(0, 1))
+        factors = np.ascontiguousarray(found.swapaxes(0, 1))
+        axes = np.linalg.eigh(factors @ factors.swapaxes(1, 2))[1][..., -_TOLD:]
+        return np.asarray(axes.swapaxes(1, 2) @ factors)
 
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""

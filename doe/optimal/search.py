@@ -71,7 +71,7 @@ def best_plan(
     plan, value = max(ends, key=lambda end: end[1])
     idle = 0 if thorough else _KICKS
     while idle < _KICKS:
-        other, reached = exchange(criterion, part, rules, _kicked(rules, plan, rng))
+        other, reached = exchange(criterion, part, rules, _kicked(rules, plan, rng), value)
         idle += 1
         if reached > value * (1.0 + _WORTH):
             plan, value, idle = other, reached, 0

@@ -2,8 +2,7 @@
 
 Exchanges end in local optima, so that they start anew until the best one is met again. Then a few poses
 of the best plan, or of one nearly as good, are replaced by chance and it is improved again, until that
-helps no more. An exchange over all that a better plan could still contain ends the search, and a short
-branch and bound.
+helps no more. An exchange over all that a better plan could still contain ends the search.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import numpy as np
 from calib.arrays import IntArray
 from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks
-from doe.optimal.branch import provable, prove
 from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
 from doe.optimal.relax import Relaxation
@@ -84,12 +82,8 @@ def best_plan(
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), listed[plan])
     part, rules = blocks.take(kept), allowed.take(kept)
     plan, value = exchange(criterion, part, rules, np.searchsorted(kept, listed[plan]))
-    plan = kept[plan]
-    if thorough and provable(criterion, allowed):
-        proof = prove(criterion, blocks, allowed, plan, relaxed.G)
-        plan, value = proof.plan, proof.value
     agreement = float(np.median([end for _, end in ends]) / value)
-    return WholePlan(plan, value, agreement, relaxed)
+    return WholePlan(kept[plan], value, agreement, relaxed)
 
 
 def _met_again(ends: list[tuple[IntArray, float]]) -> bool:

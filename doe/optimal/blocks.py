@@ -138,7 +138,8 @@ def fall(cov: Array, G: Array, into: Array) -> Array:
     cov : ndarray, shape (p, p), C without it; G : ndarray, shape (p, p), ``C W C`` for the trace of
     ``W C``; into : ndarray, shape (n, r, p), rows A of each
     """
-    return _trace(np.eye(into.shape[1])[..., None] + _turned(cov, into), _turned(G, into))
+    S, N = _turned((cov, G), into)
+    return _trace(np.eye(into.shape[1])[..., None] + S, N)
 
 
 def growth(cov: Array, into: Array) -> Array:
@@ -146,15 +147,16 @@ def growth(cov: Array, into: Array) -> Array:
 
     cov : ndarray, shape (p, p), without it; into : ndarray, shape (n, r, p), rows of each
     """
-    S = np.eye(into.shape[1])[..., None] + _turned(cov, into)
-    return np.asarray(np.linalg.slogdet(np.moveaxis(S, 2, 0))[1])
+    (S,) = _turned((cov,), into)
+    return np.asarray(np.linalg.slogdet(np.eye(len(S)) + np.moveaxis(S, 2, 0))[1])
 
 
-def _turned(G: Array, into: Array) -> Array:
-    """``A G A'`` of each pose, shape (r, r, n)."""
+def _turned(forms: tuple[Array, ...], into: Array) -> Array:
+    """``A G A'`` of each pose by each of k matrices G, shape (k, r, r, n)."""
     n, r, p = into.shape
-    own = (into.reshape(n * r, p) @ G).reshape(into.shape) @ np.swapaxes(into, 1, 2)
-    return np.ascontiguousarray(np.moveaxis(own, 0, 2))
+    own = into.reshape(n * r, p) @ np.concatenate(forms, axis=1)
+    found = own.reshape(n, -1, p) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(found.reshape(n, r, -1, r).transpose(2, 1, 3, 0))
 
 
 def _trace(S: Array, N: Array) -> Array:

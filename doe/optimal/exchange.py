@@ -34,30 +34,27 @@ def exchange(
     blocks: Blocks,
     allowed: Allowed,
     plan: IntArray,
-    wanted: float = 0.0,
 ) -> tuple[IntArray, float]:
     """Improve a plan until no single exchange does, nor one of a whole level where levels are chosen.
 
     plan : ndarray of int, shape (size,), candidates; left as it is
-    wanted : float, criterion that is given up where a round over the poses gains less than is missing
     Returns the plan and its criterion, never lower than before.
     """
-    plan, value = _singles(criterion, blocks, allowed, plan.copy(), wanted)
+    plan, value = _singles(criterion, blocks, allowed, plan.copy())
     while allowed.chooses_levels:
         moved = _move_level(criterion, blocks, allowed, plan, value)
         if moved is None:
             break
-        plan, value = _singles(criterion, blocks, allowed, moved, wanted)
+        plan, value = _singles(criterion, blocks, allowed, moved)
     return plan, value
 
 
 def _singles(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray, wanted: float
+    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
 ) -> tuple[IntArray, float]:
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
     M = blocks.total(plan)
     value, idle, slot = float(criterion.value(M)), 0, 0
-    before = -np.inf
     prices, cov = blocks.scores(criterion.gradient(M)), np.asarray(np.linalg.inv(M))
     while idle < len(plan):
         base = M - blocks.matrices(plan[slot : slot + 1])[0]
@@ -69,10 +66,6 @@ def _singles(
             M = blocks.total(plan)
             prices, cov = blocks.scores(criterion.gradient(M)), np.asarray(np.linalg.inv(M))
         slot = (slot + 1) % len(plan)
-        if slot == 0:
-            if 2.0 * value - before < wanted:
-                break
-            before = value
     return plan, value
 
 

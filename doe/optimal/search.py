@@ -71,9 +71,7 @@ def best_plan(
     plan, value = max(ends, key=lambda end: end[1])
     near, idle = plan, 0 if thorough else _KICKS
     while idle < _KICKS:
-        other, reached = exchange(
-            criterion, part, rules, _kicked(rules, near, rng), value * _ACCEPTED
-        )
+        other, reached = exchange(criterion, part, rules, _kicked(rules, near, rng))
         idle += 1
         if reached > value * _ACCEPTED:
             near = other

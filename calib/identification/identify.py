@@ -71,6 +71,34 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
+    built, start, fit = estimated(
+        cell,
+        data,
+        approach=approach,
+        method=method,
+        weighting=weighting,
+        length=length,
+        differences=differences,
+    )
+    held = predicted(cell, fit, heldout) if heldout is not None else None
+    hidden = fit.by_unnoticed(cell)
+    return _identification(built, fit, start, held, approach, method, hidden)
+
+
+def estimated(
+    cell: Cell,
+    data: Measurements,
+    *,
+    approach: Approach = "points",
+    method: Method = "joint",
+    weighting: Weighting = "full",
+    length: float = 1.0,
+    differences: bool = False,
+) -> tuple[Built, Array, Estimation]:
+    """The estimate of :func:`identify` alone, before what is told of it; it raises the same.
+
+    Returns the model, where the search started, shape (p,), and the estimate.
+    """
     check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     if differences and built.model.prior_rows:
@@ -90,12 +118,9 @@ def identify(
             else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
         errors = _errors(cell, built) if asked else None
-        fit = fitted(cell, estimator, observation, start, errors)
+        return built, start, fitted(cell, estimator, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    held = predicted(cell, fit, heldout) if heldout is not None else None
-    hidden = fit.by_unnoticed(cell)
-    return _identification(built, fit, start, held, approach, method, hidden)
 
 
 def _errors(cell: Cell, built: Built) -> Elementary:

@@ -15,6 +15,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 
 _ROUNDING = 1e-14
+_TOLD = 6  # rows of a candidate by which it is ranked
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,10 @@ class Blocks:
 
     @cached_property
     def rows(self) -> Array:
-        """Rows J of every candidate with ``J^T J`` its matrix, shape (n, r, p), r at most the rank.
+        """Rows J of every candidate with ``J^T J`` nearly its matrix, shape (n, r, p).
 
-        Cholesky factors, the largest of what is left first; entries are unpacked as they are needed.
+        Of its principal axes the ones that tell most. They come from Cholesky factors, the largest of
+        what is left first, whose entries are unpacked as they are needed.
         """
         p, n = len(self.fixed), np.arange(len(self))
         where = unpack(np.arange(1.0, self.packed.shape[1] + 1.0) * pack(np.ones((p, p))))
@@ -65,13 +67,16 @@ class Blocks:
             pivot = left.argmax(axis=1)
             height = left[n, pivot]
             if (height <= enough).all():
-                return np.ascontiguousarray(found[:k].swapaxes(0, 1))
+                found = found[:k]
+                break
             row = self.packed[n[:, None], entry[pivot]] * scale[pivot]
             row -= np.einsum("ln,lnp->np", found[:k, n, pivot], found[:k])
             row[height <= enough] = 0.0
             found[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
             left = np.maximum(left - found[k] ** 2, 0.0)
-        return np.ascontiguousarray(found.swapaxes(0, 1))
+        factors = np.ascontiguousarray(found.swapaxes(0, 1))
+        axes = np.linalg.eigh(factors @ factors.swapaxes(1, 2))[1][..., -_TOLD:]
+        return np.asarray(axes.swapaxes(1, 2) @ factors)
 
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""
@@ -133,7 +138,8 @@ def fall(cov: Array, G: Array, into: Array) -> Array:
     cov : ndarray, shape (p, p), C without it; G : ndarray, shape (p, p), ``C W C`` for the trace of
     ``W C``; into : ndarray, shape (n, r, p), rows A of each
     """
-    return _trace(np.eye(into.shape[1])[..., None] + _turned(cov, into), _turned(G, into))
+    S, N = _turned((cov, G), into)
+    return _trace(np.eye(into.shape[1])[..., None] + S, N)
 
 
 def growth(cov: Array, into: Array) -> Array:
@@ -141,15 +147,16 @@ def growth(cov: Array, into: Array) -> Array:
 
     cov : ndarray, shape (p, p), without it; into : ndarray, shape (n, r, p), rows of each
     """
-    S = np.eye(into.shape[1])[..., None] + _turned(cov, into)
-    return np.asarray(np.linalg.slogdet(np.moveaxis(S, 2, 0))[1])
+    (S,) = _turned((cov,), into)
+    return np.asarray(np.linalg.slogdet(np.eye(len(S)) + np.moveaxis(S, 2, 0))[1])
 
 
-def _turned(G: Array, into: Array) -> Array:
-    """``A G A'`` of each pose, shape (r, r, n)."""
+def _turned(forms: tuple[Array, ...], into: Array) -> Array:
+    """``A G A'`` of each pose by each of k matrices G, shape (k, r, r, n)."""
     n, r, p = into.shape
-    own = (into.reshape(n * r, p) @ G).reshape(into.shape) @ np.swapaxes(into, 1, 2)
-    return np.ascontiguousarray(np.moveaxis(own, 0, 2))
+    own = into.reshape(n * r, p) @ np.concatenate(forms, axis=1)
+    found = own.reshape(n, -1, p) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(found.reshape(n, r, -1, r).transpose(2, 1, 3, 0))
 
 
 def _trace(S: Array, N: Array) -> Array:

@@ -210,15 +210,17 @@ def prove(
     Returns the best plan and the bound that is left. Where the work is enough for a few nodes alone,
     none is opened.
     """
-    tree = _Tree(criterion, blocks, allowed, plan, float(criterion.value(blocks.total(plan))))
-    index = np.union1d(survivors(G, blocks, allowed, tree.enough), plan)
-    whole = Regions(index, allowed.group[index], allowed.counts, allowed.repeats)
-    tree.push(bound(G, blocks, allowed), _Node(whole, plan))
+    value = float(criterion.value(blocks.total(plan)))
+    live = np.union1d(survivors(G, blocks, allowed, value * (1.0 + _SAME)), plan)
+    part, rules = blocks.take(live), allowed.take(live)
+    tree = _Tree(criterion, part, rules, np.searchsorted(live, plan), value)
+    whole = Regions(np.arange(len(live)), rules.group, rules.counts, rules.repeats)
+    tree.push(bound(G, blocks, allowed), _Node(whole, tree.plan))
 
     def proof() -> Proof:
-        return Proof(tree.plan, tree.value, tree.bound, tree.nodes)
+        return Proof(live[tree.plan], tree.value, tree.bound, tree.nodes)
 
-    if most_work < _FEWEST * tree.work_of(len(index), _LIKELY * len(plan), 1):
+    if most_work < _FEWEST * tree.work_of(len(live), _LIKELY * len(plan), 1):
         return proof()
     while tree.heap and -tree.heap[0][0] > tree.enough and tree.work < most_work:
         tree.grow()

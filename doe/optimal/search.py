@@ -1,8 +1,8 @@
 """From weights to the best whole plan found: iterated local search.
 
 Exchanges end in local optima, so that they start anew until the best one is met again. Then a few poses
-of the best plan are replaced by chance and it is improved again, until that helps no more. An exchange
-over all that a better plan could still contain ends the search, and a short branch and bound.
+of the best plan, or of one nearly as good, are replaced by chance and it is improved again, until that
+helps no more. An exchange over all that a better plan could still contain ends the search.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 from calib.arrays import IntArray
 from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks
-from doe.optimal.branch import provable, prove
 from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.function import InformationFunction
 from doe.optimal.relax import Relaxation
@@ -23,6 +22,7 @@ _STARTS, _QUICK = 10, 3  # at most, and where a search is not thorough
 _FEWEST = 4  # starts before two that end in the same best plan are enough
 _SAME = 1e-4  # relative difference of criteria below which two starts ended alike
 _KICKS = 40  # of the best plan in vain, after which there are no more
+_ACCEPTED = 0.997  # of the best plan, from which a plan is kicked in its place
 _KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
 _SHORT = 1500  # candidates of the short list
 _EASED = (0.3, 0.1, 0.03, 0.01)  # information of average poses, per pose, that plans begin with
@@ -69,21 +69,19 @@ def best_plan(
         heeded = np.ones_like(weights) if thorough and len(ends) % 2 else weights
         ends.append(_eased(criterion, part, rules, rounded_weights(rules, heeded, rng)))
     plan, value = max(ends, key=lambda end: end[1])
-    idle = 0 if thorough else _KICKS
+    near, idle = plan, 0 if thorough else _KICKS
     while idle < _KICKS:
-        other, reached = exchange(criterion, part, rules, _kicked(rules, plan, rng))
+        other, reached = exchange(criterion, part, rules, _kicked(rules, near, rng))
         idle += 1
+        if reached > value * _ACCEPTED:
+            near = other
         if reached > value * (1.0 + _WORTH):
             plan, value, idle = other, reached, 0
     kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), listed[plan])
     part, rules = blocks.take(kept), allowed.take(kept)
     plan, value = exchange(criterion, part, rules, np.searchsorted(kept, listed[plan]))
-    plan = kept[plan]
-    if thorough and provable(criterion, allowed):
-        proof = prove(criterion, blocks, allowed, plan, relaxed.G)
-        plan, value = proof.plan, proof.value
     agreement = float(np.median([end for _, end in ends]) / value)
-    return WholePlan(plan, value, agreement, relaxed)
+    return WholePlan(kept[plan], value, agreement, relaxed)
 
 
 def _met_again(ends: list[tuple[IntArray, float]]) -> bool:

@@ -18,7 +18,6 @@ from calib.errors import CalibError, InputError
 from calib.model.build import build
 from calib.noise import counted
 from calib.poses import Poses
-from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.agreement import (
     BELIEVED,
@@ -38,7 +37,7 @@ from studies.compare.experiment import (
     refuse_unseen,
 )
 from studies.compare.in_mujoco import points_in_mujoco
-from studies.compare.montecarlo import MOST, Refits, refits
+from studies.compare.montecarlo import MOST, Refits, refits, without_noise
 from studies.compare.prediction import Prediction, accuracy_at, predict
 from studies.compare.stated_noise import StatedNoise
 
@@ -328,9 +327,8 @@ def _weighted_wrongly(experiment: SimulatedExperiment, seed: int) -> bool:
 
 def _ends_elsewhere(experiment: SimulatedExperiment, prediction: Prediction) -> bool:
     """Whether readings without noise lead anywhere but to the truth."""
-    observation, start = experiment.observe(prediction.way, experiment.readings())
-    best = levenberg_marquardt(observation.flat, start, prediction.span)
-    off = (best.values - experiment.truth) / prediction.std
+    ended, _ = without_noise(experiment, prediction)
+    off = (ended - experiment.truth) / prediction.std
     return not float(np.sqrt(np.nanmean(off**2))) < _ELSEWHERE
 
 

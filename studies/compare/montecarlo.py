@@ -1,11 +1,11 @@
 """Simulated measurements and full refits, many at once.
 
 A trial is drawn from the full model, equilibrium iterated, or from MuJoCo's, and fitted by the search
-that identifies real data. The fits start where the robot is thought to be: they know what real data do
-not, where the base stands, that no pose is wrong, how large the noise is. So a share of the trials is
-identified from nothing but its readings, outliers and noise judged, and must end where its refits end.
-Trials come in blocks of array operations; each block has a seed of its own, so figures do not depend on
-who computes it, where, or in which order.
+that identifies real data. The fits start where readings without noise lead from the robot as it is
+thought to be: they know what real data do not, where the base stands, that no pose is wrong, how large
+the noise is. So a share of the trials is identified from nothing but its readings, outliers and noise
+judged, and must end where its refits end. Trials come in blocks of array operations; each block has a
+seed of its own, so figures do not depend on who computes it, where, or in which order.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import calib
 from calib.arm.se3 import same_turn
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError, InputError
+from calib.identification.identify import estimated
 from calib.model import Model
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
@@ -85,7 +85,7 @@ def from_scratch(
         return None
     way = prediction.way
     try:
-        found = calib.identify(
+        _, _, found = estimated(
             replace(cell, size_prior="off"),
             experiment.measured(points),
             approach=way.approach,
@@ -107,7 +107,7 @@ def from_scratch(
     free = values > 1e-9
     white = (off @ vectors[:, free]) / np.sqrt(values[free])
     apart = float(np.sqrt((white**2).mean()))
-    outliers = int(found.fit.outlier.sum())
+    outliers = int((~found.kept).sum())
     whole = way == POINTS and experiment.arm is None
     left_p = found.noise.lack_of_fit_p if whole else None
     return FromScratch(apart, outliers, found.noise.source, left_p)
@@ -177,16 +177,24 @@ class Refits:
         return self.errors[way][self.settled[way]]
 
 
+def without_noise(experiment: SimulatedExperiment, prediction: Prediction) -> tuple[Array, Array]:
+    """Where a fit of readings without noise ends, and where it starts, shape (p,) each, SI."""
+    observation, start = experiment.observe(prediction.way, experiment.readings())
+    return levenberg_marquardt(observation.flat, start, prediction.span).values, start
+
+
 @one_blas_thread
 def refit(
     experiment: SimulatedExperiment,
     predictions: Sequence[Prediction],
     trials: int,
     seed: np.random.SeedSequence,
+    moves: Mapping[str, Array],
     whole: Mapping[str, int],
 ) -> Refits:
     """Draw readings and estimate the parameters of each, by every way from the same readings.
 
+    moves : way -> ndarray, shape (p,), SI, by how much readings without noise move its estimate
     whole : way -> how many of the trials it identifies from scratch too
     """
     points = experiment.drawn(trials, np.random.default_rng(seed))
@@ -194,7 +202,7 @@ def refit(
     for prediction in predictions:
         key = prediction.way.key
         observation, start = experiment.observe(prediction.way, points)
-        best = levenberg_marquardt(observation.flat, start, prediction.span)
+        best = levenberg_marquardt(observation.flat, start + moves[key], prediction.span)
         errors = best.values - experiment.truth
         found.errors[key] = np.where(np.isnan(prediction.std), 0.0, errors)
         found.settled[key], found.cost[key] = best.converged, best.cost
@@ -243,8 +251,9 @@ def refits(
     sizes = _block_sizes(experiment, trials)
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))
     whole = {p.way.key: share_of(p.way, trials, scratch) for p in predictions}
+    moves = {p.way.key: np.subtract(*without_noise(experiment, p)) for p in predictions if sizes}
     jobs = [
-        (experiment, predictions, size, own, _evenly(whole, index, len(sizes)))
+        (experiment, predictions, size, own, moves, _evenly(whole, index, len(sizes)))
         for index, (size, own) in enumerate(zip(sizes, seeds, strict=True))
     ]
     done: dict[int, Refits] = {}

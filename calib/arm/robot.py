@@ -1,4 +1,4 @@
-"""The nominal robot: a serial chain of revolute and prismatic joints."""
+"""The nominal robot: revolute and prismatic joints in a chain, or in a tree of several tips."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arm.mimic import Mimic, Ties, reachable, ties_of
 from calib.arm.se3 import transformed
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
@@ -78,16 +78,17 @@ class Source:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A serial chain, ``T_base_tip(q) = prod_k [C_k exp(a_k q_k)] C_tip``; SI and radians.
+    """Joints from a base to its tips, ``T_base_tip(q) = prod_k [C_k exp(a_k q_k)] C_tip``; SI, radians.
 
-    Frames are numbered along the chain: 0 is the base, k = 1..n the frame of joint k before the
-    joint moves, n + 1 the tip.
+    The product runs over the joints that carry the tip. Frames are numbered: 0 is the base, k = 1..n
+    the frame of joint k before the joint moves, then one for each tip, that of ``tip`` the last. A
+    chain has one tip, and each frame hangs on the one before it.
 
     name : str
     base, tip : str, names of the first and last link
     joints : tuple of str, the n joint names
     prismatic : ndarray of bool, shape (n,)
-    origins : ndarray, shape (n + 1, 4, 4): C_1 .. C_n and C_tip
+    origins : ndarray, shape (F - 1, 4, 4): C_1 .. C_n and those of the tips, F frames in all
     axes : ndarray, shape (n, 3), unit vectors in the joint frames
     limits : ndarray, shape (n, 2), rad or m; infinite where none is given
     efforts : ndarray, shape (n,), N m or N; NaN where no limit is given
@@ -95,6 +96,9 @@ class Robot:
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
     shapes : Shapes; source : Source
+    others : tuple of str, links that are tips beside ``tip``
+    parents : tuple of int, the frame on which each of the frames 1 .. F - 1 hangs, parents first; a
+        chain without
     """
 
     name: str
@@ -111,6 +115,12 @@ class Robot:
     mimics: tuple[Mimic, ...] = ()
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
+    others: tuple[str, ...] = ()
+    parents: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.parents:
+            object.__setattr__(self, "parents", tuple(range(len(self.joints) + 1)))
 
     @classmethod
     def from_urdf(cls, path: str | Path, base: str = "", tip: str = "") -> Robot:
@@ -141,14 +151,55 @@ class Robot:
         return len(self.joints)
 
     @property
+    def tips(self) -> tuple[str, ...]:
+        """Names of all tips, in the order of their frames."""
+        return (*self.others, self.tip)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames, F: base, joints and tips."""
+        return self.dof + 1 + len(self.tips)
+
+    @property
     def tip_frame(self) -> int:
-        """Number of the tip frame, n + 1."""
-        return self.dof + 1
+        """Number of the tip's frame, the last one."""
+        return self.frame_count - 1
+
+    @cached_property
+    def carries(self) -> Mask:
+        """Whether frame k carries frame f or is it, shape (F, F)."""
+        found = np.eye(self.frame_count, dtype=bool)
+        for frame, parent in enumerate(self.parents, 1):
+            found[:, frame] |= found[:, parent]
+        return found
+
+    @property
+    def branched(self) -> bool:
+        """Whether some frame carries not all that come after it."""
+        return len(self.tips) > 1
+
+    def on_tip(self, markers: int) -> IntArray:
+        """The frames of so many markers that all ride on the tip."""
+        return np.full(markers, self.tip_frame)
+
+    def beyond(self, joint: int) -> list[int]:
+        """Positions of the joints that a joint carries, itself the first."""
+        return np.flatnonzero(self.carries[joint + 1, 1 : self.dof + 1]).tolist()
+
+    def moving(self, frame: int) -> Mask:
+        """Which joints carry a frame, shape (n,)."""
+        return np.asarray(self.carries[1 : self.dof + 1, frame])
 
     @cached_property
     def reach(self) -> float:
-        """Sum of the constant translations [m]: the size of the arm, used to scale columns."""
-        return float(np.linalg.norm(self.origins[1:, :3, 3], axis=1).sum()) or 1.0
+        """Sum of the constant translations [m] on the longest way from the first joint to a tip.
+
+        The size of the arm, used to scale columns.
+        """
+        lengths = np.linalg.norm(self.origins[:, :3, 3], axis=1)
+        beyond = np.array(self.parents) > 0
+        ways = (self.carries[1:, tip] & beyond for tip in range(self.dof + 1, self.frame_count))
+        return max(float(lengths[way].sum()) for way in ways) or 1.0
 
     @cached_property
     def ties(self) -> Ties:

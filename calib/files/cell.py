@@ -93,7 +93,9 @@ def load_cell(path: str | Path) -> Cell:
     path = Path(path)
     table, lenses = with_lenses(path, cell_table(path))
     own, file = table.robot, path.parent / table.robot.file
-    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention)
+    links = [table.link_of(name) for name in table.markers_mm]
+    others = tuple(link for link in dict.fromkeys(links) if link != own.tip)
+    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, others)
     _check_joints(path, robot, table)
     for text in table.model.effects:
         try:
@@ -136,6 +138,7 @@ def load_cell(path: str | Path) -> Cell:
         acceptance=tolerance and Acceptance(tolerance.tolerance_mm * MM, tolerance.rule),
         size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
+        marker_links=(*links, *len(bodies.names) * (own.tip,)) if others else (),
     )
     try:
         context = context_of(cell, None)

@@ -145,6 +145,7 @@ class LoadTable(TomlTable):
 
 class MarkerTable(TomlTable):
     position: Vector
+    on: Name | None = None
     normal: Direction | None = None
     acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
 
@@ -274,6 +275,11 @@ class CellFile(TomlTable):
     acceptance: AcceptanceTable | None = None
     report: dict[Name, Told] = {}
     model: ModelTable
+
+    def link_of(self, marker: str) -> str:
+        """The link on which a marker rides."""
+        own = self.markers_mm[marker]
+        return (own.on if isinstance(own, MarkerTable) else None) or self.robot.tip
 
     @model_validator(mode="after")
     def _load_once(self) -> Self:

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
-from calib.arm.mimic import Mimic, Ties, reachable, ties_of
+from calib.arm.mimic import Coupling, Mimic, Ties, reachable, ties_of
 from calib.arm.se3 import transformed
 from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
@@ -95,6 +95,7 @@ class Robot:
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
+    couplings : tuple of Coupling, joints that others move together
     shapes : Shapes; source : Source
     others : tuple of str, links that are tips beside ``tip``
     parents : tuple of int, the frame on which each of the frames 1 .. F - 1 hangs, parents first; a
@@ -113,6 +114,7 @@ class Robot:
     masses: Array
     coms: Array
     mimics: tuple[Mimic, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
     others: tuple[str, ...] = ()
@@ -204,7 +206,7 @@ class Robot:
     @cached_property
     def ties(self) -> Ties:
         """What the joints are by those that may be chosen freely."""
-        return ties_of(self.joints, self.mimics)
+        return ties_of(self.joints, self.mimics, self.couplings)
 
     @property
     def free(self) -> Mask:
@@ -224,10 +226,10 @@ class Robot:
 
     def tied(self, q: Array) -> Array:
         """Joint values (..., n) with those that follow put where they belong."""
-        return q @ self.ties.matrix.T + self.ties.shift if self.mimics else q
+        return q @ self.ties.matrix.T + self.ties.shift if self.mimics or self.couplings else q
 
     def follows(self, q: Array) -> bool:
-        """Whether joints that mimic others stand in joint values (..., n) where these put them."""
+        """Whether joints that follow others stand in joint values (..., n) where these put them."""
         return bool((np.abs(self.tied(q) - q) < _FOLLOWS).all())
 
     @property
@@ -242,7 +244,21 @@ class Robot:
     @property
     def told(self) -> tuple[str, ...]:
         """Joints that tell where all are: those that move by themselves, and masters."""
-        return tuple(dict.fromkeys(own[-1].master for own in self.sources))
+        masters = (own[-1].master for own in self.sources)
+        return tuple(dict.fromkeys(name for name in masters if name not in self.undriven))
+
+    @property
+    def undriven(self) -> frozenset[str]:
+        """Joints that several others move together: these tell where they are."""
+        return frozenset(coupling.joint for coupling in self.couplings)
+
+    def moved_by(self, joint: int) -> list[int]:
+        """Positions of the joints that may move one wrongly: those that move it, else all others."""
+        name = self.joints[joint]
+        own = next((c.factors for c in self.couplings if c.joint == name), None)
+        if own is None:
+            return [k for k in range(self.dof) if k != joint]
+        return [self.joints.index(other) for other, _ in own]
 
     @classmethod
     def of_geometry(

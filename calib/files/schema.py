@@ -55,6 +55,12 @@ class AnchorTable(TomlTable):
     after: Vector
 
 
+class CouplingTable(TomlTable):
+    of: Annotated[dict[str, Number], Field(min_length=1)]
+    offset_deg: Number = 0.0
+    offset_mm: Number = 0.0
+
+
 class RobotTable(TomlTable):
     urdf: str | None = None
     mjcf: str | None = None
@@ -70,6 +76,7 @@ class RobotTable(TomlTable):
     capsules_mm: dict[str, list[CapsuleTable]] = {}
     compensators_mm: dict[str, AnchorTable] = {}
     gear_ratio: dict[str, Positive] = {}
+    coupled: dict[str, CouplingTable] = {}
 
     @model_validator(mode="after")
     def _one_file(self) -> Self:

@@ -27,6 +27,7 @@ _IN_WORDS = {
     "kinematics": "maker's kinematics file",
 }
 _FOLLOWS = 1e-7  # rad or m
+_DOUBLINGS = 8  # of configurations drawn, where a joint that others move leaves its limits
 _LONGEST = 50.0  # m, of a slide; the longest tracks of robots are shorter
 _MOST_TURNS = 12.0  # of a joint that is not endless
 Place: TypeAlias = tuple[int, Array]
@@ -298,10 +299,20 @@ class Robot:
         return np.where(np.isfinite(limits), limits, fallback)
 
     def sobol(self, count: int, seed: int = 0) -> Array:
-        """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m."""
-        unit = Sobol(self.dof, np.random.default_rng(seed)).random(count)
+        """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m.
+
+        They keep joints that several others move within their limits, where enough values do so.
+        """
         low, high = self.sample_limits().T
-        return self.tied(low + unit * (high - low))
+        drawn = count
+        for _ in range(_DOUBLINGS if self.couplings else 1):
+            unit = Sobol(self.dof, np.random.default_rng(seed)).random(drawn)
+            q = self.tied(low + unit * (high - low))
+            inside = ((q >= low) & (q <= high)).all(axis=1)
+            if not self.couplings or inside.sum() >= count:
+                break
+            drawn *= 2
+        return q[inside][:count] if self.couplings and inside.sum() >= count else q[:count]
 
 
 def weights_of(n: int, hung: Iterable[tuple[Place, float, Array]]) -> tuple[Array, Array]:

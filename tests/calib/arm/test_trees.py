@@ -187,3 +187,19 @@ def test_a_marker_on_no_tip_is_refused() -> None:
         CalibError, match="'foot' is no tip of the robot; tips are left_hand, right_hand"
     ):
         _ = replace(cell, marker_links=("right_hand", "foot")).marker_frames
+
+
+def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
+    """Nothing but the elbow of the left arm yields, and the diagnosis says so."""
+    cell, _, _ = two_hands(0)
+    rng = np.random.default_rng(0)
+    poses = poses_at(rng.uniform(-2.0, 2.0, (40, 10)))
+    own = replace(cell, instruments=(Tracker(sigma=2e-5),), effects=("base", "tool", "geometry"))
+    soft = own.with_effects("joint_compliance:left3")
+    model = build(soft, poses).model
+    sizes = {"geometry": 3e-4, "joint_compliance": 8e-5}
+    values = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
+    data = calib.simulate(soft, poses, values, rng=1)
+    found = calib.diagnose(own, data)
+    (cause,) = found.causes
+    assert cause.evidence.key == "joint_compliance:left3"

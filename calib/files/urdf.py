@@ -113,7 +113,10 @@ class Urdf:
                 raise InputError(self.path, f"joint {name}", "stands twice", "rename one of them")
             if links[1] in moved:
                 what = f"link {links[1]!r} already hangs on joint {moved[links[1]]!r}"
-                remedy = f"a loop cannot be modelled: leave out {moved[links[1]]!r} or this joint"
+                remedy = (
+                    "links in a loop cannot be modelled: leave this joint out, and say in "
+                    "[robot.coupled] what moves the joints of the loop that have no drive"
+                )
                 raise InputError(self.path, f"joint {name}", what, remedy)
             moved[links[1]] = name
             found[name] = UrdfJoint(element, name, element.get("type", ""), *links)

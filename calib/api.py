@@ -187,9 +187,9 @@ def _tip_origin_map(
     seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
 ) -> Array:
     usable = orientable(model.marker_positions(values), seen)
-    if not usable.any():
+    if model.scattered or not usable.any():
         raise CalibError(
-            "approach pose needs three visible markers that are not in line; "
+            "approach pose needs three visible markers on one link that are not in line; "
             "add markers, or use approach points"
         )
     frames = model.state(values, poses).frames

@@ -39,7 +39,8 @@ def drawn_readings(
     if arm is not None:
         frames = model.state(values, poses).frames
         points, axes = model.tip_points(frames, values, poses), model.placement(values, poses)[0]
-        moved = approached(points, frames.o[:, -1], visits(poses), arm, rng, axes)
+        origins = model.under_markers(frames)[1]
+        moved = approached(points, origins, visits(poses), arm, rng, axes)
         exact = model.readings(values, poses, moved)
     readings = exact + noisy
     shape = readings.shape[:-1]
@@ -77,7 +78,7 @@ def approached(
     """Points with the tip shifted and turned anew at each approach, shape (..., m, M, 3), m.
 
     points : ndarray, shape (..., m, M, 3), m; leading axes are trials, each with draws of its own
-    origins : ndarray, shape (m, 3), m, of the tip; approach : ndarray of int, shape (m,)
+    origins : ndarray, shape (m, M or 1, 3), m, of the tips; approach : ndarray of int, shape (m,)
     axes : ndarray, shape (m, 3, 3), of the frames in which shift and turn are drawn, by rows in those
         of the points; the same without
     """
@@ -89,6 +90,5 @@ def approached(
             [rotate(back, drawn[..., :3]), rotate(back, drawn[..., 3:])], axis=-1
         )
     turn, shift = so3_exp(arm.rotation * drawn[..., 3:]), arm.translation * drawn[..., :3]
-    o = origins[:, None]
-    moved: Array = rotate(turn[..., None, :, :], points - o) + o + shift[..., None, :]
+    moved: Array = rotate(turn[..., None, :, :], points - origins) + origins + shift[..., None, :]
     return moved

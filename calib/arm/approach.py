@@ -76,5 +76,6 @@ def _least(J: Array, wanted: Array, reluctant: float) -> Array:
 
 def turns(robot: Robot, frames: Frames) -> Array:
     """How the tip turns with the joints, shape (m, 3, n), base axes."""
-    axes = rotate(frames.R[:, 1:-1], robot.axes)
-    return np.swapaxes(np.where(robot.prismatic[:, None], 0.0, axes), -1, -2)
+    axes = rotate(frames.R[:, 1 : robot.dof + 1], robot.axes)
+    turning = ~robot.prismatic & robot.moving(robot.tip_frame)
+    return np.swapaxes(np.where(turning[:, None], axes, 0.0), -1, -2)

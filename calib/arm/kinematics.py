@@ -17,7 +17,7 @@ from calib.arm.se3 import (
     so3_right_jacobian,
     turned,
 )
-from calib.arrays import Array, room
+from calib.arrays import Array, IntArray, room
 
 _UNTURNED = np.eye(3)
 
@@ -26,10 +26,10 @@ _UNTURNED = np.eye(3)
 class DisplacedFrames:
     """One displacement ``D(xi)`` of every frame: the axes before it, and the frames after it.
 
-    xi : ndarray, shape (..., m or 1, n + 2, 6), m and rad
-    R_before : ndarray, shape (..., m, n + 2, 3, 3), axes in which its translation acts
+    xi : ndarray, shape (..., m or 1, F, 6), m and rad
+    R_before : ndarray, shape (..., m, F, 3, 3), axes in which its translation acts
     R : the same after it
-    o : ndarray, shape (..., m, n + 2, 3), m, origins after it
+    o : ndarray, shape (..., m, F, 3), m, origins after it
     """
 
     xi: Array
@@ -40,11 +40,11 @@ class DisplacedFrames:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames 0 (base) .. n + 1 (tip) of the displaced arm, in base axes, before joint motion.
+    """Frames of the displaced arm, base to tips, in base axes, before joint motion.
 
     constant : DisplacedFrames, what holds at every pose: errors of the geometry
     present : DisplacedFrames, what depends on the state: deflection, gear errors, heat
-    R_link : ndarray, shape (..., m, n + 2, 3, 3), after joint motion: the frames that carry links
+    R_link : ndarray, shape (..., m, F, 3, 3), after joint motion: the frames that carry links
     """
 
     constant: DisplacedFrames
@@ -53,12 +53,12 @@ class Frames:
 
     @property
     def R(self) -> Array:
-        """Axes of the frames, shape (..., m, n + 2, 3, 3)."""
+        """Axes of the frames, shape (..., m, F, 3, 3)."""
         return self.present.R
 
     @property
     def o(self) -> Array:
-        """Origins of the frames, shape (..., m, n + 2, 3), m."""
+        """Origins of the frames, shape (..., m, F, 3), m."""
         return self.present.o
 
 
@@ -68,10 +68,10 @@ def forward(
     """Frames of ``prod_k [C_k D(constant_k) D(present_k) exp(a_k q_k)] C_tip D D``, after ``D_0 D_0``.
 
     q : ndarray, shape (m, n), rad or m
-    constant : ndarray, shape (..., n + 2, 6), m and rad, displacement of each frame at every pose
-    present : ndarray, shape (..., m, n + 2, 6), m and rad, displacement at each pose
+    constant : ndarray, shape (..., F, 6), m and rad, displacement of each frame at every pose
+    present : ndarray, shape (..., m, F, 6), m and rad, displacement at each pose
     """
-    m, count = len(q), robot.dof + 2
+    m, count = len(q), robot.frame_count
     first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
     second = np.zeros((m, count, 6)) if present is None else present
     batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
@@ -83,9 +83,11 @@ def forward(
     axes[2] = axes[2] if moves[1].any() else axes[1]
     origins = [room(batch, count, 3)]
     origins.append(np.empty_like(origins[0]) if moves[1].any() else origins[0])
+    ends: list[tuple[Array, Array]] = []  # of the frames, after their joints' motion
     rotation, origin = np.eye(3), np.zeros(3)
     for k in range(count):
         if k > 0:
+            rotation, origin = ends[robot.parents[k - 1]]
             C = robot.origins[k - 1]
             if C[:3, 3].any():
                 origin = origin + by_one(rotation, C[:3, 3:])[..., 0]
@@ -104,6 +106,7 @@ def forward(
             else:
                 rotation = turned(rotation, so3_about(axis, value))
         moved[..., k, :, :] = rotation
+        ends.append((rotation, origin))
     return Frames(
         DisplacedFrames(first, axes[0], axes[1], origins[0]),
         DisplacedFrames(second, axes[1], axes[2], origins[1]),
@@ -111,28 +114,40 @@ def forward(
     )
 
 
-def tip_points(robot: Robot, q: Array, points: Array, corrections: Array | None = None) -> Array:
-    """Points (k, 3) of the tip frame in base axes at joint values (m, n), shape (m, k, 3), m.
+def tip_points(
+    robot: Robot,
+    q: Array,
+    points: Array,
+    corrections: Array | None = None,
+    frames: IntArray | None = None,
+) -> Array:
+    """Points (k, 3) of tip frames in base axes at joint values (m, n), shape (m, k, 3), m.
 
     corrections : as for :func:`forward`
+    frames : ndarray of int, shape (k,), of the tips; that of ``robot.tip`` without
     """
-    frames = forward(robot, q, corrections)
-    return rotate(frames.R[:, None, -1], points) + frames.o[:, None, -1]
+    own, placed = robot.on_tip(1) if frames is None else frames, forward(robot, q, corrections)
+    return rotate(placed.R[:, own], points) + placed.o[:, own]
 
 
-def point_slopes(robot: Robot, frames: Frames, points: Array) -> Array:
-    """How points (m, 3), m, that ride on the tip move with the joints, (m, 3, n), m a rad or m."""
-    axes = rotate(frames.R[:, 1:-1], robot.axes)
-    turning = cross(axes, points[:, None] - frames.o[:, 1:-1])
-    return np.swapaxes(np.where(robot.prismatic[:, None], axes, turning), -1, -2)
+def point_slopes(robot: Robot, frames: Frames, points: Array, frame: int = -1) -> Array:
+    """How points (m, 3), m, that ride on a tip move with the joints, (m, 3, n), m a rad or m.
+
+    frame : of the tip; that of ``robot.tip`` without
+    """
+    own = slice(1, robot.dof + 1)
+    axes = rotate(frames.R[:, own], robot.axes)
+    turning = cross(axes, points[:, None] - frames.o[:, own])
+    moved = np.where(robot.prismatic[:, None], axes, turning) * robot.moving(frame)[:, None]
+    return np.swapaxes(moved, -1, -2)
 
 
 def link_origins(robot: Robot, frames: Frames, q: Array) -> Array:
-    """Origins of the frames that carry the links, shape (..., m, n + 2, 3): prismatic travel in."""
+    """Origins of the frames that carry the links, shape (..., m, F, 3): prismatic travel in."""
     if not robot.prismatic.any():
         return frames.o
-    travel = np.zeros((len(q), robot.dof + 2, 3))
-    travel[:, 1:-1] = robot.prismatic[:, None] * robot.axes * q[:, :, None]
+    travel = np.zeros((len(q), robot.frame_count, 3))
+    travel[:, 1 : robot.dof + 1] = robot.prismatic[:, None] * robot.axes * q[:, :, None]
     return frames.o + rotate(frames.R, travel)
 
 

@@ -1,4 +1,4 @@
-"""Joints that mimic another, ``q = factor * q_master + offset``, and which are left to choose."""
+"""Joints that follow others, ``q = sum factor * q_master + offset``, and which are left to choose."""
 
 from __future__ import annotations
 
@@ -26,6 +26,19 @@ class Mimic:
     offset: float
 
 
+@dataclass(frozen=True)
+class Coupling:
+    """A joint without a drive that others of the robot move together, as a rod keeps a link level.
+
+    joint : str
+    factors : tuple of (str, float), joints that move it, rad or m by rad or m; offset : float, rad or m
+    """
+
+    joint: str
+    factors: tuple[tuple[str, float], ...]
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class Ties:
     """What n joints are by those among them that may be chosen freely, ``q = matrix @ q + shift``.
@@ -38,8 +51,10 @@ class Ties:
     shift: Array
 
 
-def ties_of(joints: Sequence[str], mimics: Sequence[Mimic]) -> Ties:
-    """Ties of a chain; of joints that follow one outside it the first leads the others."""
+def ties_of(
+    joints: Sequence[str], mimics: Sequence[Mimic], couplings: Sequence[Coupling] = ()
+) -> Ties:
+    """Ties of a robot; of joints that follow one outside it the first leads the others."""
     matrix, shift = np.eye(len(joints)), np.zeros(len(joints))
     place = {name: k for k, name in enumerate(joints)}
     leads = {name: Mimic(name, name, False, 1.0, 0.0) for name in joints}
@@ -50,15 +65,21 @@ def ties_of(joints: Sequence[str], mimics: Sequence[Mimic]) -> Ties:
         matrix[k] = 0.0
         matrix[k, place[lead.joint]] = ratio
         shift[k] = mimic.offset - ratio * lead.offset
+    for coupling in couplings:
+        k = place[coupling.joint]
+        matrix[k], shift[k] = 0.0, coupling.offset
+        matrix[k, [place[name] for name, _ in coupling.factors]] = [f for _, f in coupling.factors]
+    while not np.array_equal(further := matrix @ matrix, matrix):  # masters that follow others
+        matrix, shift = further, matrix @ shift + shift
     return Ties(matrix, shift)
 
 
 def reachable(ties: Ties, limits: Array) -> Array:
-    """Limits (n, 2) in which a joint that leads keeps those that follow within theirs, too."""
+    """Limits (n, 2) in which a joint that leads keeps those that follow it alone within theirs, too."""
     found = limits.copy()
     for k, row in enumerate(ties.matrix):
         lead = int(np.abs(row).argmax())
-        if lead != k:
+        if lead != k and np.count_nonzero(row) == 1:
             own = np.sort((limits[k] - ties.shift[k]) / row[lead])
             found[lead] = max(found[lead, 0], own[0]), min(found[lead, 1], own[1])
     return found

@@ -1,4 +1,4 @@
-"""The nominal robot: a serial chain of revolute and prismatic joints."""
+"""The nominal robot: revolute and prismatic joints in a chain, or in a tree of several tips."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
-from calib.arm.mimic import Mimic, Ties, reachable, ties_of
+from calib.arm.mimic import Coupling, Mimic, Ties, reachable, ties_of
 from calib.arm.se3 import transformed
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
 
 Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
@@ -27,6 +27,7 @@ _IN_WORDS = {
     "kinematics": "maker's kinematics file",
 }
 _FOLLOWS = 1e-7  # rad or m
+_DOUBLINGS = 8  # of configurations drawn, where a joint that others move leaves its limits
 _LONGEST = 50.0  # m, of a slide; the longest tracks of robots are shorter
 _MOST_TURNS = 12.0  # of a joint that is not endless
 Place: TypeAlias = tuple[int, Array]
@@ -78,23 +79,28 @@ class Source:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A serial chain, ``T_base_tip(q) = prod_k [C_k exp(a_k q_k)] C_tip``; SI and radians.
+    """Joints from a base to its tips, ``T_base_tip(q) = prod_k [C_k exp(a_k q_k)] C_tip``; SI, radians.
 
-    Frames are numbered along the chain: 0 is the base, k = 1..n the frame of joint k before the
-    joint moves, n + 1 the tip.
+    The product runs over the joints that carry the tip. Frames are numbered: 0 is the base, k = 1..n
+    the frame of joint k before the joint moves, then one for each tip, that of ``tip`` the last. A
+    chain has one tip, and each frame hangs on the one before it.
 
     name : str
     base, tip : str, names of the first and last link
     joints : tuple of str, the n joint names
     prismatic : ndarray of bool, shape (n,)
-    origins : ndarray, shape (n + 1, 4, 4): C_1 .. C_n and C_tip
+    origins : ndarray, shape (F - 1, 4, 4): C_1 .. C_n and those of the tips, F frames in all
     axes : ndarray, shape (n, 3), unit vectors in the joint frames
     limits : ndarray, shape (n, 2), rad or m; infinite where none is given
     efforts : ndarray, shape (n,), N m or N; NaN where no limit is given
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
+    couplings : tuple of Coupling, joints that others move together
     shapes : Shapes; source : Source
+    others : tuple of str, links that are tips beside ``tip``
+    parents : tuple of int, the frame on which each of the frames 1 .. F - 1 hangs, parents first; a
+        chain without
     """
 
     name: str
@@ -109,8 +115,15 @@ class Robot:
     masses: Array
     coms: Array
     mimics: tuple[Mimic, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
+    others: tuple[str, ...] = ()
+    parents: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.parents:
+            object.__setattr__(self, "parents", tuple(range(len(self.joints) + 1)))
 
     @classmethod
     def from_urdf(cls, path: str | Path, base: str = "", tip: str = "") -> Robot:
@@ -141,19 +154,60 @@ class Robot:
         return len(self.joints)
 
     @property
+    def tips(self) -> tuple[str, ...]:
+        """Names of all tips, in the order of their frames."""
+        return (*self.others, self.tip)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames, F: base, joints and tips."""
+        return self.dof + 1 + len(self.tips)
+
+    @property
     def tip_frame(self) -> int:
-        """Number of the tip frame, n + 1."""
-        return self.dof + 1
+        """Number of the tip's frame, the last one."""
+        return self.frame_count - 1
+
+    @cached_property
+    def carries(self) -> Mask:
+        """Whether frame k carries frame f or is it, shape (F, F)."""
+        found = np.eye(self.frame_count, dtype=bool)
+        for frame, parent in enumerate(self.parents, 1):
+            found[:, frame] |= found[:, parent]
+        return found
+
+    @property
+    def branched(self) -> bool:
+        """Whether some frame carries not all that come after it."""
+        return len(self.tips) > 1
+
+    def on_tip(self, markers: int) -> IntArray:
+        """The frames of so many markers that all ride on the tip."""
+        return np.full(markers, self.tip_frame)
+
+    def beyond(self, joint: int) -> list[int]:
+        """Positions of the joints that a joint carries, itself the first."""
+        return np.flatnonzero(self.carries[joint + 1, 1 : self.dof + 1]).tolist()
+
+    def moving(self, frame: int) -> Mask:
+        """Which joints carry a frame, shape (n,)."""
+        return np.asarray(self.carries[1 : self.dof + 1, frame])
 
     @cached_property
     def reach(self) -> float:
-        """Sum of the constant translations [m]: the size of the arm, used to scale columns."""
-        return float(np.linalg.norm(self.origins[1:, :3, 3], axis=1).sum()) or 1.0
+        """Sum of the constant translations [m] on the longest way from the first joint to a tip.
+
+        The size of the arm, used to scale columns.
+        """
+        lengths = np.linalg.norm(self.origins[:, :3, 3], axis=1)
+        beyond = np.array(self.parents) > 0
+        ways = (self.carries[1:, tip] & beyond for tip in range(self.dof + 1, self.frame_count))
+        return max(float(lengths[way].sum()) for way in ways) or 1.0
 
     @cached_property
     def ties(self) -> Ties:
         """What the joints are by those that may be chosen freely."""
-        return ties_of(self.joints, self.mimics)
+        return ties_of(self.joints, self.mimics, self.couplings)
 
     @property
     def free(self) -> Mask:
@@ -173,10 +227,10 @@ class Robot:
 
     def tied(self, q: Array) -> Array:
         """Joint values (..., n) with those that follow put where they belong."""
-        return q @ self.ties.matrix.T + self.ties.shift if self.mimics else q
+        return q @ self.ties.matrix.T + self.ties.shift if self.mimics or self.couplings else q
 
     def follows(self, q: Array) -> bool:
-        """Whether joints that mimic others stand in joint values (..., n) where these put them."""
+        """Whether joints that follow others stand in joint values (..., n) where these put them."""
         return bool((np.abs(self.tied(q) - q) < _FOLLOWS).all())
 
     @property
@@ -191,7 +245,21 @@ class Robot:
     @property
     def told(self) -> tuple[str, ...]:
         """Joints that tell where all are: those that move by themselves, and masters."""
-        return tuple(dict.fromkeys(own[-1].master for own in self.sources))
+        masters = (own[-1].master for own in self.sources)
+        return tuple(dict.fromkeys(name for name in masters if name not in self.undriven))
+
+    @property
+    def undriven(self) -> frozenset[str]:
+        """Joints that several others move together: these tell where they are."""
+        return frozenset(coupling.joint for coupling in self.couplings)
+
+    def moved_by(self, joint: int) -> list[int]:
+        """Positions of the joints that may move one wrongly: those that move it, else all others."""
+        name = self.joints[joint]
+        own = next((c.factors for c in self.couplings if c.joint == name), None)
+        if own is None:
+            return [k for k in range(self.dof) if k != joint]
+        return [self.joints.index(other) for other, _ in own]
 
     @classmethod
     def of_geometry(
@@ -231,10 +299,20 @@ class Robot:
         return np.where(np.isfinite(limits), limits, fallback)
 
     def sobol(self, count: int, seed: int = 0) -> Array:
-        """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m."""
-        unit = Sobol(self.dof, np.random.default_rng(seed)).random(count)
+        """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m.
+
+        They keep joints that several others move within their limits, where enough values do so.
+        """
         low, high = self.sample_limits().T
-        return self.tied(low + unit * (high - low))
+        drawn = count
+        for _ in range(_DOUBLINGS if self.couplings else 1):
+            unit = Sobol(self.dof, np.random.default_rng(seed)).random(drawn)
+            q = self.tied(low + unit * (high - low))
+            inside = ((q >= low) & (q <= high)).all(axis=1)
+            if not self.couplings or inside.sum() >= count:
+                break
+            drawn *= 2
+        return q[inside][:count] if self.couplings and inside.sum() >= count else q[:count]
 
 
 def weights_of(n: int, hung: Iterable[tuple[Place, float, Array]]) -> tuple[Array, Array]:

@@ -26,10 +26,10 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Everything that pulls on the arm, for m poses and the n + 2 frames.
+    """Everything that pulls on the arm, for m poses and F frames.
 
-    mass : ndarray, shape (..., m, n + 2), kg of the bodies that a frame carries (base counts nothing)
-    mass_moment : ndarray, shape (..., m, n + 2, 3), kg m, mass times centre of mass, in the frame that
+    mass : ndarray, shape (..., m, F), kg of the bodies that a frame carries (base counts nothing)
+    mass_moment : ndarray, shape (..., m, F, 3), kg m, mass times centre of mass, in the frame that
         carries it
     force, moment : ndarray, shape (..., m, 3), N and N m, at the tip frame's origin, base axes
     pull : ndarray, shape (m, 3), N, the measured force, base axes
@@ -80,11 +80,11 @@ def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Lo
 
     Raises nothing: a robot without link masses and poses without wrench give zeros.
     """
-    m, count = len(poses), robot.dof + 2
+    m, count, joints = len(poses), robot.frame_count, slice(1, robot.dof + 1)
     mass, moment, wrench = room((m,), count), room((m,), count, 3), room((m,), 6)
     mass[...], moment[...], wrench[...] = 0.0, 0.0, poses.wrench
-    mass[:, 1:-1] = robot.masses
-    moment[:, 1:-1] = robot.masses[:, None] * robot.coms
+    mass[:, joints] = robot.masses
+    moment[:, joints] = robot.masses[:, None] * robot.coms
     mass[:, -1] = payload.mass + poses.load_mass
     moment[:, -1] = payload.mass * np.asarray(payload.com)
     moment[:, -1] += poses.load_mass[:, None] * poses.load_com
@@ -96,11 +96,11 @@ def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Lo
 class Transmitted:
     """Wrench that each frame passes on from all that lies beyond it.
 
-    force : ndarray, shape (..., m, n + 2, 3), N, base axes
-    moment : ndarray, shape (..., m, n + 2, 3), N m, base axes, about the frame's origin
-    local : ndarray, shape (..., m, n + 2, 6), (force, moment) in the frame's own axes
-    first_moment : ndarray, shape (..., m, n + 2, 3), kg m, of the masses beyond, base axes
-    mass_beyond : ndarray, shape (..., m, n + 2), kg
+    force : ndarray, shape (..., m, F, 3), N, base axes
+    moment : ndarray, shape (..., m, F, 3), N m, base axes, about the frame's origin
+    local : ndarray, shape (..., m, F, 6), (force, moment) in the frame's own axes
+    first_moment : ndarray, shape (..., m, F, 3), kg m, of the masses beyond, base axes
+    mass_beyond : ndarray, shape (..., m, F), kg
     """
 
     force: Array
@@ -117,31 +117,31 @@ class Transmitted:
         return replace(self, local=self.local + local)
 
 
-def _from_tip(a: Array, axis: int) -> Array:
-    """Cumulative sum from the tip towards the base."""
+def _from_tips(robot: Robot, a: Array, axis: int) -> Array:
+    """Sum over all that each frame carries, and itself."""
     total = a.copy(order="K")
     frames = np.moveaxis(total, axis, 0)
-    for k in reversed(range(len(frames) - 1)):
-        frames[k] += frames[k + 1]
+    for k in reversed(range(1, len(frames))):
+        frames[robot.parents[k - 1]] += frames[k]
     return total
 
 
-def transmitted(loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
-    """Static Newton-Euler recursion from the tip to the base.
+def transmitted(robot: Robot, loads: Loads, frames: Frames, carriers: Array) -> Transmitted:
+    """Static Newton-Euler recursion from the tips to the base.
 
-    carriers : ndarray, shape (..., m, n + 2, 3), origins of the frames that carry the bodies
+    carriers : ndarray, shape (..., m, F, 3), origins of the frames that carry the bodies
     """
     moments = loads.mass[..., None] * carriers + rotate(frames.R_link, loads.mass_moment)
-    mass_beyond = _from_tip(loads.mass, -1)
-    first_moment = _from_tip(moments, -2)
+    mass_beyond = _from_tips(robot, loads.mass, -1)
+    first_moment = _from_tips(robot, moments, -2)
     weight = by_one(mass_beyond[..., None], loads.gravity[None])
-    force = loads.force[..., None, :] + weight
+    force = at_carriers(robot, loads.force[..., None, :]) + weight
     tip = frames.o[..., -1:, :]
     arm = first_moment - mass_beyond[..., None] * frames.o
     moment = loads.moment[..., None, :] + cross(tip - frames.o, loads.force[..., None, :])
-    moment = moment + cross(arm, loads.gravity)
     if loads.lever.any():
         moment = moment + cross(_lever(loads, frames), loads.pull)[..., None, :]
+    moment = at_carriers(robot, moment) + cross(arm, loads.gravity)
     axes = np.swapaxes(frames.R, -1, -2)
     local = np.concatenate(
         [rotate(axes, np.broadcast_to(force, moment.shape)), rotate(axes, moment)], axis=-1
@@ -154,17 +154,23 @@ def _lever(loads: Loads, frames: Frames) -> Array:
     return rotate(frames.R[..., -1, :, :], loads.lever)
 
 
-def change_beyond(loads: Loads, frames: Frames, wrench: Transmitted) -> Array:
+def at_carriers(robot: Robot, of_tip: Array) -> Array:
+    """What the load at the tip does to frames (..., F or 1, k): nothing to those that carry it not."""
+    return of_tip * robot.carries[:, -1:] if robot.branched else of_tip
+
+
+def change_beyond(robot: Robot, loads: Loads, frames: Frames, wrench: Transmitted) -> Array:
     """How moments follow a small motion, a velocity field (A, phi), of all beyond each frame.
 
-    Returns ndarray, shape (..., m, n + 2, 3, 6), N m, base axes, about any point that rests. The loads
+    Returns ndarray, shape (..., m, F, 3, 6), N m, base axes, about any point that rests. The loads
     keep their direction: (A + phi x c) x w = -[w]x A + [w]x [c]x phi, summed over the weights and the
     force at the tip.
     """
-    turn = double_cross(loads.gravity, wrench.first_moment)
-    turn = turn + double_cross(loads.force[..., None, :], frames.o[..., -1:, :])
+    pull = double_cross(loads.force[..., None, :], frames.o[..., -1:, :])
     if loads.lever.any():
-        turn = turn + double_cross(loads.pull, _lever(loads, frames))[..., None, :, :]
+        pull = pull + double_cross(loads.pull, _lever(loads, frames))[..., None, :, :]
+    carrying = robot.carries[:, -1, None, None] if robot.branched else True
+    turn = double_cross(loads.gravity, wrench.first_moment) + pull * carrying
     return np.concatenate([np.broadcast_to(-skew(wrench.force), turn.shape), turn], axis=-1)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.cell.planned import Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
@@ -76,7 +76,7 @@ class Cell:
         cell = Cell(robot, {"m1": (0.1, 0.0, 0.05)}, Tracker(sigma=1e-5), ["base", "tool", "geometry"])
 
     robot : Robot, limits already narrowed by the cell
-    markers : ndarray, shape (M, 3), m, first guesses in the tip frame
+    markers : ndarray, shape (M, 3), m, first guesses in the frames of their tips
     marker_names : tuple of str
     instruments : tuple of Instrument
     effects : tuple of str, ``name`` or ``name:where[,where]``: what the user's model contains
@@ -100,6 +100,7 @@ class Cell:
     acceptance : Acceptance, or None without a tolerance
     lens_files : tuple of Path, calibrations of cameras
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
+    marker_links : tuple of str, the tip of the robot on which each marker rides; ``robot.tip`` without
     """
 
     robot: Robot
@@ -129,6 +130,7 @@ class Cell:
     acceptance: Acceptance | None = None
     lens_files: tuple[Path, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
+    marker_links: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -187,6 +189,19 @@ class Cell:
     def with_effects(self, *effects: str) -> Cell:
         """The cell whose model contains these effects as well, ``name`` or ``name:where[,where]``."""
         return replace(self, effects=(*self.effects, *effects))
+
+    @property
+    def marker_frames(self) -> IntArray:
+        """Frame of the tip on which each marker rides, shape (M,). Raises CalibError for no tip."""
+        if not self.marker_links:
+            return self.robot.on_tip(len(self.markers))
+        for link in self.marker_links:
+            if link not in self.robot.tips:
+                raise CalibError(
+                    f"{link!r} is no tip of the robot; tips are {', '.join(self.robot.tips)}"
+                )
+        first = self.robot.dof + 1
+        return np.array([first + self.robot.tips.index(link) for link in self.marker_links])
 
     @property
     def robot_files(self) -> tuple[Path, ...]:

@@ -102,8 +102,11 @@ def brought(cell: Cell, q: Array, wanted: IntArray, free: Mask | None = None) ->
 def _missed(cell: Cell, contact: Contact, starts: IntArray, frames: Frames) -> tuple[Array, Array]:
     del starts
     points = _points(cell, contact, frames)
-    return contact.missed(points), contact.slopes(points) @ point_slopes(cell.robot, frames, points)
+    frame = cell.marker_frames[contact.marker]
+    slopes = point_slopes(cell.robot, frames, points, frame)
+    return contact.missed(points), contact.slopes(points) @ slopes
 
 
 def _points(cell: Cell, contact: Contact, frames: Frames) -> Array:
-    return rotate(frames.R[:, -1], cell.markers[contact.marker]) + frames.o[:, -1]
+    frame = cell.marker_frames[contact.marker]
+    return rotate(frames.R[:, frame], cell.markers[contact.marker]) + frames.o[:, frame]

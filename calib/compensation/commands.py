@@ -230,6 +230,11 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
         raise CalibError("the targets have joint values that are no numbers")
     if weights.shape != (len(poses),) or not (weights >= 0.0).all() or not weights.any():
         raise CalibError("weights must be one for each target, at least zero, and not all zero")
+    if len(np.unique(cell.marker_frames)) > 1:
+        raise CalibError(
+            "commands are corrected for one tip, and the markers ride on several: give those of one "
+            "arm a cell of their own"
+        )
     check_targets(cell, poses)
 
 

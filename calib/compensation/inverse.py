@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arm.kinematics import Frames
+from calib.arm.approach import turns
+from calib.arm.kinematics import Frames, point_slopes
 from calib.arm.mimic import reachable
 from calib.arm.robot import Robot
-from calib.arm.se3 import cross, rotate, so3_log
+from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import NoEquilibrium
 from calib.model import Model
@@ -172,11 +173,8 @@ def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
     there = arm.o[:, -1] + rotate(R, goal.centre)
     wanted = goal.o + rotate(goal.R, goal.centre)
     turn = so3_log(goal.R @ np.swapaxes(R, -1, -2))
-    axes = rotate(arm.R[:, 1:-1], robot.axes)
-    turning = cross(axes, there[:, None] - arm.o[:, 1:-1])
-    slides = robot.prismatic[:, None]
-    parts = np.where(slides, axes, turning), np.where(slides, 0.0, length * axes)
-    J = np.swapaxes(np.concatenate(parts, axis=-1), -1, -2) @ robot.ties.matrix
+    J = np.concatenate([point_slopes(robot, arm, there), length * turns(robot, arm)], axis=1)
+    J = J @ robot.ties.matrix
     return J, np.concatenate([wanted - there, length * turn], axis=1)
 
 

@@ -111,7 +111,10 @@ class Statics:
             frames = forward(self.robot, poses.q)
             loads = loads_of(self.robot, poses, self.payload, self.gravity)
             carriers = link_origins(self.robot, frames, poses.q)
-            last = self._last["found"] = (poses, transmitted(loads, frames, carriers).local)
+            last = self._last["found"] = (
+                poses,
+                transmitted(self.robot, loads, frames, carriers).local,
+            )
         return last[1]
 
 

@@ -23,13 +23,12 @@ class Geometry(ConstantTwist):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        return (*context.robot.joints, context.robot.tip)
+        return (*context.robot.joints, *context.robot.tips)
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         robot = context.robot
-        ends_at_tip = where == robot.tip
-        return cls(where, robot.tip_frame if ends_at_tip else robot.joints.index(where) + 1)
+        return cls(where, (*robot.joints, *robot.tips).index(where) + 1)
 
 
 @dataclass(frozen=True, eq=False)

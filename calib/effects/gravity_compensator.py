@@ -59,7 +59,7 @@ class GravityCompensator(SpringEffect):
         joint, robot = joint_index(context, where), context.robot
         given = context.anchors.get(where)
         anchors = default_anchors(context, joint) if given is None else given
-        return cls(where, joint, robot.dof + 2, robot.axes[joint], anchors)
+        return cls(where, joint, robot.frame_count, robot.axes[joint], anchors)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -108,7 +108,8 @@ def default_anchors(context: Context, joint: int) -> Array:
     robot = context.robot
     frames = forward(robot, np.zeros((1, robot.dof)))
     R, o = frames.R[0, joint + 1], frames.o[0]
-    beyond = list((o[joint + 2 :] - o[joint + 1]) @ R)
+    carried = np.flatnonzero(robot.carries[joint + 1])[1:]
+    beyond = list((o[carried] - o[joint + 1]) @ R)
     either, other = across(robot.axes[joint])
     above = _first_across(robot.axes[joint], [-context.gravity @ R], either)
     along = _first_across(robot.axes[joint], beyond, other)

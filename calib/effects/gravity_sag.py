@@ -88,9 +88,10 @@ class GravitySag(PoseEffect):
         if robot.prismatic[k]:
             return [("weight", False)]
         names: list[tuple[str, bool]] = []
-        for joint, slides in list(zip(robot.joints, robot.prismatic, strict=True))[k:]:
+        for j in robot.beyond(k):
+            joint, slides = robot.joints[j], bool(robot.prismatic[j])
             own = [f"travel_{joint}"] if slides else [f"u_{joint}", f"v_{joint}"]
-            names += [(name, bool(slides)) for name in own]
+            names += [(name, slides) for name in own]
         return names
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
@@ -112,7 +113,7 @@ class GravitySag(PoseEffect):
         if robot.prismatic[k]:
             return (axis @ self.down)[:, None]
         columns = []
-        for j in range(k, robot.dof):
+        for j in robot.beyond(k):
             if robot.prismatic[j]:
                 moments = robot.axes[j] * q[:, j, None, None]
             else:

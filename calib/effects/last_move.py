@@ -76,7 +76,7 @@ class FrictionWindup(SpringEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         joint, robot = joint_index(context, where), context.robot
-        return cls(where, joint + 1, robot.dof + 2, along_axis(robot, joint))
+        return cls(where, joint + 1, robot.frame_count, along_axis(robot, joint))
 
     @classmethod
     def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:

@@ -35,15 +35,17 @@ class LinkGrowth(PoseEffect):
     def at(cls, context: Context, where: str) -> Self:
         robot, lengths = context.robot, translations(context.robot)
         if where == ARM:
-            return cls(where, tuple(range(1, robot.dof + 2)), lengths)
+            return cls(where, tuple(range(1, robot.frame_count)), lengths)
         link = joint_index(context, where) + 1
+        ends = [frame for frame, parent in enumerate(robot.parents, 1) if parent == link]
+        lengths = lengths[np.array(ends, dtype=int) - 1]
         needs(
-            bool(lengths[link].any()),
+            bool(lengths.any()),
             f"{cls.kind}:{where}",
             "the next joint has its origin in this one's",
             "name a link that has a length, or arm",
         )
-        return cls(where, (link + 1,), lengths[link : link + 1])
+        return cls(where, tuple(ends), lengths)
 
     @abstractmethod
     def shares(self, poses: Poses) -> Array:
@@ -68,9 +70,10 @@ class ThermalExpansion(LinkGrowth):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        lengths = translations(context.robot)[1:]
-        links = zip(context.robot.joints, lengths, strict=True)
-        return (ARM, *(joint for joint, length in links if length.any()))
+        robot = context.robot
+        grown = zip(robot.parents, translations(robot), strict=True)
+        long = {parent for parent, length in grown if length.any()}
+        return (ARM, *(joint for k, joint in enumerate(robot.joints, 1) if k in long))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -112,6 +115,6 @@ class LinkScale(LinkGrowth):
 
 
 def translations(robot: Robot) -> Array:
-    """Origin of each frame but the base's from the one before, in its own axes, (n + 1, 3), m."""
+    """Origin of each frame but the base's from the one it hangs on, in its own axes, (F - 1, 3), m."""
     R, p = robot.origins[:, :3, :3], robot.origins[:, :3, 3]
     return np.asarray((p[:, None, :] @ R)[:, 0])

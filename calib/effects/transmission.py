@@ -82,8 +82,8 @@ class JointCoupling(DriveError):
 
     @property
     def others(self) -> list[int]:
-        """Positions of the other joints."""
-        return [k for k in range(self.robot.dof) if k != self.frame - 1]
+        """Positions of the joints that move it."""
+        return self.robot.moved_by(self.frame - 1)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

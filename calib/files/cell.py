@@ -18,6 +18,7 @@ from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned,
 from calib.errors import InputError, UnknownEffect
 from calib.files import schema
 from calib.files.cell_table import cell_table
+from calib.files.couplings import coupled
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
 from calib.files.robot import load_robot
@@ -93,8 +94,11 @@ def load_cell(path: str | Path) -> Cell:
     path = Path(path)
     table, lenses = with_lenses(path, cell_table(path))
     own, file = table.robot, path.parent / table.robot.file
-    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention)
+    links = [table.link_of(name) for name in table.markers_mm]
+    others = tuple(link for link in dict.fromkeys(links) if link != own.tip)
+    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, others)
     _check_joints(path, robot, table)
+    robot = coupled(path, robot, own.coupled)
     for text in table.model.effects:
         try:
             parse_effect(text)
@@ -136,6 +140,7 @@ def load_cell(path: str | Path) -> Cell:
         acceptance=tolerance and Acceptance(tolerance.tolerance_mm * MM, tolerance.rule),
         size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
+        marker_links=(*links, *len(bodies.names) * (own.tip,)) if others else (),
     )
     try:
         context = context_of(cell, None)
@@ -159,6 +164,7 @@ def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
         ("robot.limits_mm", table.robot.limits_mm),
         ("robot.compensators_mm", table.robot.compensators_mm),
         ("robot.gear_ratio", table.robot.gear_ratio),
+        ("robot.coupled", table.robot.coupled),
         ("robot.capsules_mm", set(table.robot.capsules_mm) - {"base", "tool"}),
         ("design.levels", table.design.levels),
         ("model.knots_deg", table.model.knots_deg),

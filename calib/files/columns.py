@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,16 +72,17 @@ class JointColumn:
         return (q - self.offset) / self.factor / self.scale
 
 
-def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn]:
+def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn | None]:
     """Where each joint is told. Raises InputError where a column is missing or has no unit.
 
-    A joint that mimics another may have a column of its own, else its master's tells it.
+    A joint that mimics another may have a column of its own, else its master's tells it. So may one
+    that others move together; None where it has none, as they tell it.
     """
-    found = []
+    found: list[JointColumn | None] = []
     for sources in robot.sources:
         named = [_column_of(path, source, columns) for source in sources]
         own = next((column for column in named if column is not None), None)
-        if own is None:
+        if own is None and sources[0].joint not in robot.undriven:
             joint, *masters = sources
             _refuse_other_unit(path, joint, columns)
             missing = f"no column for joint {joint.joint}"
@@ -185,14 +188,19 @@ def velocity_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
     told = joint_columns(table.path, robot, table.columns)
-    q = np.column_stack([column.joint(table.numbers(column.name)) for column in told])
+    none = np.zeros(len(table.rows))
+    own = [none if c is None else c.joint(table.numbers(c.name)) for c in told]
+    q = np.column_stack(own)
+    implied = [column is None for column in told]
+    q[:, implied] = robot.tied(q)[:, implied]
     turns = np.abs(q) / (2.0 * math.pi)
     for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
         what = f"is an angle of {turns[row, j]:.0f} turns"
         remedy = (
             "check its unit: counts of an encoder and angles of the motor are none of the joint"
         )
-        raise table.fault(row, told[j].name, what, remedy)
+        column = told[j]
+        raise table.fault(row, robot.joints[j] if column is None else column.name, what, remedy)
     return q
 
 
@@ -232,20 +240,23 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
             found[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
+    driven = [joint not in robot.undriven for joint in robot.joints]
     torques = torque_columns(robot)
-    if _every_joint(table, torques):
-        found["torque"] = np.column_stack([table.numbers(name)[rows] for name in torques])
+    if _every_joint(table, tuple(itertools.compress(torques, driven))):
+        found["torque"] = _columns(table, torques, rows)
     speeds = velocity_columns(table, robot)
-    if _every_joint(table, tuple(name for name, _ in speeds)):
-        found["velocity"] = np.column_stack([table.numbers(c)[rows] * s for c, s in speeds])
+    if _every_joint(table, tuple(name for name, _ in itertools.compress(speeds, driven))):
+        units = [unit for _, unit in speeds]
+        velocity = _columns(table, [name for name, _ in speeds], rows) * units
+        found["velocity"] = np.where(driven, velocity, velocity @ robot.ties.matrix.T)
     # A joint tells itself from which side it came, else its master does.
     sided = [
         next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])
         for own in robot.sources
     ]
     signs = tuple(f"approach_{source.master}" for source in sided)
-    if _every_joint(table, signs):
-        approach = np.column_stack([table.numbers(name) for name in signs])
+    if _every_joint(table, tuple(itertools.compress(signs, driven))):
+        approach = _columns(table, signs, np.arange(len(table.rows)))
         bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
         if len(bad):
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
@@ -258,6 +269,13 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
         found["stations"] = stations
         found["station"] = np.array([stations.index(names[row]) for row in rows])
     return found
+
+
+def _columns(table: CsvTable, names: Sequence[str], rows: IntArray) -> Array:
+    """Numbers of columns side by side, (rows, n); zeros for those that are not there."""
+    none = np.zeros(len(rows))
+    own = [table.numbers(name)[rows] if name in table.columns else none for name in names]
+    return np.column_stack(own)
 
 
 def _every_joint(table: CsvTable, names: tuple[str, ...]) -> bool:

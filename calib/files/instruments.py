@@ -96,10 +96,14 @@ def instruments_of(table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:
     """Those of the cell. Raises InputError where one is not between two sockets or two markers."""
     sockets = {name for name, own in table.instruments.items() if own.kind == "socket"}
+    on = {name: table.link_of(name) for name in table.markers_mm}
     found = []
     for number, own in enumerate(table.known_distances):
         a, b = own.between
         alike = any(a in names and b in names for names in (sockets, set(table.markers_mm)))
+        if a in on and b in on and on[a] != on[b]:
+            what = f"{a!r} and {b!r} ride on {on[a]} and {on[b]}, and are no known length apart"
+            raise InputError(path, f"known_distances.{number}.between", what, "take it out")
         if a == b or not alike:
             known = ", ".join([*sorted(sockets), *table.markers_mm][:12])
             raise InputError(

@@ -21,20 +21,32 @@ _SHAPES = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}
 
 
 def load_robot(
-    form: Form, path: Path, base: str, tip: str, convention: Convention | None = None
+    form: Form,
+    path: Path,
+    base: str,
+    tip: str,
+    convention: Convention | None = None,
+    others: tuple[str, ...] = (),
 ) -> Robot:
-    """The chain from ``base`` to ``tip`` of a file, with its shapes; a DH table has none.
+    """The arm from ``base`` to ``tip`` of a file, with its shapes; a DH table has none.
 
     convention : of a DH table, whose ends have no names but these words
+    others : links that are tips as well, of a URDF
 
     Raises InputError.
     """
+    if others and form != "urdf":
+        what = f"has one tip, and {others[0]!r} is another"
+        raise InputError(
+            path, "", what, "write the robot as a URDF to have markers on several links"
+        )
+    more = (others,) if others else ()
     if convention is not None:
         robot = load_dh(path, convention, base or "base", tip or "tip")
     else:
-        robot = READERS[form](path, base, tip)
+        robot = READERS[form](path, base, tip, *more)
     lengths = np.linalg.norm(robot.origins[:, :3, 3], axis=1)
-    for name, length in zip((*robot.joints, robot.tip), lengths, strict=True):
+    for name, length in zip((*robot.joints, *robot.tips), lengths, strict=True):
         if length > _FARTHEST:
             what = f"is {length:.4g} m from the frame before"
             remedy = f"if these are millimetres, write {length / 1e3:.4g}"
@@ -43,7 +55,7 @@ def load_robot(
     robot = replace(robot, source=Source(form, robot_files(form, path), convention))
     if form not in _SHAPES:
         return robot
-    shapes = _SHAPES[form](path, robot.base, robot.tip)
+    shapes = _SHAPES[form](path, robot.base, robot.tip, *more)
     return replace(robot, shapes=replace(shapes, own=bool(shapes.capsules)))
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.kinematics import tip_points
-from calib.arm.robot import Convention, Form, Robot
+from calib.arm.robot import Convention, Form, Robot, Source
 from calib.arm.se3 import fit_rigid, transformed
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.protocol import Constant
@@ -67,6 +67,9 @@ def corrected_robot(
     for an arm whose maker has no kinematics file.
     """
     lacks = []
+    if cell.robot.branched and form != "urdf":
+        what, tips = f"a {Source(form)} written here has one tip", ", ".join(cell.robot.tips)
+        raise InputError(target, "", f"{what}, and this robot has {tips}", "write a URDF")
     if form != cell.robot.source.form:
         lacks.append(f"is made anew from the {cell.robot.source}: {LACKS[form]}")
         lacks += [f"{_MIMICS[form]}: {m.joint} by {m.master}" for m in cell.robot.mimics]
@@ -87,7 +90,8 @@ def corrected_robot(
     if form == robot.source.form == "mjcf":
         return Written(corrected_mjcf(source, robot, corrections, markers, target), ())
     if robot.source.form == "urdf":
-        text = corrected_urdf(source, robot, corrections, markers)
+        links = dict(zip(cell.marker_names, cell.marker_links, strict=False))
+        text = corrected_urdf(source, robot, corrections, markers, links)
     elif robot.source.form == "mjcf":  # limits as in the file
         whole = load_robot("mjcf", source, robot.base, robot.tip)
         text = chain_urdf(whole, corrections, markers)
@@ -121,20 +125,20 @@ class ZeroOffsets:
     after: float
 
 
-def zero_offsets(robot: Robot, corrections: Array, markers: Array) -> ZeroOffsets:
+def zero_offsets(robot: Robot, corrections: Array, markers: Array, frames: IntArray) -> ZeroOffsets:
     """The offsets of a geometry, and how much of it they are, over Sobol poses within the limits.
 
-    corrections : ndarray, shape (n + 2, 6), m and rad, as in :class:`~calib.arm.robot.Robot`
-    markers : ndarray, shape (M, 3), m, tip frame
+    corrections : ndarray, shape (F, 6), m and rad, as in :class:`~calib.arm.robot.Robot`
+    markers : ndarray, shape (M, 3), m, in the frames (M,) of their tips
     """
-    own = corrections[1:-1]
+    own = corrections[1 : robot.dof + 1]
     along = np.where(robot.prismatic[:, None], own[:, :3], own[:, 3:])
     offsets = np.einsum("ki,ki->k", along, robot.axes)
     q = robot.sobol(_POSES)
-    true = tip_points(robot, q, markers, corrections)
+    true = tip_points(robot, q, markers, corrections, frames)
     missed = []
     for tried in (q, q + offsets):
-        points = tip_points(robot, tried, markers)
+        points = tip_points(robot, tried, markers, frames=frames)
         off = transformed(fit_rigid(true.reshape(-1, 3), points.reshape(-1, 3)), points) - true
         missed.append(float(np.sqrt(np.mean(np.sum(off**2, axis=-1)))))
     return ZeroOffsets(offsets, *missed)

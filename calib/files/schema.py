@@ -55,6 +55,12 @@ class AnchorTable(TomlTable):
     after: Vector
 
 
+class CouplingTable(TomlTable):
+    of: Annotated[dict[str, Number], Field(min_length=1)]
+    offset_deg: Number = 0.0
+    offset_mm: Number = 0.0
+
+
 class RobotTable(TomlTable):
     urdf: str | None = None
     mjcf: str | None = None
@@ -70,6 +76,7 @@ class RobotTable(TomlTable):
     capsules_mm: dict[str, list[CapsuleTable]] = {}
     compensators_mm: dict[str, AnchorTable] = {}
     gear_ratio: dict[str, Positive] = {}
+    coupled: dict[str, CouplingTable] = {}
 
     @model_validator(mode="after")
     def _one_file(self) -> Self:
@@ -145,6 +152,7 @@ class LoadTable(TomlTable):
 
 class MarkerTable(TomlTable):
     position: Vector
+    on: Name | None = None
     normal: Direction | None = None
     acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
 
@@ -274,6 +282,11 @@ class CellFile(TomlTable):
     acceptance: AcceptanceTable | None = None
     report: dict[Name, Told] = {}
     model: ModelTable
+
+    def link_of(self, marker: str) -> str:
+        """The link on which a marker rides."""
+        own = self.markers_mm[marker]
+        return (own.on if isinstance(own, MarkerTable) else None) or self.robot.tip
 
     @model_validator(mode="after")
     def _load_once(self) -> Self:

@@ -63,13 +63,13 @@ def ends(half: float) -> Array:
     return np.outer([-half, half], [0.0, 0.0, 1.0])
 
 
-def urdf_shapes(path: Path, base: str, tip: str) -> Shapes:
+def urdf_shapes(path: Path, base: str, tip: str, others: Sequence[str] = ()) -> Shapes:
     """Capsules by the joint that carries them, or ``base``, in the frame that turns with the joint.
 
     Each holds its shape. A shape that cannot be read is named with its reason and left out.
     """
     urdf = Urdf.read(path)
-    chain = urdf.chain(base, tip)
+    chain = urdf.chain(base, tip, others)
     links = {link.get("name", ""): link for link in urdf.root.findall("link")}
     unread: list[str] = []
 

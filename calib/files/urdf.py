@@ -1,9 +1,9 @@
-"""Read a URDF: the serial chain between two links."""
+"""Read a URDF: the joints from a link to others, a chain or a tree."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ _MOST_JOINTS = 100  # that move
 MOVING = ("revolute", "continuous", "prismatic")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UrdfJoint:
     """A <joint> of the file: name, type, and the links that it joins."""
 
@@ -41,7 +41,7 @@ class UrdfJoint:
 
 
 Chain: TypeAlias = list[UrdfJoint]
-"""Joints from the base to the tip, fixed ones among them."""
+"""Joints from the base to the tips, parents first, fixed ones among them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,29 +113,24 @@ class Urdf:
                 raise InputError(self.path, f"joint {name}", "stands twice", "rename one of them")
             if links[1] in moved:
                 what = f"link {links[1]!r} already hangs on joint {moved[links[1]]!r}"
-                remedy = "closed loops are not supported; model the serial chain"
+                remedy = (
+                    "links in a loop cannot be modelled: leave this joint out, and say in "
+                    "[robot.coupled] what moves the joints of the loop that have no drive"
+                )
                 raise InputError(self.path, f"joint {name}", what, remedy)
             moved[links[1]] = name
             found[name] = UrdfJoint(element, name, element.get("type", ""), *links)
         return found
 
-    def chain(self, base: str, tip: str) -> Chain:
-        """Joints from link ``base`` to link ``tip``, which are a serial chain."""
+    def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> Chain:
+        """Joints from link ``base`` to link ``tip``, then those to other links."""
         links = [link.get("name", "") for link in self.root.findall("link")]
-        for key, name in (("base", base), ("tip", tip)):
+        on = [("'on' of what it carries", other) for other in others]
+        for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):
             if name not in links:
-                remedy = f"set [robot] {key} to one of: {', '.join(links[:12]) or 'none'}"
+                remedy = f"set {key} to one of: {', '.join(links[:12]) or 'none'}"
                 raise InputError(self.path, "", f"has no link {name!r}", remedy)
-        by_child = {joint.child: joint for joint in self.joints.values()}
-        chain: Chain = []
-        link = tip
-        while link != base:
-            if link not in by_child or len(chain) > len(by_child):
-                what = f"no chain of joints leads from {base!r} to it (stopped at {link!r})"
-                raise InputError(self.path, f"link {tip}", what, "check [robot] base and tip")
-            chain.append(by_child[link])
-            link = by_child[link].parent
-        chain.reverse()
+        chain = list(dict.fromkeys(j for end in (tip, *others) for j in self._way(base, end)))
         for joint in chain:
             if not joint.moves and joint.kind != "fixed":
                 what = f"type {joint.kind!r} is not supported"
@@ -146,18 +141,33 @@ class Urdf:
             raise InputError(self.path, "", what, "check [robot] base and tip")
         return chain
 
+    def _way(self, base: str, tip: str) -> Chain:
+        """Joints of the only way from one link down to another."""
+        by_child = {joint.child: joint for joint in self.joints.values()}
+        way: Chain = []
+        link = tip
+        while link != base:
+            if link not in by_child or len(way) > len(by_child):
+                what = f"no chain of joints leads from {base!r} to it (stopped at {link!r})"
+                raise InputError(self.path, f"link {tip}", what, "check [robot] base and tip")
+            way.append(by_child[link])
+            link = by_child[link].parent
+        return way[::-1]
+
     def places(self, base: str, chain: Chain) -> dict[str, Place]:
         """Where every link of the arm is.
 
-        Joints beside the chain, of whatever type, and beyond its tip are held at zero.
+        Joints beside the chain, of whatever type, and beyond its tips are held at zero.
         """
-        k, T = 0, np.eye(4)
-        found = {base: (k, T)}
+        found = {base: (0, np.eye(4))}
+        moving = 0
         for joint in chain:
-            T = T @ self.origin_of(joint)
+            k, T = found[joint.parent]
             if joint.moves:
-                k, T = k + 1, np.eye(4)
-            found[joint.child] = k, T
+                moving += 1
+                found[joint.child] = moving, np.eye(4)
+            else:
+                found[joint.child] = k, T @ self.origin_of(joint)
         beside: dict[str, Chain] = {}
         for joint in self.joints.values():
             beside.setdefault(joint.parent, []).append(joint)
@@ -176,18 +186,18 @@ def attribute(element: Element | None, key: str, default: str) -> str:
     return default if element is None else element.get(key, default)
 
 
-def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
-    """Read the serial chain from link ``base`` to link ``tip``.
+def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
+    """Read the joints from link ``base`` to link ``tip``, and to other links that are tips as well.
 
     Fixed joints are folded into the next origin; masses that hang on a moving link by other joints
-    than the chain's, which are held at zero, are gathered into it. The effort limit 0 means: not given.
-    A joint that mimics another stays a joint of the chain and follows its master.
+    than these, which are held at zero, are gathered into it. The effort limit 0 means: not given.
+    A joint that mimics another stays a joint of the robot and follows its master.
 
-    Raises InputError for what is not well-formed, not a serial chain of revolute, continuous or
-    prismatic joints, or not made of finite numbers.
+    Raises InputError for what is not well-formed, no way of revolute, continuous or prismatic joints,
+    or not made of finite numbers.
     """
     urdf = Urdf.read(Path(path))
-    chain = urdf.chain(base, tip)
+    chain = urdf.chain(base, tip, others)
     weights = list(_weights(urdf))
     places = urdf.places(base, chain)
     moving = [joint for joint in chain if joint.moves]
@@ -195,11 +205,8 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
     if n > _MOST_JOINTS:
         what = f"has {n} moving joints, at most {_MOST_JOINTS} are possible"
         raise InputError(urdf.path, "", what, "fix the others")
-    origins = [np.eye(4)]
-    for joint in chain:
-        origins[-1] = origins[-1] @ urdf.origin_of(joint)
-        if joint.moves:
-            origins.append(np.eye(4))
+    hung = [(*places[joint.parent], urdf.origin_of(joint)) for joint in moving]
+    hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
     axes = np.array([_axis(urdf, joint) for joint in moving])
     stated = [_limits(urdf, joint) for joint in moving]
     limits = np.array([own for own, _ in stated])
@@ -214,13 +221,15 @@ def load_urdf(path: str | Path, base: str, tip: str) -> Robot:
         tip=tip,
         joints=tuple(joint.name for joint in moving),
         prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
-        origins=np.array(origins),
+        origins=np.array([T @ own for _, T, own in hung]),
         axes=axes,
         limits=limits,
         efforts=np.array([effort for _, effort in stated]),
         masses=masses,
         coms=coms,
         mimics=mimics,
+        others=tuple(others),
+        parents=tuple(k for k, _, _ in hung),
     )
 
 

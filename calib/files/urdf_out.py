@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -17,28 +18,37 @@ MARKER = "marker_"  # how links and sites of markers begin
 
 
 def corrected_urdf(
-    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array]
+    source: str | Path,
+    robot: Robot,
+    corrections: Array,
+    markers: dict[str, Array],
+    links: Mapping[str, str] | None = None,
 ) -> str:
     """The text of a URDF whose joint origins carry the identified geometry.
 
     source : path of the nominal URDF
-    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
+    corrections : ndarray, shape (F, 6), m and rad, displacement of each frame as in
         :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
+    links : dict, name -> the tip on which a marker rides; all on ``robot.tip`` without
 
-    The tip's displacement goes into the last fixed joint, or into the markers where there is none.
+    A tip's displacement goes into the fixed joint that carries it alone, or into the markers on it
+    where there is none.
     """
     urdf = Urdf.read(Path(source))
-    chain = urdf.chain(robot.base, robot.tip)
-    *moved, D_tip = displacement(corrections[1:])
-    joints = [joint for joint in chain if joint.moves]
-    if not chain[-1].moves:
-        joints.append(chain[-1])
-        moved.append(D_tip)
-        D_tip = np.eye(4)
-    for joint, D in zip(joints, moved, strict=True):
+    chain = urdf.chain(robot.base, robot.tip, robot.others)
+    moved = displacement(corrections[1:])
+    before, n = {joint.child: joint for joint in chain}, robot.dof
+    passed = {robot.base, *(joint.parent for joint in chain)}
+    written = dict(zip((joint for joint in chain if joint.moves), moved[:n], strict=True))
+    placed = dict(zip(robot.tips, moved[n:], strict=True))
+    for tip, D in placed.items():
+        if tip not in passed and not before[tip].moves:
+            written[before[tip]], placed[tip] = D, np.eye(4)
+    for joint, D in written.items():
         _write_origin(joint.element, urdf.origin_of(joint) @ D)
-    _write_markers(urdf.root, robot.tip, D_tip, markers)
+    on = links or dict.fromkeys(markers, robot.tip)
+    _write_markers(urdf.root, {m: (on[m], placed[on[m]], at) for m, at in markers.items()})
     return _text(urdf.root)
 
 
@@ -47,11 +57,11 @@ def _text(root: Element) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _write_markers(root: Element, tip: str, T: Array, markers: dict[str, Array]) -> None:
-    """Links ``marker_<name>`` at points given behind the transform T of the tip."""
+def _write_markers(root: Element, markers: dict[str, tuple[str, Array, Array]]) -> None:
+    """Links ``marker_<name>`` on a tip each, at points (3,) behind a transform (4, 4) of the tip."""
     for element in [e for e in root if e.get("name", "").startswith(MARKER)]:
         root.remove(element)  # of an earlier correction
-    for name, position in markers.items():
+    for name, (tip, T, position) in markers.items():
         SubElement(root, "link", name=MARKER + name)
         joint = SubElement(root, "joint", name=f"{MARKER}{name}_mount", type="fixed")
         _write_origin(joint, transform(T[:3, :3], transformed(T, position)))
@@ -99,7 +109,7 @@ def chain_urdf(robot: Robot, corrections: Array, markers: dict[str, Array]) -> s
             SubElement(inertial, "mass", value=f"{robot.masses[k]:.15g}")
             SubElement(inertial, "inertia", _NO_INERTIA)
     _joint(root, _free_name(robot, "tip_mount"), link, robot.tip, origins[-1]).set("type", "fixed")
-    _write_markers(root, robot.tip, np.eye(4), markers)
+    _write_markers(root, {m: (robot.tip, np.eye(4), at) for m, at in markers.items()})
     return _text(root)
 
 

@@ -31,7 +31,11 @@ def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
     q : ndarray, shape (m, n), values to be told; where some do not follow, every joint has its own
     """
     follows = q is None or robot.follows(q)
-    told = [own[-1] if follows else own[0] for own in robot.sources]
+    told = [
+        own[-1] if follows else own[0]
+        for own in robot.sources
+        if not (follows and own[0].joint in robot.undriven)
+    ]
     return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in told))
 
 
@@ -39,7 +43,7 @@ def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
     """Numbers of each of these columns, of joint values (m, n)."""
     header = joint_header(robot, q)
     columns = joint_columns(Path(), robot, tuple(header))
-    texts = {c.name: c.numbers(own) for c, own in zip(columns, q.T, strict=True)}
+    texts = {c.name: c.numbers(own) for c, own in zip(columns, q.T, strict=True) if c is not None}
     # No "-0" of a joint at its end.
     return {name: [f"{value + 0.0:.9g}" for value in texts[name]] for name in header}
 
@@ -161,6 +165,7 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     joints = {
         column.name: [f"{value:.9g}" for value in column.numbers(q)]
         for column, q in zip(named, found.q.T, strict=True)
+        if column is not None
     }
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}

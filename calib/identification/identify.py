@@ -294,6 +294,11 @@ def check_orientable(model: Model, data: Measurements, start: Array) -> None:
             "approach pose makes poses of the points that a tracker reads of several markers; here "
             "readings are of other kinds, so use approach points"
         )
+    if model.scattered:
+        raise CalibError(
+            "approach pose makes the tip's pose of markers on one link; here they ride on several, so "
+            "use approach points"
+        )
     if not orientable(model.marker_positions(start), data.seen).any():
         raise CalibError(
             "approach pose needs three visible markers that are not in line; "

@@ -189,14 +189,16 @@ def _swapped(robot: Robot) -> Iterator[Slip]:
 
 def _counted_from_the_base(robot: Robot) -> Iterator[Slip]:
     """A joint whose angle is that to the base: its drive does not ride on the link before it."""
-    for k in range(1, robot.dof):
-        along = abs(float(robot.axes[k - 1] @ robot.origins[k, :3, :3] @ robot.axes[k]))
-        if robot.prismatic[k - 1 : k + 1].any() or along < _PARALLEL:
+    for k, parent in enumerate(robot.parents[: robot.dof]):
+        b = parent - 1
+        if b < 0 or robot.prismatic[[b, k]].any():
             continue
-        before, joint = robot.joints[k - 1], robot.joints[k]
+        if abs(float(robot.axes[b] @ robot.origins[k, :3, :3] @ robot.axes[k])) < _PARALLEL:
+            continue
+        before, joint = robot.joints[b], robot.joints[k]
         for sign, word in ((1.0, "+"), (-1.0, "-")):
             mixed = np.eye(robot.dof)
-            mixed[k, k - 1] = sign
+            mixed[k, b] = sign
             yield Slip(
                 f"{joint} {word} {before}",
                 f"joint {joint} is given relative to the base and not to the link before it",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arm.kinematics import forward
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Body, Tool
@@ -28,11 +28,10 @@ def initial_values(model: Model, data: Measurements) -> Array:
     """Values of all parameters, places and markers from the data, the rest nominal, shape (p,).
 
     Each instrument, and a tracker at each of its stations, takes the markers as those before it found
-    them.
+    them. It is placed by the markers on one tip, those that it reads most, and then finds the others.
     """
     values = model.initial
     frames = forward(model.robot, data.poses.q)
-    R_tip, p_tip = frames.R[:, -1], frames.o[:, -1]
     markers, free = model.markers.copy(), free_components(model)
     if not free.any() and not len(model.where(Base)):
         return values
@@ -43,12 +42,16 @@ def initial_values(model: Model, data: Measurements) -> Array:
             if isinstance(e, Base) and e.of.name == instrument.name
         }
         read = instrument.read_of(len(markers))
-        for station, here in _sessions(instrument, data, part):
+        on = model.marker_frames[read].reshape(-1, instrument.each)[:, 0]
+        placed = set[int | str | None]()
+        for station, tip, here in _sessions(instrument, data, part, on):
             own = data.take(here)
             start = instrument.start(
                 own.readings[:, part, : instrument.rows],
-                own.seen[:, part],
-                Nominal(R_tip[here], p_tip[here], markers[read], free[read], not bases),
+                own.seen[:, part] & (on == tip),
+                Nominal(
+                    frames.R[here, tip], frames.o[here, tip], markers[read], free[read], not bases
+                ),
             )
             told = _of_room(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
             moved = start.place[told] - values[bases[station]][told] if told.any() else start.place
@@ -56,8 +59,9 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
-            if station in bases:
+            if station in bases and station not in placed:
                 values[bases[station]] = start.place
+            placed.add(station)
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
@@ -99,19 +103,25 @@ def _farthest(*moved: Array) -> float:
 
 
 def _sessions(
-    instrument: Instrument, data: Measurements, part: slice
-) -> list[tuple[int | str | None, Mask]]:
-    """Stations or sites of an instrument with their poses, that with the most poses first."""
-    read = np.asarray(data.seen[:, part].any(axis=1))
+    instrument: Instrument, data: Measurements, part: slice, on: IntArray
+) -> list[tuple[int | str | None, int, Mask]]:
+    """Stations or sites of an instrument, a tip that it reads there, and poses: those with most first.
+
+    on : ndarray of int, shape (C,), the frame of the tip of each reading
+    """
+    seen, every = data.seen[:, part], np.ones(len(data.poses), dtype=bool)
+    places: list[tuple[int | str | None, Mask]] = [(None, every)]
     if sites := instrument.sites:
-        touched = [(name, read & data.poses.touching(name, sites)) for name in sites]
-        touched.sort(key=lambda own: -int(own[1].sum()))
-        return [(name, here) for name, here in touched if here.any()]
-    if not instrument.stationed:
-        return [(None, read)] if read.any() else []
-    counts = np.bincount(data.poses.station, minlength=len(data.poses.stations))
-    found = [(int(s), data.poses.station == s) for s in np.argsort(-counts)]
-    return [(s, here) for s, here in found if (here & read).any()]
+        places = [(name, data.poses.touching(name, sites)) for name in sites]
+    elif instrument.stationed:
+        places = [(s, data.poses.station == s) for s in range(len(data.poses.stations))]
+    found = [
+        (place, tip, here & seen[:, on == tip].any(axis=1))
+        for place, here in places
+        for tip in np.unique(on).tolist()
+    ]
+    found.sort(key=lambda own: -int(own[2].sum()))
+    return [own for own in found if own[2].any()]
 
 
 def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Array:
@@ -132,8 +142,8 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
 def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     """Refuse what no choice of so few poses could determine.
 
-    A reading of M markers fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of a body 6;
-    the shape of the set of markers and bodies is common to all readings.
+    A reading of M markers on a tip fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of
+    a body 6; the shape of the set of markers and bodies is common to all readings.
     share : of the errors that the readings must determine, beside all places; their sizes hold the rest
 
     Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
@@ -156,10 +166,14 @@ def outnumbered(model: Model, data: Measurements) -> bool:
 
 def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     """How many there are, at most how many of a pose, and how many beside the poses."""
-    # How many numbers say where the markers and bodies are on the tip.
-    bodies = sum(isinstance(e, Body) for e in model.effects)
-    coordinates = 3 * (len(model.markers) - 3 * bodies) + 6 * bodies
-    rigid = {3: 3, 6: 5}.get(coordinates, 6) if len(model.markers) < 3 else 6
+    # How many numbers say where the markers and bodies are on their tips.
+    bodies = [e for e in model.effects if isinstance(e, Body)]
+    rigid = coordinates = 0
+    for _, markers in model.by_tip:
+        own = sum(body.marker in markers for body in bodies)
+        numbers = 3 * (len(markers) - 3 * own) + 6 * own
+        rigid += {3: 3, 6: 5}.get(numbers, 6) if len(markers) < 3 else 6
+        coordinates += numbers
     shape = coordinates - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
     placed = sum(

@@ -75,13 +75,14 @@ def session_of(estimate: Estimate, data: Measurements, marker: str | None) -> Ma
     inverse = np.swapaxes(R, -1, -2)
     points = rotate(inverse[:, None], data.readings[..., :3] - p[:, None])
     markers, nominal = model.marker_positions(values), forward(model.robot, poses.q)
-    R_tip, o_tip = nominal.R[:, -1], nominal.o[:, -1]
+    tip = model.marker_frames[j]
+    R_tip, o_tip = nominal.R[:, tip], nominal.o[:, tip]
     frames = model.state(values, poses).frames
     turns = np.full((len(poses), 3), np.nan)
-    told = orientable(markers, data.seen)
+    told = orientable(markers, data.seen & (model.marker_frames == tip))
     if told.any():
         T = fit_rigid(points[told], np.broadcast_to(markers, points[told].shape),
-                      data.seen[told].astype(float))  # fmt: skip
+                      (data.seen[told] & (model.marker_frames == tip)).astype(float))  # fmt: skip
         turns[told] = so3_log(T[:, :3, :3] @ np.swapaxes(R_tip[told], -1, -2))
     return MarkerReadings(
         j, model, estimate, poses, points[:, j], data.seen[:, j], rotate(R_tip, markers[j]) + o_tip,

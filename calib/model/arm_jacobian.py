@@ -1,12 +1,12 @@
-"""How the tip moves with each parameter of the arm.
+"""How tips move with each parameter of the arm.
 
-Derivatives are velocity fields: a parameter that displaces frame k moves all beyond it by
+Derivatives are velocity fields: a parameter that displaces frame k moves all that it carries by
 ``A + phi x x``, and through the loads it also changes the deflection of every elastic frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -34,14 +34,16 @@ def arm_jacobian(
     given: Loads,
     loads: Loads,
     elastic: Mapping[int, Array],
-) -> Array:
-    """Velocity field of the tip for each parameter, shape (..., m, 6, p), base axes.
+    tips: Sequence[int],
+) -> list[Array]:
+    """Velocity field of each tip for each parameter, shape (..., m, 6, p), base axes.
 
     parts : each effect and where its parameters stand in the values
     values : ndarray, shape (..., p), SI
     given, loads : Loads, without and with the errors of weights and wrenches
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
-    Columns of what does not move the arm are zero. A parameter that displaces several frames gets the
+    tips : frames of the tips
+    Columns of what does not move a tip are zero. A parameter that displaces several frames gets the
     sum of what it does at each.
     """
     at: dict[tuple[int, bool], list[tuple[slice, Array]]] = {}
@@ -58,15 +60,31 @@ def arm_jacobian(
         for (frame, fixed), twists in at.items()
     ]
     m = len(state.poses)
-    wrench = _joined([w for _, w in pulls]) if pulls else np.zeros((m, robot.dof + 2, 6, 0))
+    wrench = _joined([w for _, w in pulls]) if pulls else np.zeros((m, robot.frame_count, 6, 0))
     pulled = np.zeros((m, 6, wrench.shape[-1]))
-    if elastic:
-        *moves, pulled = _with_deflection(
-            moves, acts_at, pulled, wrench, elastic, loads, state, robot.tip_frame
-        )
-    batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in (*moves, pulled)))
+    answers = (
+        _with_deflection(robot, moves, acts_at, pulled, wrench, elastic, loads, state, tips)
+        if elastic
+        else [(*_carried(robot, moves, acts_at, tip), pulled) for tip in tips]
+    )
+    return [_columns(answer, (*at.values(), pulls), values) for answer in answers]
+
+
+def _carried(
+    robot: Robot, moves: Sequence[Array], acts_at: Sequence[int], tip: int
+) -> Iterator[Array]:
+    """The fields as a tip feels them: nothing of frames that do not carry it."""
+    for moved, frame in zip(moves, acts_at, strict=True):
+        yield moved if robot.carries[frame, tip] else np.zeros_like(moved)
+
+
+def _columns(
+    fields: Sequence[Array], acting: Sequence[Sequence[tuple[slice, Array]]], values: Array
+) -> Array:
+    """Fields of a tip put where the parameters stand that cause them, shape (..., m, 6, p)."""
+    batch = np.broadcast_shapes(*(moved.shape[:-1] for moved in fields))
     columns = np.zeros((*batch, values.shape[-1]))
-    for moved, twists in zip((*moves, pulled), (*at.values(), pulls), strict=True):
+    for moved, twists in zip(fields, acting, strict=True):
         begin = 0
         for own, basis in twists:
             end = begin + basis.shape[-1]
@@ -85,18 +103,19 @@ def _fields(state: State, frame: int, fixed: bool, basis: Array) -> Array:
 
 
 def _wrenches(robot: Robot, effect: Effect, state: State, given: Loads) -> Array:
-    """What a load effect adds to all frames, shape (..., m, n + 2, 6, p), in their axes."""
+    """What a load effect adds to all frames, shape (..., m, F, 6, p), in their axes."""
     if isinstance(effect, SpringEffect):
         return effect.wrench_basis(state.poses)
     if not isinstance(effect, WeightEffect):
         raise TypeError(f"{effect.kind} is neither a spring nor a weight")
     carriers = link_origins(robot, state.frames, state.poses.q)
     changes = effect.changes(state.poses, given)
-    local = [transmitted(change, state.frames, carriers).local for change in changes]
+    local = [transmitted(robot, change, state.frames, carriers).local for change in changes]
     return np.stack(local, axis=-1)
 
 
 def _with_deflection(
+    robot: Robot,
     moves: Sequence[Array],
     acts_at: Sequence[int],
     pulled: Array,
@@ -104,9 +123,9 @@ def _with_deflection(
     elastic: Mapping[int, Array],
     loads: Loads,
     state: State,
-    tip: int,
-) -> list[Array]:
-    """The same fields with the deflections that they cause.
+    tips: Sequence[int],
+) -> list[list[Array]]:
+    """The same fields with the deflections that they cause, for each tip.
 
     The arm answers linearly: where a frame has many columns, its answer to the six unit motions does
     for all of them.
@@ -117,14 +136,17 @@ def _with_deflection(
     own = _joined([*shown, pulled])
     none = np.zeros((*wrench.shape[:-1], own.shape[-1] - wrench.shape[-1]))
     loaded = _joined([none, wrench])
-    frames = np.repeat([*acts_at, tip], counts)
-    answer = coupled(own, frames, loaded, elastic, loads, state.frames, state.wrench)
-    *parts, rest = np.split(answer, np.cumsum(counts)[:-1], axis=-1)
-    moved = [
-        part if first.shape[-1] <= 6 else part @ first
-        for part, first in zip(parts, moves, strict=True)
-    ]
-    return [*moved, rest]
+    frames = np.repeat([*acts_at, robot.tip_frame], counts)
+    answers = coupled(robot, own, frames, loaded, elastic, loads, state.frames, state.wrench, tips)
+    found = []
+    for answer in answers:
+        *parts, rest = np.split(answer, np.cumsum(counts)[:-1], axis=-1)
+        moved = [
+            part if first.shape[-1] <= 6 else part @ first
+            for part, first in zip(parts, moves, strict=True)
+        ]
+        found.append([*moved, rest])
+    return found
 
 
 def _joined(blocks: Sequence[Array]) -> Array:
@@ -139,14 +161,16 @@ def _joined(blocks: Sequence[Array]) -> Array:
 # again. With y_k the motion that elastic frame k adds and V_l the motion of frame l itself, both as
 # velocity fields,
 #
-#     y_k = T_k K_k (whole_k sum_{l<=k} (V_l + y_l) + beyond sum_{l>k} (V_l + y_l)) .
+#     y_k = T_k K_k (whole_k sum_{l carries k} (V_l + y_l) + beyond sum_{k carries l} (V_l + y_l)) .
 #
+# Frames of another branch change nothing: their motion moves no load that frame k carries.
 # Few components of a wrench bend a frame, of a joint's compliance the moment about its axis alone: how
 # these change, at all elastic frames together, is what a small linear system is solved for, pose by
 # pose.
 
 
 def coupled(
+    robot: Robot,
     own: Array,
     acts_at: IntArray,
     loaded: Array,
@@ -154,33 +178,43 @@ def coupled(
     loads: Loads,
     frames: Frames,
     wrench: Transmitted,
-) -> Array:
-    """Motion of the tip for each parameter, the deflection that it causes included.
+    tips: Sequence[int],
+) -> list[Array]:
+    """Motion of each tip for each parameter, the deflection that it causes included.
 
     own : ndarray, shape (..., m, 6, p), velocity field of each parameter's own displacement
     acts_at : ndarray of int, shape (p,), frame that each parameter displaces
-    loaded : ndarray, shape (..., m, n + 2, 6, p), wrench that each parameter adds to the frames
+    loaded : ndarray, shape (..., m, F, 6, p), wrench that each parameter adds to the frames
     elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
-    Returns ndarray, shape (..., m, 6, p), base axes.
+    Returns ndarrays, shape (..., m, 6, p), base axes.
     """
     felt = {k: np.flatnonzero(K.any(axis=(*range(K.ndim - 2), -2))) for k, K in elastic.items()}
     at, component = np.repeat([*felt], [len(c) for c in felt.values()]), np.hstack([*felt.values()])
-    beyond = change_beyond(loads, frames, wrench)
+    beyond = change_beyond(robot, loads, frames, wrench)
     axis = np.swapaxes(frames.R, -1, -2)[..., at, component % 3, :]
     near = _as_one(axis, component, beyond[..., at, :, 3:], frames.o[..., at, :], wrench, at)
     far = axis * (component >= 3)[:, None]
 
     def change(motion: Array, acts_at: IntArray) -> Array:
-        moments = _moments(beyond, motion, acts_at)
-        turned = near @ motion[..., 3:, :]
-        return np.where(acts_at <= at[:, None], turned, far @ moments)
+        carried = robot.carries[acts_at][:, at].T
+        moments = far @ _moments(beyond, motion, acts_at)
+        if robot.branched:
+            moments = moments * robot.carries[np.ix_(at, acts_at)]
+        return np.where(carried, near @ motion[..., 3:, :], moments)
 
     follow = np.concatenate(
         [spatial_columns(frames.present, k, elastic[k][..., c]) for k, c in felt.items()], axis=-1
     )
     given = change(own, acts_at) + loaded[..., at, component, :]
-    bent = follow @ np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
-    return np.asarray(own + bent)
+    strain = np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
+
+    def of(tip: int) -> Array:
+        if not robot.branched:
+            return np.asarray(own + follow @ strain)
+        moved, bent = (robot.carries[frame, tip] for frame in (acts_at, at))
+        return np.asarray(own * moved + (follow * bent) @ strain)
+
+    return [of(tip) for tip in tips]
 
 
 def _as_one(

@@ -276,6 +276,7 @@ def model_of(cell: Cell, effects: Sequence[Effect]) -> Model:
         cell.gravity,
         cell.instruments,
         lengths=cell.known_distances,
+        marker_frames=cell.marker_frames,
     )
 
 

@@ -189,7 +189,12 @@ def working_points(model: Model) -> Model:
 
 def at_tip(model: Model) -> Model:
     """The model with the tip's origin in place of its markers, read by a tracker."""
-    model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)))
+    model = replace(
+        model,
+        marker_names=("tip",),
+        markers=np.zeros((1, 3)),
+        marker_frames=model.robot.on_tip(1),
+    )
     return model if _plain(model) else replace(model, instruments=(_tracker(model, None),))
 
 

@@ -1,10 +1,10 @@
 """The forward model: robot, markers and active effects -> predicted readings and their Jacobian.
 
-A marker j at pose i is at ``arm(q_i, effects) * p_j`` in base axes, and an instrument makes a row of it
-(:mod:`calib.model.readout`): a tracker ``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation
-6). The arm is displaced frame by frame by its effects; elastic ones follow the wrench that the
-displaced arm transmits, found by fixed-point iteration. Derivatives are those of
-:mod:`calib.model.arm_jacobian`.
+A marker j at pose i is at ``arm(q_i, effects) * p_j`` in base axes, ``arm`` the frame of the tip on
+which it rides, and an instrument makes a row of it (:mod:`calib.model.readout`): a tracker
+``T_station_base(i) * arm(q_i, effects) * p_j`` (paper, equation 6). The arm is displaced frame by
+frame by its effects; elastic ones follow the wrench that the displaced arm transmits, found by
+fixed-point iteration. Derivatives are those of :mod:`calib.model.arm_jacobian`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Model:
     """A robot with markers and active effects. At :attr:`initial` values it is the nominal model.
 
     robot : Robot
-    marker_names : tuple of str; markers : ndarray, shape (M, 3), m, tip frame
+    marker_names : tuple of str; markers : ndarray, shape (M, 3), m, each in the frame of its tip
     effects : tuple of Effect; their parameters, one after the other, are the vector of values
     payload : Payload
     gravity : ndarray, shape (3,), m/s^2, base axes
@@ -67,6 +67,7 @@ class Model:
     prior : Prior or None, what is believed beforehand, by the robot's type and by how large errors are;
         of the model's parameters alone it counts
     noise_scales : dict, instrument -> actual over stated noise, where it is known to differ
+    marker_frames : ndarray of int, shape (M,), frames of these tips; without, that of ``robot.tip``
     """
 
     robot: Robot
@@ -79,8 +80,25 @@ class Model:
     lengths: tuple[KnownDistance, ...] = field(default=(), kw_only=True)
     prior: Prior | None = field(default=None, kw_only=True)
     noise_scales: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    marker_frames: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int), kw_only=True)
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not len(self.marker_frames):
+            object.__setattr__(self, "marker_frames", self.robot.on_tip(len(self.markers)))
+
+    @cached_property
+    def by_tip(self) -> tuple[tuple[int, IntArray], ...]:
+        """Frame of each tip that carries markers, and positions of these markers."""
+        own = self.marker_frames
+        tips = np.unique(own).tolist() or [self.robot.tip_frame]
+        return tuple((frame, np.flatnonzero(own == frame)) for frame in tips)
+
+    @property
+    def scattered(self) -> bool:
+        """Whether markers ride on several tips, so that they are no rigid body."""
+        return len(self.by_tip) > 1
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -160,7 +178,7 @@ class Model:
         tips: Array | None = None
         for _ in range(_MAX_ROUNDS):
             carriers = link_origins(self.robot, frames, poses.q)
-            wrench = statics.transmitted(loads, frames, carriers).with_extra(extra)
+            wrench = statics.transmitted(self.robot, loads, frames, carriers).with_extra(extra)
             state = State(poses, frames, wrench)
             points = self.tip_points(frames, values, poses)
             if tips is not None and np.abs(points - tips).max(initial=0.0) < _EQUILIBRIUM_M:
@@ -190,8 +208,8 @@ class Model:
         return changed
 
     def _springs(self, values: Array, poses: Poses) -> Array:
-        """Wrenches of springs beside the joints, shape (..., m, n + 2, 6), in frame axes."""
-        total = np.zeros((len(poses), self.robot.dof + 2, 6))
+        """Wrenches of springs beside the joints, shape (..., m, F, 6), in frame axes."""
+        total = np.zeros((len(poses), self.robot.frame_count, 6))
         for effect, part in self._parts:
             if isinstance(effect, SpringEffect):
                 basis = effect.wrench_basis(poses)
@@ -199,7 +217,7 @@ class Model:
         return total
 
     def _given(self, values: Array, poses: Poses) -> Array | None:
-        """Displacements known before the arm bends, (..., m, n + 2, 6), None where there are none."""
+        """Displacements known before the arm bends, (..., m, F, 6), None where there are none."""
         chosen = [(e, part) for e, part in self._parts if isinstance(e, PoseEffect)]
         moved = [
             own
@@ -210,7 +228,7 @@ class Model:
         return self._summed(values, poses, moved) if moved else None
 
     def _deflections(self, values: Array, state: State) -> Array:
-        """Displacements of what is elastic, shape (..., m, n + 2, 6)."""
+        """Displacements of what is elastic, shape (..., m, F, 6)."""
         chosen = [(e, part) for e, part in self._parts if isinstance(e, ElasticEffect)]
         moved = [
             own
@@ -220,15 +238,15 @@ class Model:
         return self._summed(values, state.poses, moved)
 
     def _summed(self, values: Array, poses: Poses, moved: list[Displacement]) -> Array:
-        xi = room((*values.shape[:-1], len(poses)), self.robot.dof + 2, 6)
+        xi = room((*values.shape[:-1], len(poses)), self.robot.frame_count, 6)
         xi[...] = 0.0
         for frame, own in moved:
             xi[..., frame, :] += own
         return xi
 
     def constant_displacements(self, values: Array) -> Array:
-        """Displacement of each frame that holds at every pose, shape (..., n + 2, 6), m and rad."""
-        xi = np.zeros((*values.shape[:-1], self.robot.dof + 2, 6))
+        """Displacement of each frame that holds at every pose, shape (..., F, 6), m and rad."""
+        xi = np.zeros((*values.shape[:-1], self.robot.frame_count, 6))
         for effect, part in self._parts:
             if isinstance(effect, Constant):
                 xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
@@ -276,8 +294,20 @@ class Model:
             own, by = effect.body, values[..., part]
             if not effect.rests(by):
                 markers[..., own, :] = effect.moved(poses, by, markers[..., own, :])[0]
-        R, o = frames.R[..., -1, None, :, :], frames.o[..., -1, None, :]
+        R, o = self.under_markers(frames)
         return rotate(R, markers) + o
+
+    def under_markers(self, frames: Frames) -> tuple[Array, Array]:
+        """Axes (..., m, M or 1, 3, 3) and origins (..., m, M or 1, 3), m, of the tips under markers."""
+        if self.scattered:
+            return frames.R[..., self.marker_frames, :, :], frames.o[..., self.marker_frames, :]
+        tip = self.by_tip[0][0]
+        return frames.R[..., tip, None, :, :], frames.o[..., tip, None, :]
+
+    def _axes_under(self, frames: Frames, markers: slice | None) -> Array:
+        """Axes (..., m, 3, 3) of the tip that carries some markers, all of them the same."""
+        own = self.marker_frames[markers or slice(0)]
+        return frames.R[..., own[0] if len(own) else -1, :, :]
 
     def _fixed_on_tip(self, values: Array, poses: Poses) -> Array:
         """Markers in the tip frame, (..., m or 1, M, 3), m, before a body of several comes loose."""
@@ -296,7 +326,7 @@ class Model:
         own = ((e, p) for e, p in self._parts if isinstance(e, PartEffect))
         return [(e, p) for e, p in own if e.body is not None]
 
-    def _follow_bodies(self, values: Array, poses: Poses, R_tip: Array, J: Array) -> None:
+    def _follow_bodies(self, values: Array, poses: Poses, frames: Frames, J: Array) -> None:
         """Derivatives (..., m, M, 3, p) of points that come loose of the tip together; overwritten."""
         markers = self._fixed_on_tip(values, poses)
         on_tip = self.where(Tool, MarkerEffect, PartEffect)
@@ -304,7 +334,7 @@ class Model:
             own = J[..., effect.body, :, :]
             here = markers[..., effect.body, :]
             placed, columns = effect.moved(poses, values[..., part], here)
-            R = R_tip[..., None, :, :]
+            R = self._axes_under(frames, effect.body)[..., None, :, :]
             before = np.swapaxes(R, -1, -2) @ own[..., on_tip]
             own[..., on_tip] = R @ effect.carried(poses, values[..., part], here, before)
             markers[..., effect.body, :] = placed
@@ -405,7 +435,7 @@ class Model:
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:
-        """A marker in the tip frame or a socket in base axes, (..., 3), and its derivative (3, p)."""
+        """A marker on its tip or a socket in base axes, (..., 3), and its derivative (3, p)."""
         J = np.zeros((3, len(self.parameters)))
         if name in self.marker_names:
             marker = self.marker_names.index(name)
@@ -469,15 +499,16 @@ class Model:
         J = self._by_arm(values, state, points)
         for effect, part in self._parts:
             if isinstance(effect, Tool):
-                R_tip = state.frames.R[..., -1, :, :]
+                R_tip = self._axes_under(state.frames, effect.markers)
                 by_values = effect.columns(values[..., part])[..., None, :, :, :]
                 J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
             elif isinstance(effect, MarkerEffect):
-                R_tip, marker = state.frames.R[..., -1, :, :], effect.marker(self.marker_names)
+                marker = effect.marker(self.marker_names)
+                R_tip = self._axes_under(state.frames, marker)
                 by_values = effect.response(poses, values[..., part])
                 J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
         if self._bodies:
-            self._follow_bodies(values, poses, state.frames.R[..., -1, :, :], J)
+            self._follow_bodies(values, poses, state.frames, J)
         return self.readout.linearise(values, poses, points, J)
 
     def _by_arm(self, values: Array, state: State, points: Array) -> Array:
@@ -488,10 +519,18 @@ class Model:
         poses = state.poses
         given = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
-        fields = arm_jacobian(self.robot, tuple(self._parts), values, state, given, loads, soft)
-        levers = point_levers(points).reshape((*points.shape[:-2], -1, 6))
-        J = levers @ fields
-        return np.asarray(J.reshape((*J.shape[:-2], *points.shape[-2:], p)))
+        tips = [frame for frame, _ in self.by_tip]
+        fields = arm_jacobian(
+            self.robot, tuple(self._parts), values, state, given, loads, soft, tips
+        )
+        if len(tips) == 1:
+            return _moved_by(fields[0], points)
+        J = np.empty(
+            (*np.broadcast_shapes(*(f.shape[:-2] for f in fields)), len(self.markers), 3, p)
+        )
+        for field_of_tip, (_, own) in zip(fields, self.by_tip, strict=True):
+            J[..., own, :, :] = _moved_by(field_of_tip, points[..., own, :])
+        return J
 
     def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
         """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
@@ -501,3 +540,10 @@ class Model:
                 K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
                 total[effect.frame] = total.get(effect.frame, 0.0) + K
         return {frame: K for frame, K in total.items() if K.any()}
+
+
+def _moved_by(fields: Array, points: Array) -> Array:
+    """How points (..., m, M, 3) follow velocity fields (..., m, 6, p), shape (..., m, M, 3, p)."""
+    levers = point_levers(points).reshape((*points.shape[:-2], -1, 6))
+    J = levers @ fields
+    return np.asarray(J.reshape((*J.shape[:-2], *points.shape[-2:], fields.shape[-1])))

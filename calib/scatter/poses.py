@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.arm.kinematics import Frames, forward
+from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
@@ -146,17 +147,20 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     values : ndarray, shape (p,), SI, for base and markers
     """
     robot, frames = model.robot, forward(model.robot, poses.q)
-    R_tip, o_tip = frames.R[:, -1], frames.o[:, -1]
-    points = rotate(R_tip[:, None], model.marker_positions(values)) + o_tip[:, None]
+    R, o_tips = model.under_markers(frames)
+    points = rotate(R, model.marker_positions(values)) + o_tips
     axes = [_axis(model, frames, k) for k in range(robot.dof)]
-    moved = [_moved(slides, axis, points - o[:, None]) for slides, axis, o in axes]
-    turned = [cross(unit, points - o_tip[:, None]) for unit in np.eye(3)]
+    moved = [
+        _moved(slides, axis, points - o[:, None]) * robot.carries[k, model.marker_frames][:, None]
+        for k, (slides, axis, o) in enumerate(axes, 1)
+    ]
+    turned = [cross(unit, points - o_tips) for unit in np.eye(3)]
     still = [np.broadcast_to(unit, points.shape) for unit in np.eye(3)]
     levers = np.stack([*moved, *still, *turned], axis=-1)
     return Scatter(
         model.readout.follow(values, poses, points, levers),
         model.readout.channels.lengths,
-        _tip_levers(axes, o_tip),
+        _tip_levers(axes, frames.o[:, -1]) * _felt(robot),
         visits(poses),
         poses.configuration,
         variances,
@@ -174,6 +178,11 @@ def _moved(slides: bool, axis: Array, away: Array) -> Array:
     if slides:
         return np.broadcast_to(axis[:, None], away.shape)
     return cross(axis[:, None], away)
+
+
+def _felt(robot: Robot) -> Array:
+    """Zero for the levers (n + 6,) of joints that do not carry the tip."""
+    return np.concatenate([robot.moving(robot.tip_frame), np.ones(6)])
 
 
 def _tip_levers(axes: list[tuple[bool, Array, Array]], o_tip: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -107,17 +108,22 @@ def static_torques(scene: Scene) -> Array:
     cell, robot = scene.cell, scene.cell.robot
     load = cell.load or Load(0.0, (0.0, 0.0, 0.0))
     hung = load.mass * scene.placed(robot.tip_frame, load.com)
-    mass = cell.payload.mass
-    moment = mass * scene.placed(robot.tip_frame, cell.payload.com)
+    mass, moment = np.zeros(robot.frame_count), np.zeros((robot.frame_count, len(scene), 3))
+    mass[-1] = cell.payload.mass
+    moment[-1] = mass[-1] * scene.placed(robot.tip_frame, cell.payload.com)
     torques = np.empty((robot.dof, 2, len(scene)))
-    for k in reversed(range(robot.dof)):
-        if robot.masses[k]:
-            mass += robot.masses[k]
-            moment += robot.masses[k] * scene.placed(k + 1, robot.coms[k])
-        axis, o = turned(scene.frames.R[:, k + 1], robot.axes[k]), scene.frames.o[:, k + 1]
-        slides = bool(robot.prismatic[k])
-        free = _along(axis, o, slides, mass, moment, cell.gravity)
-        torques[k] = free, free + _along(axis, o, slides, load.mass, hung, cell.gravity)
+    for frame, parent in reversed(list(enumerate(robot.parents, 1))):
+        if (k := frame - 1) < robot.dof:
+            if robot.masses[k]:
+                mass[frame] += robot.masses[k]
+                moment[frame] += robot.masses[k] * scene.placed(frame, robot.coms[k])
+            axis, o = turned(scene.frames.R[:, frame], robot.axes[k]), scene.frames.o[:, frame]
+            along = partial(_along, axis, o, bool(robot.prismatic[k]))
+            torques[k] = along(float(mass[frame]), moment[frame], cell.gravity)
+            if robot.carries[frame, robot.tip_frame]:
+                torques[k, 1] += along(load.mass, hung, cell.gravity)
+        mass[parent] += mass[frame]
+        moment[parent] += moment[frame]
     return np.moveaxis(torques, 0, -1)
 
 

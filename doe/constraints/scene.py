@@ -28,7 +28,7 @@ _PROBE = 500  # configurations
 class PlacedCapsule:
     """One capsule at n configurations.
 
-    body : int, number of the frame that carries it: 0 base, 1 .. dof the joints, dof + 1 tool
+    body : int, number of the frame that carries it: 0 base, 1 .. dof the joints, the last the tool
     name : str, of the joint, ``base`` or ``tool``; numbered where a body has several
     start, end : ndarray, shape (n, 3), m, ends of the axis in base axes
     radius, length : float, m
@@ -69,19 +69,19 @@ class Scene:
 
     @cached_property
     def frames(self) -> Frames:
-        """Frames of the arm, leading shape (n, dof + 2)."""
+        """Frames of the arm, leading shape (n, F)."""
         return forward(self.cell.robot, self.q)
 
     @cached_property
     def origins(self) -> Array:
-        """Origins of the frames that carry the links, shape (n, dof + 2, 3), m."""
+        """Origins of the frames that carry the links, shape (n, F, 3), m."""
         return link_origins(self.cell.robot, self.frames, self.q)
 
     @cached_property
     def markers(self) -> Array:
         """Marker points, shape (n, M, 3), m, base axes."""
-        points = [self.placed(self.cell.robot.tip_frame, point) for point in self.cell.markers]
-        return np.stack(points, axis=1)
+        carried = zip(self.cell.marker_frames.tolist(), self.cell.markers, strict=True)
+        return np.stack([self.placed(frame, point) for frame, point in carried], axis=1)
 
     @cached_property
     def capsules(self) -> tuple[PlacedCapsule, ...]:
@@ -116,7 +116,8 @@ def scene_of(cell: Cell, q: Array) -> Scene:
 
 def named_capsules(cell: Cell) -> Iterator[tuple[int, str, Capsule]]:
     """Body number, name and shape of every capsule, from the base to the tool."""
-    for body, carrier in enumerate(("base", *cell.robot.joints, "tool")):
+    last = cell.robot.tip_frame
+    for body, carrier in (*enumerate(("base", *cell.robot.joints)), (last, "tool")):
         capsules = cell.shapes.capsules.get(carrier, ())
         for i, capsule in enumerate(capsules, 1):
             yield body, carrier if len(capsules) == 1 else f"{carrier} #{i}", capsule

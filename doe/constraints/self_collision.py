@@ -26,7 +26,7 @@ _REMEDY = "Put the meshes where the robot file says, or give robot.capsules_mm i
 
 @dataclass(frozen=True, eq=False)
 class SelfCollision(Constraint):
-    """Capsules of bodies that are no neighbours in the chain do not meet.
+    """Capsules of bodies of which neither carries the other next to it do not meet.
 
     Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
     coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant. So are
@@ -51,7 +51,12 @@ class SelfCollision(Constraint):
 def clear_of_itself(cell: Cell) -> SelfCollision | None:
     """The pairs of a cell's capsules that can meet; None where no two bodies could."""
     bodies = [body for body, _, _ in named_capsules(cell)]
-    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[j] - bodies[i] > 1]
+    near = {(parent, body) for body, parent in enumerate(cell.robot.parents, 1)}
+    pairs = [
+        (i, j)
+        for i, j in combinations(range(len(bodies)), 2)
+        if bodies[i] != bodies[j] and (bodies[i], bodies[j]) not in near
+    ]
     if not pairs:
         return None
     probe = probe_scene(cell)

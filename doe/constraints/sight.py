@@ -138,7 +138,7 @@ def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
     acceptance = cell.marker_acceptance[j]
     least = 0.0 if np.isnan(acceptance) else np.cos(acceptance)
     beam = instrument - scene.markers[:, j]
-    cosine = np.einsum("ni,ni->n", turned(scene.frames.R[:, -1], normal), beam)
+    cosine = np.einsum("ni,ni->n", turned(scene.frames.R[:, cell.marker_frames[j]], normal), beam)
     return np.asarray(cosine >= (least - _SLACK) * np.linalg.norm(beam, axis=1))
 
 

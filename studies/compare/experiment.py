@@ -95,7 +95,7 @@ class SimulatedExperiment:
     @property
     def ways(self) -> tuple[Way, ...]:
         """The ways that the readings allow: a pose needs the points of three markers."""
-        if not all(type(i) is Tracker for i in self.model.instruments):
+        if not all(type(i) is Tracker for i in self.model.instruments) or self.model.scattered:
             return (POINTS,)
         usable = orientable(self.model.marker_positions(self.nominal), self.seen)
         return WAYS if usable.any() else (POINTS,)

@@ -70,6 +70,8 @@ def points_in_mujoco(cell: Cell, model: Model, values: Array, poses: Poses) -> A
     for number, own in enumerate(cell.instruments):
         if number or type(own) is not Tracker:
             raise _unlike(f"instrument {own.name} ({own.kind})")
+    if model.robot.branched:
+        raise _unlike(f"a robot with the tips {', '.join(model.robot.tips)}")
     truth = _meaning(model, values, poses)
     with mujoco_for(cell.path) as mujoco:
         arm: Any = mujoco.MjModel.from_xml_string(_mjcf(model, truth))

@@ -199,6 +199,7 @@ def _with_markers(cell: Cell, kept: list[int]) -> Cell:
         markers=cell.markers[kept],
         marker_normals=cell.marker_normals[kept],
         marker_acceptance=cell.marker_acceptance[kept],
+        marker_links=tuple(cell.marker_links[i] for i in kept) if cell.marker_links else (),
     )
 
 

@@ -47,11 +47,16 @@ def flange_unknown(result: Identification) -> str:
     """
     if not result.model.where(Tool).size:
         return ""
-    tip, markers = result.model.robot.tip, result.model.marker_names
+    robot, markers = result.model.robot, result.model.marker_names
+    tips = listed(robot.tips)
+    where = (
+        f"{tips} sit on the last links: they stay"
+        if robot.branched
+        else f"{tips} sits on the last link: it stays"
+    )
     return (
         f"only the markers ({listed(markers)}) are calibrated. The readings do not show where "
-        f"{tip} sits on the last link: it stays nominal. Program to the markers, or measure "
-        f"markers whose places on {tip} are known"
+        f"{where} nominal. Program to the markers, or measure markers whose places on {tips} are known"
     )
 
 
@@ -67,7 +72,8 @@ def offsets_file(
 ) -> tuple[str, list[str]]:
     """The table of zero offsets, and how much of the identified geometry it is. Raises InputError."""
     corrections = result.model.constant_displacements(result.values)
-    found = zero_offsets(cell.robot, corrections, result.marker_positions)
+    frames = result.model.marker_frames
+    found = zero_offsets(cell.robot, corrections, result.marker_positions, frames)
     lost = (
         f"{path} holds zero offsets alone: of the geometry found, {found.before * 1e3:.3g} mm at the "
         f"markers, {found.after * 1e3:.3g} mm stay (RMS, base fitted)"

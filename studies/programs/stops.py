@@ -60,6 +60,14 @@ def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
             f"mimics {mimic.master}, and no language here has an axis for both",
             f"drive {mimic.master} by hand to the values of the plan, and begin the chain after it",
         )
+    for coupling in cell.robot.couplings:
+        raise InputError(
+            cell.path,
+            f"joint {coupling.joint}",
+            f"is moved by {' and '.join(name for name, _ in coupling.factors)}, and no language here "
+            "has an axis without a drive",
+            "drive the arm by hand to the values of the plan",
+        )
     stops = []
     for name, q in zip(plan.names, plan.q, strict=True):
         shown = plain_text(name)

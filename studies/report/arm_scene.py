@@ -122,7 +122,7 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
     if not _of_tracker(cell):
         hidden, markers = {}, on_tip(placed, found.markers[own])
         ridden = on_tip(placed, _origins(cell, found.markers))
-    chain = _once(whole_mm(placed.origins))
+    chain = _once(whole_mm(placed.origins[:, robot.carries[:, robot.tip_frame]]))
     reached = np.concatenate([chain, whole_mm(ridden)], axis=1)
     length = _length(chain, reached)
     values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))

@@ -168,6 +168,13 @@ CELL = _in(
         "a normal without length": swap(
             "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], normal = [0, 0, 0] }"
         ),
+        "a marker on no link": swap(
+            "[279.2, -16.4, -91.9]", '{ position = [1, 2, 3], on = "left_hand" }'
+        ),
+        "a joint moved by one that is not there": added(
+            "\n[robot.coupled.A3]\nof = { B2 = -1.0 }\n"
+        ),
+        "a joint that moves itself": added("\n[robot.coupled.A3]\nof = { A3 = -1.0 }\n"),
         "an acceptance of 400 degrees": swap(
             "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], acceptance_deg = 400 }"
         ),

@@ -149,7 +149,7 @@ def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
     poses = random_poses(np.random.default_rng(8), robot, 60, loaded=False)
     frames = forward(robot, poses.q)
     loads = loads_of(robot, poses, Payload(), GRAVITY)
-    wrench = transmitted(loads, frames, link_origins(robot, frames, poses.q))
+    wrench = transmitted(robot, loads, frames, link_origins(robot, frames, poses.q))
     for k, where in enumerate(robot.joints):
         model = model_with(context, "gravity_sag", where)
         part = slice(0, 3) if robot.prismatic[k] else slice(3, 6)

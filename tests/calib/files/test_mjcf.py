@@ -64,7 +64,7 @@ def test_kinematics_limits_and_gravity_torques(tmp_path: Path, dof: int, tip: st
     gravity = R_base.T @ GRAVITY
     poses = poses_at(q)
     wrench = transmitted(
-        loads_of(robot, poses, Payload(), gravity), frames, link_origins(robot, frames, q)
+        robot, loads_of(robot, poses, Payload(), gravity), frames, link_origins(robot, frames, q)
     )
     for i, row in enumerate(q):
         dofs = set_joints(model, data, row)

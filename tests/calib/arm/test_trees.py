@@ -1,0 +1,205 @@
+"""Robots with several tips against MuJoCo, which reads the same tree and shares no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Tracker
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arrays import Array
+from calib.effects import EFFECTS
+from calib.errors import CalibError
+from calib.model import Model
+from calib.model.build import build
+from calib.poses import Measurements, Poses, poses_at
+from tests.calib.arm.test_mujoco import in_mujoco
+from tests.helpers import (
+    GRAVITY,
+    central_difference,
+    model_of,
+    random_context,
+    random_poses,
+)
+from tests.trees import random_tree, read, tips_of, urdf
+
+SEEDS = range(50)
+BETWEEN = ("joint_offset", "geometry", "joint_compliance", "bearing_compliance", "backlash")
+
+
+class Tree:
+    """A random robot, and MuJoCo's of the same file."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        joints, chain = random_tree(seed)
+        tip = f"c{len(chain)}"
+        self.rng = np.random.default_rng(seed)
+        self.robot: Robot = read(folder, joints, tip, tips_of(joints, tip, seed))
+        self.model: Any = in_mujoco(urdf(joints))
+        self.model.opt.gravity = GRAVITY
+        self.data: Any = mujoco.MjData(self.model)
+        own = [self.model.joint(name) for name in self.robot.joints]
+        self.qpos = [int(joint.qposadr[0]) for joint in own]
+        self.dofs = [int(joint.dofadr[0]) for joint in own]
+        self.poses = random_poses(self.rng, self.robot, 4)
+
+    def stand(self, q: Array) -> tuple[Array, Array]:
+        """Move there; rotation and place of the base."""
+        self.data.qpos[:] = 0.0
+        self.data.qpos[self.qpos] = q
+        mujoco.mj_forward(self.model, self.data)
+        base = self.data.body("c0")
+        return base.xmat.reshape(3, 3).copy(), base.xpos.copy()
+
+    def carried(self, kinds: tuple[str, ...]) -> Model:
+        """A marker on every tip, read in base axes, under effects at every place."""
+        context = random_context(self.rng, self.robot, len(self.robot.tips))
+        first = self.robot.dof + 1
+        frames = np.arange(first, self.robot.frame_count)
+        return replace(model_of(context, kinds), marker_frames=frames)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_tips_and_torques_are_those_of_mujoco(tmp_path: Path, seed: int) -> None:
+    tree = Tree(tmp_path, seed)
+    robot, q = tree.robot, tree.poses.q
+    frames = forward(robot, q)
+    for i, row in enumerate(q):
+        R, p = tree.stand(row)
+        gravity = R.T @ GRAVITY
+        loads = loads_of(robot, poses_at(q), Payload(), gravity)
+        local = transmitted(robot, loads, frames, link_origins(robot, frames, q)).local
+        along = local[i, 1 : robot.dof + 1]
+        felt = np.where(robot.prismatic[:, None], along[:, :3], along[:, 3:])
+        ours = (felt * robot.axes).sum(axis=-1)
+        # What MuJoCo holds against is what the drives must.
+        np.testing.assert_allclose(ours, -tree.data.qfrc_bias[tree.dofs], atol=1e-9)
+        for number, tip in enumerate(robot.tips, robot.dof + 1):
+            there = tree.data.body(tip)
+            np.testing.assert_allclose(R @ frames.o[i, number] + p, there.xpos, atol=1e-12)
+            turn = R @ frames.R[i, number]
+            np.testing.assert_allclose(turn, there.xmat.reshape(3, 3), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_markers_follow_the_joints_as_in_mujoco(tmp_path: Path, seed: int) -> None:
+    tree = Tree(tmp_path, seed)
+    robot, model = tree.robot, tree.carried(("joint_offset",))
+    points, J = model.jacobian(model.initial, tree.poses)
+    for i, row in enumerate(tree.poses.q):
+        R, p = tree.stand(row)
+        for j, tip in enumerate(robot.tips):
+            body, slopes = tree.data.body(tip), np.zeros((3, tree.model.nv))
+            at = R @ points[i, j] + p
+            mujoco.mj_jac(tree.model, tree.data, slopes, None, at, body.id)
+            np.testing.assert_allclose(R @ J[i, j], slopes[:, tree.dofs], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> None:
+    """Against differences of the prediction, the arm bent by its weight, a load and a wrench."""
+    tree = Tree(tmp_path, seed)
+    context = random_context(tree.rng, tree.robot, len(tree.robot.tips))
+    arm = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload")
+    kinds = (*arm, "bearing_compliance", "gravity_sag", "thermal_expansion", "joint_coupling")
+    tips = np.arange(tree.robot.dof + 1, tree.robot.frame_count)
+    model = replace(model_of(context, kinds), marker_frames=tips)
+    values = tree.rng.normal(size=len(model.parameters)) * model.sizes * 0.3
+    values = np.where(
+        np.isin(np.arange(len(values)), model.where(*_soft())), np.abs(values), values
+    )
+    _, J = model.jacobian(values, tree.poses)
+    numeric = central_difference(lambda v: model.predict(v, tree.poses), values, model.sizes * 1e-2)
+    error = np.abs(J - numeric) * model.sizes
+    assert error.max() < 1e-9
+
+
+def _soft() -> list[type]:
+    return [EFFECTS["joint_compliance"], EFFECTS["bearing_compliance"]]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_hands_on_a_torso_are_identified_together(seed: int) -> None:
+    """Simulated without noise: what was put in comes out, of one fit, from places nobody gave."""
+    cell, poses, truth = two_hands(seed)
+    model = build(cell, poses).model
+    values = truth * model.sizes
+    readings = model.predict(values, poses)
+    shape = readings.shape[:-1]
+    data = Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+    found = calib.identify(cell, data)
+    np.testing.assert_allclose(found.values / model.sizes, truth, atol=1e-6)
+    assert {p.where for p in model.parameters} >= {"torso", "right3", "left3"}
+
+
+def test_joints_outside_the_way_do_not_move_a_marker() -> None:
+    cell, poses, _ = two_hands(0)
+    model = build(cell, poses).model
+    _, J = model.jacobian(model.initial, poses)
+    for column, parameter in enumerate(model.parameters):
+        for marker, link in enumerate(cell.marker_links):
+            other = "left" if link == "right_hand" else "right"
+            own = parameter.where.startswith((other, f"marker:{other}"))
+            assert J[:, marker, :, column].any() is not own
+
+
+def two_hands(seed: int) -> tuple[Cell, Poses, Array]:
+    """Arms of four joints on a torso of two, a marker on each; poses, and errors in their sizes."""
+    rng = np.random.default_rng(seed)
+    sides = [f"{side}{k}" for side in ("right", "left") for k in range(1, 5)]
+    joints = ("hip", "torso", *sides)
+    origins = np.tile(np.eye(4), (len(joints) + 2, 1, 1))
+    origins[:, :3, :3] = np.linalg.qr(rng.normal(size=(len(origins), 3, 3)))[0]
+    origins[np.linalg.det(origins[:, :3, :3]) < 0, :3, 0] *= -1.0
+    origins[:, :3, 3] = rng.uniform(-0.4, 0.4, (len(origins), 3))
+    robot = replace(
+        Robot.of_geometry("pair", ("base", "right_hand"), joints, np.zeros(10, bool), origins[:11]),
+        origins=origins,
+        others=("left_hand",),
+        parents=(0, 1, 2, 3, 4, 5, 2, 7, 8, 9, 10, 6),
+        masses=rng.uniform(1.0, 5.0, 10),
+        coms=rng.uniform(-0.1, 0.1, (10, 3)),
+    )
+    markers = {"right_m": (0.1, 0.02, 0.05), "left_m": (0.08, -0.03, 0.04)}
+    cell = Cell(
+        robot,
+        markers,
+        Tracker(sigma=1e-9),
+        ("base", "tool", "geometry", "joint_compliance"),
+        marker_links=("right_hand", "left_hand"),
+    )
+    poses = poses_at(rng.uniform(-2.0, 2.0, (60, 10)))
+    count = len(build(cell, poses).model.parameters)
+    return cell, poses, np.abs(rng.normal(size=count))
+
+
+def test_a_marker_on_no_tip_is_refused() -> None:
+    cell, _, _ = two_hands(0)
+    with pytest.raises(
+        CalibError, match="'foot' is no tip of the robot; tips are left_hand, right_hand"
+    ):
+        _ = replace(cell, marker_links=("right_hand", "foot")).marker_frames
+
+
+def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
+    """Nothing but the elbow of the left arm yields, and the diagnosis says so."""
+    cell, _, _ = two_hands(0)
+    rng = np.random.default_rng(0)
+    poses = poses_at(rng.uniform(-2.0, 2.0, (40, 10)))
+    own = replace(cell, instruments=(Tracker(sigma=2e-5),), effects=("base", "tool", "geometry"))
+    soft = own.with_effects("joint_compliance:left3")
+    model = build(soft, poses).model
+    sizes = {"geometry": 3e-4, "joint_compliance": 8e-5}
+    values = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
+    data = calib.simulate(soft, poses, values, rng=1)
+    found = calib.diagnose(own, data)
+    (cause,) = found.causes
+    assert cause.evidence.key == "joint_compliance:left3"

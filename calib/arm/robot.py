@@ -94,6 +94,8 @@ class Robot:
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
+    speeds, accelerations : ndarray, shape (n,), the most that the drives give, rad/s or m/s and these
+        per second; NaN where none is given, None where none is at all
     shapes : Shapes; source : Source
     """
 
@@ -109,6 +111,8 @@ class Robot:
     masses: Array
     coms: Array
     mimics: tuple[Mimic, ...] = ()
+    speeds: Array | None = None
+    accelerations: Array | None = None
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
 

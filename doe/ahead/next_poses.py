@@ -28,8 +28,8 @@ from doe.ahead.rivals import (
 )
 from doe.ahead.search import search_of
 from doe.ahead.situation import Situation, candidate_rows, likely_read, refusal
+from doe.day.day import quickest_order
 from doe.plan import named
-from doe.visiting import visiting_order
 
 POSES = 8
 """Poses that are chosen unless the user says otherwise."""
@@ -167,7 +167,7 @@ def next_poses(
     chosen = offer.q[plan]
     # Where no column depends on the approach the order is free: the shortest way.
     if offer.half is None and len(plan):
-        chosen = chosen[visiting_order(chosen)]
+        chosen = chosen[quickest_order(situation.cell, chosen)]
     judged = [pair for doubt in doubts for pair in _judged(doubt, situation, chosen)]
     told = {prediction.rivals for prediction, _ in judged if prediction.told}
     remedies = _remedies(doubts, told, situation, data, q[:_TRIED], count)

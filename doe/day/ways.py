@@ -109,11 +109,12 @@ def ways_along(cell: Cell, q: Array, around: bool = True) -> tuple[Way, ...]:
     blocked = np.flatnonzero(~sure)
     meets = np.full(len(q) - 1, "", dtype=object)
     meets[blocked] = [checked.choices[0][tried[0].met[i]].name for i in blocked]
-    least = np.full(len(q) - 1, np.inf)
-    for number, kept in enumerate(checked.choices if around and len(blocked) else ()):
-        for i, way in zip(blocked, ways_round(cell, kept, q[blocked], q[blocked + 1]), strict=True):
-            if way is not None and (seconds := _seconds(cell, way)) < least[i]:
-                points[i], chosen[i], sure[i], least[i] = way, number, True, seconds
+    for number, kept in enumerate(checked.choices if around else ()):
+        left = blocked[~sure[blocked]]
+        found = ways_round(cell, kept, q[left], q[left + 1], q)
+        for i, way in zip(left, found, strict=True):
+            if way is not None:
+                points[i], chosen[i], sure[i] = way, number, True
     follows = [own.name.removeprefix("sight of ") for own in checked.sights]
     followed = [
         follows[k] if follows and known else "" for k, known in zip(chosen, sure, strict=True)

@@ -294,6 +294,7 @@ def test_a_program_leads_round_what_is_met(obstructed: Path, ending: str, read) 
     assert waits == fields["stops"] == 2
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("ending", LANGUAGES)
 def test_a_program_waits_where_no_way_is_known(obstructed: Path, ending: str) -> None:
     """A wall that no arm passes: the program stops before the pose behind it."""

@@ -160,7 +160,7 @@ def thirty(cell: Cell, seed: int) -> Array:
 
 
 def day(arm: str, seed: int) -> Row:
-    """One day: seconds of planning on one processor, ways, and durations beside other orders and the bound."""
+    """One day: seconds of planning on a processor, ways, and durations beside other orders."""
     cell = ARMS[arm]()
     q = thirty(cell, seed)
     begun = time.process_time()

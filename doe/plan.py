@@ -10,6 +10,7 @@ from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
+from doe.day.day import Day
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
@@ -141,6 +142,7 @@ class Design(Result):
     seconds : dict, part -> time
     reference : Reference or None
     reapproaches : Reapproaches or None
+    day : Day, the ways between the poses and the time that it takes
     """
 
     problem: Problem
@@ -150,6 +152,7 @@ class Design(Result):
     certificate: Certificate
     candidates: Candidates
     landscape: Landscape
+    day: Day
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()

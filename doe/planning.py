@@ -19,6 +19,7 @@ from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
+from doe.day.day import day_of, quickest_order
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, named
@@ -46,7 +47,6 @@ from doe.visiting import (
     reapproaches_of,
     spacing,
     usual_reapproaches,
-    visiting_order,
     with_reapproaches,
     with_reference,
 )
@@ -245,6 +245,7 @@ def _designed(
         seconds=progress.laps,
         reference=reference,
         reapproaches=again,
+        day=day_of(cell, poses),
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
@@ -255,7 +256,7 @@ def _visited(
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
     request, q = problem.request, pool.q[found.plan]
-    poses, reference, again = named(q[visiting_order(q)]), None, None
+    poses, reference, again = named(q[quickest_order(problem.cell, q)]), None, None
     if request.reapproaches:
         poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(

@@ -97,6 +97,8 @@ class Robot:
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
     mimics : tuple of Mimic, joints that follow another
     couplings : tuple of Coupling, joints that others move together
+    speeds, accelerations : ndarray, shape (n,), the most that the drives give, rad/s or m/s and these
+        per second; NaN where none is given, None where none is at all
     shapes : Shapes; source : Source
     others : tuple of str, links that are tips beside ``tip``
     parents : tuple of int, the frame on which each of the frames 1 .. F - 1 hangs, parents first; a
@@ -116,6 +118,8 @@ class Robot:
     coms: Array
     mimics: tuple[Mimic, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    speeds: Array | None = None
+    accelerations: Array | None = None
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
     others: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.planned import Planned
+from calib.cell.planned import Pace, Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
@@ -88,7 +88,7 @@ class Cell:
     knots : dict, joint -> ndarray, rad, where ``stiffness_vs_angle`` has coefficients
     anchors : dict, joint -> ndarray, shape (2, 3), m, of a gravity compensator's spring
     shapes : Shapes, those of the robot unless the cell states others
-    design : Planned, the [design] table
+    design : Planned, the [design] table; pace : Pace, the [timing] table
     repeatability : Repeatability, or None where it is to be estimated
     excluded : tuple of str, ``name`` or ``name:where``, causes that this robot cannot have
     gear_ratios : dict, joint -> float, turns of motor or wave generator a turn of the joint
@@ -119,6 +119,7 @@ class Cell:
     knots: Mapping[str, Array] = field(default_factory=dict)
     anchors: Mapping[str, Array] = field(default_factory=dict)
     design: Planned = field(default_factory=Planned)
+    pace: Pace = field(default_factory=Pace)
     repeatability: Repeatability | None = None
     excluded: tuple[str, ...] = ()
     gear_ratios: Mapping[str, float] = field(default_factory=dict)

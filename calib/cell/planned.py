@@ -78,6 +78,7 @@ class Planned:
     reapproaches : int or None, poses that are visited again
     obstacles : tuple of Body, in the order of the file
     floor : float or None, m, height above which the arm keeps; floorless : bool, whether there is none
+    margin : float, m, distance that the arm keeps of floor and obstacles
     """
 
     poses: int | None = None
@@ -90,3 +91,19 @@ class Planned:
     obstacles: tuple[Body, ...] = ()
     floor: float | None = None
     floorless: bool = False
+    margin: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How long a day takes: the [timing] table.
+
+    speed : float, share of the joints' speeds and accelerations at which the arm goes from pose to pose
+    settle : float, s, that it waits there; reading : s, that one reading takes
+    load : float, s, that hanging the load, or taking it off, takes
+    """
+
+    speed: float = 0.1
+    settle: float = 2.0
+    reading: float = 10.0
+    load: float = 120.0

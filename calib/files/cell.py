@@ -14,7 +14,7 @@ from calib.arm.se3 import from_xyz_rpy
 from calib.arm.statics import Payload
 from calib.cell import Cell, Load, Repeatability
 from calib.cell.cell import Acceptance
-from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Planned, Targets
+from calib.cell.planned import AskedLevels, Ball, Body, Box, HalfSpace, Pace, Planned, Targets
 from calib.errors import InputError, UnknownEffect
 from calib.files import schema
 from calib.files.cell_table import cell_table
@@ -59,6 +59,7 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
         reapproaches=table.reapproaches,
         floor=table.floor_mm * MM if isinstance(table.floor_mm, float) else None,
         floorless=table.floor_mm is False,
+        margin=table.margin_mm * MM,
         obstacles=tuple(_body(obstacle) for obstacle in table.obstacle),
     )
 
@@ -84,6 +85,13 @@ def _body(table: schema.BoxTable | schema.BallTable | schema.HalfSpaceTable) -> 
 
 
 _ROUNDED = 1e-9  # rad or m
+_DRIVES = (
+    ("speed_deg_s", math.pi / 180, False),
+    ("speed_mm_s", MM, True),
+    ("acceleration_deg_s2", math.pi / 180, False),
+    ("acceleration_mm_s2", MM, True),
+)
+"""Keys of what the drives give, the unit, and whether they are of joints that slide."""
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -116,7 +124,7 @@ def load_cell(path: str | Path) -> Cell:
     cell = Cell(
         name=table.name or path.stem,
         path=path,
-        robot=_narrowed(path, robot, own),
+        robot=_driven(path, _narrowed(path, robot, own), own),
         marker_names=(*markers, *bodies.names),
         markers=np.concatenate([positions * MM, bodies.markers]),
         marker_normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
@@ -133,6 +141,7 @@ def load_cell(path: str | Path) -> Cell:
         shapes=_stated_shapes(own) or robot.shapes,
         lens_files=lenses,
         design=planned(path, robot, table.design),
+        pace=_pace(table.timing),
         repeatability=_repeatability(own),
         gear_ratios=dict(own.gear_ratio),
         known_distances=known_distances(path, table),
@@ -162,6 +171,7 @@ def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
     named: list[tuple[str, Iterable[str]]] = [
         ("robot.limits_deg", table.robot.limits_deg),
         ("robot.limits_mm", table.robot.limits_mm),
+        *((f"robot.{key}", getattr(table.robot, key)) for key, *_ in _DRIVES),
         ("robot.compensators_mm", table.robot.compensators_mm),
         ("robot.gear_ratio", table.robot.gear_ratio),
         ("robot.coupled", table.robot.coupled),
@@ -206,6 +216,31 @@ def _narrowed(path: Path, robot: Robot, table: RobotTable) -> Robot:
             what = f"limits leave nothing to {joint}, which moves with others"
             raise InputError(path, "robot", what, "widen those in the cell or robot's file")
     return narrowed
+
+
+def _driven(path: Path, robot: Robot, table: RobotTable) -> Robot:
+    """The robot with the speeds and accelerations that the cell gives in place of its own file's."""
+    blank = np.full(robot.dof, math.nan)
+    own = {"speed": robot.speeds, "acceleration": robot.accelerations}
+    found = {name: blank.copy() if is_ is None else is_.copy() for name, is_ in own.items()}
+    for key, unit, slides in _DRIVES:
+        for joint, value in getattr(table, key).items():
+            index = robot.joints.index(joint)
+            if bool(robot.prismatic[index]) is not slides:
+                does = "turns" if slides else "slides"
+                right = next(k for k, _, s in _DRIVES if s is not slides and k[:5] == key[:5])
+                what = f"joint {joint} {does}: this is in another unit"
+                raise InputError(
+                    path, f"robot.{key}.{joint}", what, f"write it under [robot.{right}]"
+                )
+            found[key.partition("_")[0]][index] = value * unit
+    return replace(robot, speeds=found["speed"], accelerations=found["acceleration"])
+
+
+def _pace(table: schema.TimingTable) -> Pace:
+    return Pace(
+        table.speed_percent / 100.0, table.settle_s, table.read_s, 60.0 * table.load_change_min
+    )
 
 
 def _stated_shapes(table: RobotTable) -> Shapes | None:

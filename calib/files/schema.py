@@ -73,6 +73,10 @@ class RobotTable(TomlTable):
     repeatability_urad: NotNegative | None = None
     limits_deg: dict[str, Range] = {}
     limits_mm: dict[str, Range] = {}
+    speed_deg_s: dict[str, Positive] = {}
+    speed_mm_s: dict[str, Positive] = {}
+    acceleration_deg_s2: dict[str, Positive] = {}
+    acceleration_mm_s2: dict[str, Positive] = {}
     capsules_mm: dict[str, list[CapsuleTable]] = {}
     compensators_mm: dict[str, AnchorTable] = {}
     gear_ratio: dict[str, Positive] = {}
@@ -209,9 +213,17 @@ class DesignTable(TomlTable):
     reference_every: Count | None = None
     reapproaches: Count | None = None
     floor_mm: FloorHeight | None = None
+    margin_mm: NotNegative = 0.0
     obstacle: list[
         Annotated[BoxTable | BallTable | HalfSpaceTable, Field(discriminator="type")]
     ] = []
+
+
+class TimingTable(TomlTable):
+    speed_percent: Annotated[Positive, Field(le=100)] = 10.0
+    settle_s: NotNegative = 2.0
+    read_s: NotNegative = 10.0
+    load_change_min: NotNegative = 2.0
 
 
 class DiagnosisTable(TomlTable):
@@ -278,6 +290,7 @@ class CellFile(TomlTable):
     payload: PayloadTable = PayloadTable()
     load: LoadTable | None = None
     design: DesignTable = DesignTable()
+    timing: TimingTable = TimingTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
     acceptance: AcceptanceTable | None = None
     report: dict[Name, Told] = {}

@@ -190,8 +190,8 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     """Read the joints from link ``base`` to link ``tip``, and to other links that are tips as well.
 
     Fixed joints are folded into the next origin; masses that hang on a moving link by other joints
-    than these, which are held at zero, are gathered into it. The effort limit 0 means: not given.
-    A joint that mimics another stays a joint of the robot and follows its master.
+    than these, which are held at zero, are gathered into it. An effort or speed of 0 means: not
+    given. A joint that mimics another stays a joint of the robot and follows its master.
 
     Raises InputError for what is not well-formed, no way of revolute, continuous or prismatic joints,
     or not made of finite numbers.
@@ -209,7 +209,7 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
     axes = np.array([_axis(urdf, joint) for joint in moving])
     stated = [_limits(urdf, joint) for joint in moving]
-    limits = np.array([own for own, _ in stated])
+    limits = np.array([own for own, _, _ in stated])
     mimics = tuple(own for joint in moving if (own := _mimic(urdf, joint)) is not None)
     _keep_within_masters(urdf, mimics, [joint.name for joint in moving], limits)
     masses, coms = weights_of(
@@ -224,7 +224,8 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
         origins=np.array([T @ own for _, T, own in hung]),
         axes=axes,
         limits=limits,
-        efforts=np.array([effort for _, effort in stated]),
+        efforts=np.array([effort for _, effort, _ in stated]),
+        speeds=np.array([speed for _, _, speed in stated]),
         masses=masses,
         coms=coms,
         mimics=mimics,
@@ -297,16 +298,18 @@ def _axis(urdf: Urdf, joint: UrdfJoint) -> Array:
     return axis / length
 
 
-def _limits(urdf: Urdf, joint: UrdfJoint) -> tuple[tuple[float, float], float]:
-    """Lower and upper limit, infinite without any, and effort, NaN where none is given."""
+def _limits(urdf: Urdf, joint: UrdfJoint) -> tuple[tuple[float, float], float, float]:
+    """Lower and upper limit, infinite without any; effort and speed, NaN where none is given."""
     limit = joint.element.find("limit")
     if limit is None:
-        return (-math.inf, math.inf), math.nan
+        return (-math.inf, math.inf), math.nan, math.nan
     where = f"joint {joint.name} limit"
-    effort = urdf.number(where, limit.get("effort", "0")) or math.nan
+    effort, speed = (
+        urdf.number(where, limit.get(key, "0")) or math.nan for key in ("effort", "velocity")
+    )
     if joint.kind == "continuous":
-        return (-math.inf, math.inf), effort
+        return (-math.inf, math.inf), effort, speed
     lower, upper = (urdf.number(where, limit.get(key, "0")) for key in ("lower", "upper"))
     if lower > upper:
         raise InputError(urdf.path, where, f"lower {lower} is above upper {upper}")
-    return (lower, upper), effort
+    return (lower, upper), effort, speed

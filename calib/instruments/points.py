@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Strict, Tag, model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
@@ -37,11 +37,13 @@ class Tracker(Instrument):
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
         readings
     common : tuple of CommonError, the same at all readings; circles turn about the z axis of these
+    keeps_sight : bool, whether one marker is to stay in sight from pose to pose
     """
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
     common: tuple[CommonError, ...] = ()
+    keeps_sight: bool = False
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = (
@@ -57,6 +59,7 @@ class Tracker(Instrument):
         noise: Noise | None = None,
         stands: Array | None = None,
         common: tuple[CommonError, ...] = (),
+        keeps_sight: bool = False,
         **named: Any,
     ) -> None:
         """Make a tracker of its noise; the other fields are those of any instrument.
@@ -67,6 +70,7 @@ class Tracker(Instrument):
         object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
         object.__setattr__(self, "stands", stands)
         object.__setattr__(self, "common", common)
+        object.__setattr__(self, "keeps_sight", keeps_sight)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:
@@ -151,12 +155,26 @@ class TrackerTable(TomlTable):
     sigma_mm: Sigma
     position_mm: Vector | None = None
     common: CommonTable = CommonTable()
+    keep_sight: Annotated[bool, Strict()] = False
+
+    @model_validator(mode="after")
+    def _stands_somewhere(self) -> Self:
+        if self.keep_sight and self.position_mm is None:
+            raise ValueError("keeps sight from nowhere; give position_mm beside keep_sight")
+        return self
 
     def tracker(self, name: str, reads: tuple[int, ...] | None) -> Tracker:
         """One that reads these markers, or all."""
         stands = None if self.position_mm is None else np.array(self.position_mm) * MM
         noise, common = _noise(self.sigma_mm), self.common.errors()
-        return Tracker(name=name, markers=reads, noise=noise, stands=stands, common=common)
+        return Tracker(
+            name=name,
+            markers=reads,
+            noise=noise,
+            stands=stands,
+            common=common,
+            keeps_sight=self.keep_sight,
+        )
 
 
 class PointsTable(TrackerTable, KeysTable):

@@ -21,9 +21,9 @@ from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
 from doe.ahead.information import SURE
 from doe.ahead.remedies import Remedy, helpful
 from doe.ahead.search import CompoundCriterion, Objective, PoseSearch, with_accuracy
+from doe.day.day import quickest_order
 from doe.plan import named
 from doe.problem.target_errors import TargetErrors
-from doe.visiting import visiting_order
 
 POSES = 8
 """Poses that are chosen unless the user says otherwise."""
@@ -148,7 +148,7 @@ def next_poses(
     chosen = search.offer.q[plan]
     # Where no column depends on the approach the order is free: the shortest way.
     if search.offer.left is None and len(plan):
-        chosen = chosen[visiting_order(chosen)]
+        chosen = chosen[quickest_order(cell, chosen)]
     judged = [own for doubt in doubts for own in _judged(doubt, forecast, chosen)]
     told = {pair.rivals for pair, _ in judged if pair.told}
     ways = _remedies(doubts, told, forecast, q[:_TRIED], count)

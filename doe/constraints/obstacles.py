@@ -13,24 +13,30 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.cell.planned import Ball, Body, Box, HalfSpace
+from doe.constraints.clearance import Clearance, Levers, placed
 from doe.constraints.distances import (
     point_box,
     point_segment,
     segment_box,
     segment_halfspace,
 )
-from doe.constraints.scene import Constraint, Scene, probe_scene
+from doe.constraints.scene import BASE, Scene, named_capsules, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
 _UPRIGHT = 0.999  # cosine
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacle(Constraint):
-    """A body at rest in the base frame."""
+class Obstacle(Clearance):
+    """A body at rest in the base frame; margin : float, m, that the arm keeps of it.
+
+    moving : positions in ``Scene.capsules`` of those that the arm carries
+    """
 
     name: str
     body: Body
+    margin: float = 0.0
+    moving: tuple[int, ...] = ()
 
     def from_segment(self, start: Array, end: Array) -> Array:
         """Distance of n segments (n, 3), shape (n,), m; zero where they meet."""
@@ -63,10 +69,18 @@ class Obstacle(Constraint):
         free = np.ones(len(scene), dtype=bool)
         for capsule in scene.capsules:
             if capsule.moves:
-                near = np.flatnonzero(free & (self.from_point(capsule.centre) <= capsule.reach))
+                far = capsule.reach + self.margin
+                near = np.flatnonzero(free & (self.from_point(capsule.centre) <= far))
                 distance = self.from_segment(capsule.start[near], capsule.end[near])
-                free[near] = distance > capsule.radius
+                free[near] = distance > capsule.radius + self.margin
         return free
+
+    def gaps(self, scene: Scene) -> Array:
+        start, end, radii = placed(scene, self.moving)
+        return self.from_segment(start, end) - radii - self.margin
+
+    def slopes(self, levers: Levers) -> Array:
+        return levers.capsules[list(self.moving)]
 
 
 def _local(T_base_box: Array, point: Array) -> Array:
@@ -78,15 +92,18 @@ _KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
 
 def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:
     """The obstacles of a cell, each a constraint of its own."""
-    bodies = enumerate(cell.design.obstacles, 1)
-    return tuple(Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body) for i, body in bodies)
+    bodies, margin = enumerate(cell.design.obstacles, 1), cell.design.margin
+    moving = tuple(i for i, (body, _, _) in enumerate(named_capsules(cell)) if body != BASE)
+    return tuple(
+        Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body, margin, moving) for i, body in bodies
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Floor(Constraint):
+class Floor(Clearance):
     """Capsules and markers of the arm stay above a height.
 
-    height : float, m, along the base's z axis
+    height : float, m, along the base's z axis; margin : float, m, that the arm keeps above it
     checked : positions in ``Scene.capsules``; exempt : names of capsules that reach below it
         practically everywhere: a column that turns in its base, or a coarse shape
     assumed : whether nobody gave the height
@@ -96,13 +113,23 @@ class Floor(Constraint):
     checked: tuple[int, ...]
     exempt: tuple[str, ...] = ()
     assumed: bool = False
+    margin: float = 0.0
     name: str = "floor"
 
     def allows(self, scene: Scene) -> Mask:
-        free = (scene.markers[..., 2] > self.height).all(axis=1)
+        level = self.height + self.margin
+        free = (scene.markers[..., 2] > level).all(axis=1)
         for i in self.checked:
-            free &= above(scene, i, self.height)
+            free &= above(scene, i, level)
         return np.asarray(free)
+
+    def gaps(self, scene: Scene) -> Array:
+        start, end, radii = placed(scene, self.checked)
+        lowest = np.minimum(start[..., 2], end[..., 2]) - radii
+        return np.concatenate([lowest, scene.markers[..., 2]], axis=1) - self.height - self.margin
+
+    def slopes(self, levers: Levers) -> Array:
+        return np.concatenate([levers.capsules[list(self.checked)], levers.markers])
 
 
 def above(scene: Scene, i: int, height: float) -> Mask:
@@ -118,11 +145,11 @@ def floor_of(cell: Cell) -> Floor | None:
     height = assumed_height(cell) if given is None else given
     if height is None:
         return None
-    probe = probe_scene(cell)
+    probe, margin = probe_scene(cell), cell.design.margin
     moving = [i for i, capsule in enumerate(probe.capsules) if capsule.moves]
-    checked = [i for i in moving if above(probe, i, height).mean() > 1.0 - _ALWAYS]
+    checked = [i for i in moving if above(probe, i, height + margin).mean() > 1.0 - _ALWAYS]
     exempt = [probe.capsules[i].name for i in moving if i not in checked]
-    return Floor(height, tuple(checked), tuple(exempt), given is None)
+    return Floor(height, tuple(checked), tuple(exempt), given is None, margin)
 
 
 def assumed_height(cell: Cell) -> float | None:

@@ -7,11 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.arrays import Mask
+from calib.arrays import Array, Mask
 from calib.cell import Cell
+from doe.constraints.clearance import Clearance, Levers, placed
 from doe.constraints.distances import segment_segment
 from doe.constraints.scene import (
-    Constraint,
     PlacedCapsule,
     Scene,
     moving_capsules,
@@ -25,7 +25,7 @@ _REMEDY = "Put the meshes where the robot file says, or give robot.capsules_mm i
 
 
 @dataclass(frozen=True, eq=False)
-class SelfCollision(Constraint):
+class SelfCollision(Clearance):
     """Capsules of bodies of which neither carries the other next to it do not meet.
 
     Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
@@ -34,10 +34,12 @@ class SelfCollision(Constraint):
     capsules hold more than the shapes.
 
     pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
+    bodies : tuple of int, that carry the capsules
     exempt : tuple of pairs of capsule names, those that are not checked
     """
 
     pairs: tuple[tuple[int, int], ...]
+    bodies: tuple[int, ...]
     exempt: tuple[tuple[str, str], ...] = ()
     name: str = "self_collision"
 
@@ -46,6 +48,18 @@ class SelfCollision(Constraint):
         for i, j in self.pairs:
             free &= ~overlap(scene.capsules[i], scene.capsules[j], free)
         return free
+
+    def gaps(self, scene: Scene) -> Array:
+        inner, outer = (
+            placed(scene, side) for side in (tuple(zip(*self.pairs, strict=True)) or ((), ()))
+        )
+        apart = segment_segment(inner[0], inner[1], outer[0], outer[1])
+        return np.asarray(apart - inner[2] - outer[2])
+
+    def slopes(self, levers: Levers) -> Array:
+        shapes, bodies = levers.capsules, self.bodies
+        own = [levers.between(shapes[i], bodies[i], shapes[j], bodies[j]) for i, j in self.pairs]
+        return np.array(own).reshape(-1, levers.capsules.shape[1])
 
 
 def clear_of_itself(cell: Cell) -> SelfCollision | None:
@@ -72,7 +86,7 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
             exempt.append((a.name, b.name))
         else:
             checked.append((i, j))
-    return SelfCollision(tuple(checked), tuple(exempt))
+    return SelfCollision(tuple(checked), tuple(bodies), tuple(exempt))
 
 
 def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:

@@ -15,7 +15,7 @@ from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import PlacedCapsule, Scene, turned
 
-_SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
+SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
 _WRIST = 1  # joints before the last one whose shapes may hold what is mounted on the tip
 
@@ -150,7 +150,7 @@ def _behind_capsule(
     start, end = capsule.start[at], capsule.end[at]
     hidden = np.zeros(len(among), dtype=bool)
     crossed = segment_segment(instrument, marker[at], start, end) < capsule.radius
-    outside = point_segment(marker[at], start, end) > capsule.radius + _SKIN
+    outside = point_segment(marker[at], start, end) > capsule.radius + SKIN
     hidden[at] = crossed & (outside | (not may_hold))
     return hidden
 
@@ -162,5 +162,5 @@ def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among
     centre, radius = obstacle.ball
     at = np.flatnonzero(among & (point_segment(centre, instrument, marker) <= radius))
     start = np.broadcast_to(instrument, (len(at), 3))
-    hidden[at] = obstacle.from_segment(start, marker[at]) <= _SKIN
+    hidden[at] = obstacle.from_segment(start, marker[at]) <= SKIN
     return hidden

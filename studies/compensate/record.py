@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from studies import document as doc
+from studies.day import DayEntry, day_entry
 from studies.document import Shown, mm, plural
 from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
@@ -18,7 +20,7 @@ from studies.plots.style import BLUE, VERMILLION, Look, Picture, short
 from studies.record import BeforeAfter, Count, Entry, Envelope, From, NotNegative, Number, Record
 
 if TYPE_CHECKING:
-    from calib import Compensation
+    from calib import Cell, Compensation
     from calib.arm.robot import Robot
 
 
@@ -71,6 +73,8 @@ class CompensateRecord(Record):
     scatter_of : whose the scatter is: what these data do not tell from the model's lacks is undecided
     targets_after_h : hours after the last reading for which the error holds, where a trend goes on
     trend_an_hour_later_mm : how far it goes an hour later; None where there is none, or no time
+    day : the straight ways between corrected commands, in the order of the table
+    not_clear : what the arm meets at a corrected command, by target
     """
 
     command: Literal["compensate"] = "compensate"
@@ -83,6 +87,8 @@ class CompensateRecord(Record):
     targets_after_h: Annotated[NotNegative | None, From("after")] = None
     trend_an_hour_later_mm: NotNegative | None = None
     limited: dict[str, Count]
+    day: DayEntry | None = None
+    not_clear: dict[str, str] = Field(default_factory=dict)
     targets: tuple[Target, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -97,8 +103,12 @@ class CompensateRecord(Record):
         return BeforeAfter(self.rms_mm.before, self.rms_mm.expected, of)
 
 
-def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) -> CompensateRecord:
+def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> CompensateRecord:
     """The record of a compensation."""
+    from doe.day.day import day_of
+    from doe.day.ways import broken_at
+
+    robot = cell.robot
     errors = {
         "before": found.before,
         "left": found.left,
@@ -122,6 +132,12 @@ def compensate_record(robot: Robot, found: Compensation, made_from: Envelope) ->
         warnings=found.notes,
         errors_at="markers" if found.at == "markers" else "tip",
         scatter_of="undecided" if found.rest_of == "undecided" else "arm",
+        day=day_entry(day_of(cell, replace(found.targets, q=found.q), around=False)),
+        not_clear={
+            name: met
+            for name, met in zip(found.targets.names, broken_at(cell, found.q), strict=True)
+            if met
+        },
         limited={reason: found.limited_by.count(reason) for reason in reasons},
         targets=Target.from_each(
             _commands(robot, found),
@@ -186,11 +202,30 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     place = f"error of the {_PLACES[record.errors_at]}"
     columns = doc.heads(place, "RMS [mm]", "p95 [mm]", "max [mm]")
     yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
+    yield from _ways(record)
     yield doc.Figure(lambda: errors_by_target(record), highlight=False)
     yield from _limited(record)
     joints = joint_columns(record.targets)
     commands = doc.columns(Target, "pose", *joints, "before_mm expected_mm")
     yield doc.Detail((doc.Table(commands, record.targets, "Corrected commands"),))
+
+
+def _ways(record: CompensateRecord) -> Iterator[doc.Part]:
+    """Where the arm does not keep clear, at corrected commands and straight between them."""
+    day = record.day
+    for name, met in list(record.not_clear.items())[:_MOST]:
+        yield doc.Sentence(
+            f"at the corrected command of {name} the arm does not keep clear: {met}", "warn"
+        )
+    if day is None or not day.checked or not day.ways:
+        return
+    checked = doc.listed([name.replace("_", " ") for name in day.checked])
+    rest = "" if day.direct == day.ways else ". `posecal program` leads the others round"
+    yield doc.Sentence(
+        f"{day.direct} of {day.ways} between the corrected commands are free if the joints move "
+        f"straight (checked: {checked}){rest}",
+        label="ways",
+    )
 
 
 _ErrorRow: TypeAlias = tuple[str, float, float | None, float | None]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from studies.day import DayEntry, day_entry
 from studies.document import FOUR, Shown
 from studies.entries import JointValues, TargetAccuracy, at_targets, check_same_joints, shown_joints
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
@@ -202,6 +203,7 @@ class DesignRecord(Record, PlanAccuracy):
     landscape: LandscapeEntry | None = None
     by_pose: tuple[InformationShare, ...] = ()
     unchecked: str = ""
+    day: DayEntry | None = None
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -242,7 +244,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
     from doe.constraints.self_collision import unchecked
     from doe.curve import poses_that_match, stops_paying
-    from doe.visiting import travel
+    from doe.day.duration import travel
 
     problem, judged = found.problem, found.assessment
     robot, criterion, fixed = problem.cell.robot, problem.criterion, problem.request.fixed
@@ -286,6 +288,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         landscape=_landscape(found),
         by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
+        day=day_entry(found.day),
     )
 
 

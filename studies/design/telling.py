@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import document as doc
+from studies.day import told as day_told
 from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
 from studies.document import FOUR, Shown, mm, plural
 from studies.entries import joint_columns, over_the_workspace
@@ -146,6 +147,8 @@ def _facts(record: DesignRecord) -> Iterator[doc.Sentence]:
         f"{_travel(record)}, the sum of the largest joint motion of every move",
         label="travel",
     )
+    if record.day is not None:
+        yield from day_told(record.day)
 
 
 def _travel(record: DesignRecord) -> str:

@@ -22,8 +22,9 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     """Write a plan as a robot program that stops at every pose to be measured.
 
     PLAN is a table of poses, from posecal design or by hand. The program is a skeleton. Read the
-    notes at its head. Check zero positions, directions of rotation and the path between poses. Run
-    it in T1 first.
+    notes at its head. Check zero positions and directions of rotation. The way between poses is checked
+    against what the cell knows of the arm and its surroundings, and led round obstacles. Run it in T1
+    first.
 
     \b
     Example:
@@ -33,8 +34,9 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     from calib.errors import InputError
     from calib.files.read import sha256
     from doe.constraints.self_collision import unchecked
-    from studies.programs.languages import LANGUAGES, plan_stops
-    from studies.programs.record import ProgramRecord
+    from doe.day.day import day_of
+    from studies.programs.languages import LANGUAGES, checked_lines, plan_stops
+    from studies.programs.record import program_record
     from studies.programs.stops import plain_text
     from studies.record import envelope
 
@@ -50,7 +52,8 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, plan_path]
     check_outputs([program_path, output_file(json_path)], inputs)
-    stops = plan_stops(cell, calib.load_plan(cell, plan_path), str(plan_path))
+    day = day_of(cell, calib.load_plan(cell, plan_path))
+    stops = plan_stops(day, str(plan_path))
     made_from = envelope(cell.name, inputs, about=cell.about)
     warning = unchecked(cell)
     head = (
@@ -58,14 +61,8 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         f"Written by posecal {made_from['version']} from {plain_text(plan_path.name)}, "
         f"sha256 {sha256(plan_path)[:16]}",
         f"Cell {plain_text(cell.name)}, {len(stops)} poses",
+        *checked_lines(day),
     )
     made = language(program_path.stem, cell, stops, head)
-    record = ProgramRecord(
-        **made_from,
-        program=str(program_path),
-        poses=tuple(stop.name for stop in stops),
-        stops=sum(len(stop.tasks) for stop in stops),
-        notes=made.notes,
-        unchecked=warning,
-    )
+    record = program_record(day, stops, made, str(program_path), warning, made_from)
     deliver(record, json_path, files={program_path: made.text})

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from calib import Cell
+from calib.arrays import Array
 from calib.errors import InputError
 from studies.programs.stops import Program, Stop, head_lines
 
 _LONGEST_NAME = 32
 _LONGEST_REMARK = 32  # characters that the pendant shows of a remark
 _MOST_AXES = 9  # of one group
-_PERCENT = 5  # of the joint speed
-_SETTLE = 2.0  # s, before anything is measured
 _NOTES = (
     "FANUC counts J3 from the horizontal: where the chain counts it from the link before, "
     "J3 = q3 - q2 in the controller's senses of rotation. Here stand the chain's values.",
-    f"Speed is {_PERCENT} %; run it first in T1, step by step.",
 )
 
 
@@ -32,10 +30,19 @@ def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
             "begin the chain at the arm",
         )  # fmt: skip
     axes = tuple(f"J{k + 1}" for k in range(robot.dof))
-    notes = [*head, *head_lines(cell, axes), *_NOTES]
+    percent = max(1, round(100.0 * cell.pace.speed))
+    slow = f"Speed is {percent} %; run it first in T1, step by step."
+    notes = [*head, *head_lines(cell, axes), *_NOTES, slow]
     lines = [f"!{piece}" for note in notes for piece in _pieces(note)]
+    points: list[Array] = []
     for number, stop in enumerate(stops, start=1):
-        lines += _motion(number, len(stops), stop)
+        lines.append(f"!{_cut(f'{number}/{len(stops)} {stop.name}')}")
+        lines += _waits(stop.before) if stop.before else []
+        for q in stop.drives:
+            points.append(q)
+            lines.append(f"J P[{len(points)}] {percent}% FINE")
+        lines.append(f"WAIT {cell.pace.settle:6.2f}(sec)")
+        lines += [line for task in stop.tasks for line in _waits(task)]
     numbered = [f"{n:4d}:{'' if own[0] == 'J' else '  '}{own} ;" for n, own in enumerate(lines, 1)]
     text = [
         f"/PROG  {program}",
@@ -46,7 +53,7 @@ def fanuc(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
         "/MN",
         *numbered,
         "/POS",
-        *(line for n, stop in enumerate(stops, 1) for line in _position(cell, n, stop)),
+        *(line for n, q in enumerate(points, 1) for line in _position(cell, n, q)),
         "/END",
         "",
     ]
@@ -64,18 +71,13 @@ def identifier(text: str) -> str:
     return (name if name[:1].isalpha() else f"P_{name}")[:_LONGEST_NAME]
 
 
-def _motion(number: int, of: int, stop: Stop) -> Iterator[str]:
-    """Drive there, wait, and pause for each task."""
-    yield f"!{_cut(f'{number}/{of} {stop.name}')}"
-    yield f"J P[{number}] {_PERCENT}% FINE"
-    yield f"WAIT {_SETTLE:6.2f}(sec)"
-    for task in stop.tasks:
-        yield from (f"!{piece}" for piece in _pieces(task))
-        yield "PAUSE"
+def _waits(task: str) -> list[str]:
+    """The program says what is to be done, and pauses."""
+    return [*(f"!{piece}" for piece in _pieces(task)), "PAUSE"]
 
 
-def _position(cell: Cell, number: int, stop: Stop) -> list[str]:
-    shown = np.where(cell.robot.prismatic, stop.q * 1e3, np.degrees(stop.q))
+def _position(cell: Cell, number: int, q: Array) -> list[str]:
+    shown = np.where(cell.robot.prismatic, q * 1e3, np.degrees(q))
     units = np.where(cell.robot.prismatic, "mm", "deg")
     values = [
         f"J{k + 1}= {v + 0.0:.6f} {u}" for k, (v, u) in enumerate(zip(shown, units, strict=True))

@@ -12,8 +12,6 @@ from calib.errors import InputError
 from studies.programs.stops import Program, Stop, head_lines
 
 _LONGEST_NAME = 24  # characters of a KRL identifier
-_PERCENT = 10  # of the axis velocities and accelerations
-_SETTLE = 2.0  # s, before anything is measured
 _MOST_AXES = 6  # of the arm, and of external ones
 _KEYWORDS = (
     " AND ANIN ANOUT B_AND B_EXOR B_NOT B_OR BOOL BRAKE CASE CAST_FROM CAST_TO CCLOSE CHANNEL CHAR "
@@ -28,26 +26,29 @@ _KEYWORDS = (
 def krl(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> Program:
     """A ``.src`` file. Raises InputError for a chain that KRL has no axes for."""
     module, robot = identifier(name), cell.robot
+    percent = max(1, round(100.0 * cell.pace.speed))
     axes = axis_names(cell)
     lines = [
         "&ACCESS RVP",
         f"DEF {module}()",
         *(f"; {line}" for line in (*head, *head_lines(cell, axes))),
-        f"; Speed and acceleration are {_PERCENT} % of each axis; run it first in T1, step by step.",
+        f"; Speed and acceleration are {percent} % of each axis; run it first in T1, step by step.",
         "; The program waits at every HALT; start it again when what stands above it is done.",
         ";FOLD INI",
         "GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()",
         "INTERRUPT ON 3",
         "BAS(#INITMOV,0)",
         ";ENDFOLD (INI)",
-        f"BAS(#VEL_PTP,{_PERCENT})",
-        f"BAS(#ACC_PTP,{_PERCENT})",
+        f"BAS(#VEL_PTP,{percent})",
+        f"BAS(#ACC_PTP,{percent})",
     ]
     for number, stop in enumerate(stops, start=1):
-        shown = np.where(robot.prismatic, stop.q * 1e3, np.degrees(stop.q))
-        target = ",".join(f"{axis} {_fixed(v)}" for axis, v in zip(axes, shown, strict=True))
         lines += ["", f"; {number} of {len(stops)}: pose {stop.name}"]
-        lines += [f"PTP {{{target}}}", f"WAIT SEC {_SETTLE:.1f}"]
+        lines += [f"; {stop.before}", "HALT"] if stop.before else []
+        for shown in np.where(robot.prismatic, stop.drives * 1e3, np.degrees(stop.drives)):
+            target = ",".join(f"{axis} {_fixed(v)}" for axis, v in zip(axes, shown, strict=True))
+            lines.append(f"PTP {{{target}}}")
+        lines.append(f"WAIT SEC {cell.pace.settle:.1f}")
         for task in stop.tasks:
             lines += [f"; {task}", "HALT"]
     notes = (f"the module is {module}: name its file {module}.src",) if module != name else ()

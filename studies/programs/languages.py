@@ -3,7 +3,7 @@
 from studies.programs.fanuc import fanuc
 from studies.programs.krl import krl
 from studies.programs.rapid import rapid
-from studies.programs.stops import Language, Program, Stop, plan_stops
+from studies.programs.stops import Language, Program, Stop, checked_lines, plan_stops
 from studies.programs.urscript import urscript
 
 LANGUAGES: dict[str, Language] = {
@@ -14,4 +14,4 @@ LANGUAGES: dict[str, Language] = {
 }
 """The function that writes a program, by the ending of its file."""
 
-__all__ = ["LANGUAGES", "Language", "Program", "Stop", "plan_stops"]
+__all__ = ["LANGUAGES", "Language", "Program", "Stop", "checked_lines", "plan_stops"]

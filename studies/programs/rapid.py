@@ -15,7 +15,6 @@ _LONGEST_NAME = 32  # characters of a RAPID identifier
 _ARM = 6  # axes of the robot; up to as many external ones
 _UNUSED = "9E9"  # of an external axis
 _SPEED = "v50"
-_SETTLE = 2.0  # s, before anything is measured
 _LONGEST_TEXT = 70  # characters of a line on the pendant; a string holds 80
 
 
@@ -43,17 +42,16 @@ def rapid(name: str, cell: Cell, stops: Sequence[Stop], head: Sequence[str]) -> 
         "  PROC main()",
     ]
     for number, stop in enumerate(stops, start=1):
-        shown = np.where(robot.prismatic, stop.q * 1e3, np.degrees(stop.q))
-        values = [f"{value + 0.0:.6f}" for value in shown]
-        values += [_UNUSED] * (2 * _ARM - len(values))
-        target = f"[[{','.join(values[:_ARM])}],[{','.join(values[_ARM:])}]]"
-        lines += [
-            f"    ! {number} of {len(stops)}: pose {stop.name}",
-            f"    MoveAbsJ {target}\\NoEOffs,{_SPEED},fine,tool0;",
-            f"    WaitTime \\InPos,{_SETTLE:g};",
-        ]
+        lines.append(f"    ! {number} of {len(stops)}: pose {stop.name}")
+        lines += _waits(stop.before) if stop.before else []
+        for shown in np.where(robot.prismatic, stop.drives * 1e3, np.degrees(stop.drives)):
+            values = [f"{value + 0.0:.6f}" for value in shown]
+            values += [_UNUSED] * (2 * _ARM - len(values))
+            target = f"[[{','.join(values[:_ARM])}],[{','.join(values[_ARM:])}]]"
+            lines.append(f"    MoveAbsJ {target}\\NoEOffs,{_SPEED},fine,tool0;")
+        lines.append(f"    WaitTime \\InPos,{cell.pace.settle:g};")
         for task in stop.tasks:
-            lines += [f"    ! {task}", f'    TPWrite "{_shown(task)}";', "    Stop;"]
+            lines += _waits(task)
     return Program("\n".join([*lines, "  ENDPROC", "ENDMODULE", ""]))
 
 
@@ -64,6 +62,11 @@ def identifier(text: str) -> str:
     'posecal_plan_2'
     """
     return ("posecal_" + re.sub(r"[^A-Za-z0-9_]", "_", text))[:_LONGEST_NAME]
+
+
+def _waits(task: str) -> list[str]:
+    """The program says what is to be done, and stops."""
+    return [f"    ! {task}", f'    TPWrite "{_shown(task)}";', "    Stop;"]
 
 
 def _shown(task: str) -> str:

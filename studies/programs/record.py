@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
 
+from studies.day import DayEntry, day_entry
+from studies.day import told as day_told
 from studies.document import Document, Section, Sentence, labelled
-from studies.record import Count, Record
+from studies.record import Count, Envelope, Record
+
+if TYPE_CHECKING:
+    from doe.day.day import Day
+    from studies.programs.stops import Program, Stop
 
 
 class ProgramRecord(Record):
@@ -13,6 +20,7 @@ class ProgramRecord(Record):
 
     program : the file; stops : one at each pose, or one free and one loaded
     unchecked : that poses are not checked for collisions, empty where they are
+    day : the ways between the poses, and the time; None in old results
     """
 
     command: Literal["program"] = "program"
@@ -21,6 +29,22 @@ class ProgramRecord(Record):
     stops: Count
     notes: tuple[str, ...]
     unchecked: str = ""
+    day: DayEntry | None = None
+
+
+def program_record(
+    day: Day, stops: Sequence[Stop], made: Program, path: str, unchecked: str, made_from: Envelope
+) -> ProgramRecord:
+    """The record of a program that was written to a path."""
+    return ProgramRecord(
+        **made_from,
+        program=path,
+        poses=tuple(stop.name for stop in stops),
+        stops=sum(len(stop.tasks) for stop in stops),
+        notes=made.notes,
+        unchecked=unchecked,
+        day=day_entry(day),
+    )
 
 
 def told(record: ProgramRecord) -> Document:
@@ -28,6 +52,7 @@ def told(record: ProgramRecord) -> Document:
     loaded = record.stops > len(record.poses)
     each = "free and loaded at each" if loaded else "one at each"
     stops = Sentence(f"{len(record.poses)} poses, {record.stops} stops to measure ({each})")
-    parts = (stops, *labelled("note", record.notes))
+    day = () if record.day is None else day_told(record.day)
+    parts = (stops, *day, *labelled("note", record.notes))
     unchecked = [Sentence(record.unchecked, "warn")] if record.unchecked else []
     return Document(tuple(unchecked), (Section("program", "A robot program of the plan", parts),))

@@ -9,9 +9,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib import Cell, Poses
+from calib import Cell
 from calib.arrays import Array
 from calib.errors import InputError
+from doe.day.day import Day
+from doe.day.ways import broken_at
 
 _OUTSIDE = 1e-4  # rad or m beyond a limit: rounding of the plan
 _LONGEST_NAME = 60  # characters of a pose shown in a program
@@ -24,11 +26,20 @@ class Stop:
     name : of the pose, safe in comments and strings
     q : ndarray, shape (n,), rad or m
     tasks : what is done there, one line for each time that the program waits
+    between : tuple of ndarray, shape (n,), rad or m, points on the way from the stop before
+    before : what the program waits for before it goes there, "" for nothing
     """
 
     name: str
     q: Array
     tasks: tuple[str, ...]
+    between: tuple[Array, ...] = ()
+    before: str = ""
+
+    @property
+    def drives(self) -> Array:
+        """The points to which the program drives in turn, shape (k + 1, n), the pose last."""
+        return np.array([*self.between, self.q])
 
 
 @dataclass(frozen=True)
@@ -43,16 +54,17 @@ Language: TypeAlias = Callable[[str, Cell, Sequence[Stop], Sequence[str]], Progr
 """(name of the file without its ending, cell, stops, lines for the head) -> Program."""
 
 
-def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
+def plan_stops(day: Day, source: str) -> list[Stop]:
     """The poses of a plan in their order, each measured free and, if the cell has a load, loaded.
 
     The load is hung and taken off at the pose: the arm never moves with it.
 
     source : the plan's file, for messages
 
-    Raises InputError for a pose beyond the joint limits, and for joints that mimic others: what a
-    controller drives in their place is its own.
+    Raises InputError for a pose beyond the joint limits, or where the arm meets something, and for
+    joints that mimic others: what a controller drives in their place is its own.
     """
+    cell, plan = day.cell, day.poses
     for mimic in cell.robot.mimics:
         raise InputError(
             cell.path,
@@ -69,19 +81,51 @@ def plan_stops(cell: Cell, plan: Poses, source: str) -> list[Stop]:
             "drive the arm by hand to the values of the plan",
         )
     stops = []
-    for name, q in zip(plan.names, plan.q, strict=True):
+    meets = broken_at(cell, plan.q)
+    arrivals = (None, *day.ways)
+    for name, q, met, way in zip(plan.names, plan.q, meets, arrivals, strict=True):
         shown = plain_text(name)
         _check_limits(cell, q, shown, source)
+        if met:
+            raise InputError(
+                source,
+                f"pose {shown}",
+                f"is where the arm does not keep clear: {met}",
+                "take the pose out, or correct shapes, obstacles and margin in the cell",
+            )
         tasks = [f"measure pose {shown}" + (" free of the load" if cell.load else "")]
         if cell.load is not None:
             mass = f"{cell.load.mass:g} kg"
             tasks.append(f"hang {mass}, wait until it is still, measure pose {shown}, take it off")
-        stops.append(Stop(shown, q, tuple(tasks)))
+        between = () if way is None else tuple(way.between)
+        before = "" if way is None or way.free else (
+            f"no way to pose {shown} is known: the straight one meets {way.meets}. Drive there by hand"
+        )  # fmt: skip
+        stops.append(Stop(shown, q, tuple(tasks), between, plain_text(before, len(before))))
     return stops
 
 
+def checked_lines(day: Day) -> list[str]:
+    """What is known of the ways between the poses."""
+    if not day.checked:
+        return ["The way from pose to pose is not checked for collisions: look at it first."]
+    margin = day.cell.design.margin
+    apart = f", with a margin of {1e3 * margin:g} mm to floor and obstacles" if margin else ""
+    around = sum(len(way.points) > 2 for way in day.ways)
+    lines = [
+        f"Ways from pose to pose, checked for {', '.join(day.checked)}{apart}: {day.direct} straight, "
+        f"{around} over points between, {len(day.blocked)} not known.",
+        "Checked are straight motions of all joints together, by the capsules of arm and tool, without "
+        "cables and load. The way to the first pose is not checked.",
+    ]
+    followed = sorted({way.follows for way in day.ways} - {""})
+    if followed:
+        lines.append(f"On each way one marker stays in sight: {', '.join(followed)}.")
+    return [plain_text(line, len(line)) for line in lines]
+
+
 def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:
-    """What a program takes for granted, to be checked by whoever runs it.
+    """What a program takes for granted, to be checked by whoever runs it; all but the ways.
 
     axes : the controller's name of each joint
     """
@@ -92,7 +136,6 @@ def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:
         f"Axes: {pairs}",
         f"Taken from the {cell.robot.source} and to be checked: zero positions and senses of "
         "rotation of all axes.",
-        "The way from pose to pose is not checked for collisions: look at it first.",
         "Tool and load data of the controller are not set here: select them first.",
         "Record the joint values that the controller reads at each pose; they go into the data.",
     ]

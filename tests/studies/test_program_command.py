@@ -16,6 +16,10 @@ import calib
 from calib.arm.robot import Source
 from calib.errors import InputError
 from calib.poses import poses_at
+from doe.constraints import constraints_of
+from doe.constraints.clearance import Clearance
+from doe.day.day import day_of
+from doe.day.straight import straight
 from studies.cli import main
 from studies.programs.krl import axis_names, identifier
 from studies.programs.languages import LANGUAGES, Stop, plan_stops
@@ -142,7 +146,7 @@ def test_a_name_cannot_become_code(folder: Path, ending: str, name: str) -> None
     plan = calib.load_plan(cell, folder / "plan.csv")
     evil = replace(plan, names=(name, *plan.names[1:]))
     plain, other = (
-        LANGUAGES[ending]("p", cell, plan_stops(cell, poses, "plan.csv"), ()).text
+        LANGUAGES[ending]("p", cell, plan_stops(day_of(cell, poses), "plan.csv"), ()).text
         for poses in (plan, evil)
     )
     assert other != plain
@@ -217,8 +221,105 @@ def test_a_cell_with_mjcf_is_told_of_its_mjcf() -> None:
         assert "Taken from the MJCF and to be checked: zero positions" in text
         assert "URDF" not in text
     with pytest.raises(InputError, match="limits in MJCF and cell"):
-        plan_stops(cell, poses_at(np.full((1, 6), 100.0)), "plan.csv")
+        plan_stops(day_of(cell, poses_at(np.full((1, 6), 100.0))), "plan.csv")
     chain = replace(random_robot(np.random.default_rng(0), 13), source=Source("mjcf"))
     many = replace(cell, robot=chain)
     with pytest.raises(InputError, match="let the MJCF's names end so"):
         axis_names(many)
+
+
+BALL_BETWEEN = """
+[design]
+obstacle = [{ type = "sphere", center_mm = [2400, 0, 700], radius_mm = 250 }]
+[robot.capsules_mm]
+A3 = [{ from = [0, 0, 0], to = [1200, 0, 0], radius = 60 }]
+[robot.speed_deg_s]
+A1 = 100
+A2 = 100
+A3 = 100
+A4 = 100
+A5 = 100
+A6 = 100
+"""
+BESIDE = (
+    "pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\nleft,{0},-1,0,0,0,0\nright,{1},-1,0,0,0,0\n"
+)
+
+
+@pytest.fixture
+def obstructed(folder: Path) -> Path:
+    """The arm stretched forward on both sides of a ball."""
+    cell = folder / "cell.toml"
+    text = re.sub(r"\[design\].*?(?=\n# \[diagnosis\])", "", cell.read_text(), flags=re.S)
+    text = re.sub(r"\[load\].*?(?=\n\n)", "", text, flags=re.S)
+    cell.write_text(text + BALL_BETWEEN)
+    (folder / "beside.csv").write_text(BESIDE.format(-40, 40))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("ending", "read"),
+    [
+        (".src", krl_targets),
+        (".script", urscript_targets),
+        (".mod", rapid_targets),
+        (".ls", fanuc_targets),
+    ],
+)
+def test_a_program_leads_round_what_is_met(obstructed: Path, ending: str, read) -> None:  # type: ignore[no-untyped-def]
+    """The points that are driven to are proved free, and are those of the record."""
+    made = obstructed / f"p{ending}"
+    done = run(
+        obstructed / "cell.toml",
+        obstructed / "beside.csv",
+        "-o",
+        made,
+        "--json",
+        obstructed / "p.json",
+    )
+    assert done.exit_code == 0, done.output
+    assert "1 of 1 between poses are free: 0 straight, 1 over points between" in done.output
+    text, fields = made.read_text(), json.loads((obstructed / "p.json").read_text())
+    points = np.array(read(text))
+    assert len(points) > 2
+    cell = calib.load_cell(obstructed / "cell.toml")
+    kept = [own for own in constraints_of(cell) if isinstance(own, Clearance)]
+    assert straight(cell, kept, points[:-1], points[1:]).free.all()
+    assert not straight(cell, kept, points[:1], points[-1:]).free[0]
+    (other,) = fields["day"]["others"]
+    assert other["meets"] == "obstacle 1 (sphere)"
+    between = [list(p["joints_deg"].values()) for p in other["points"]]
+    np.testing.assert_allclose(np.degrees(points[1:-1]), between, atol=1e-5)
+    waits = len(re.findall(r"^HALT$|^  popup\(|^    Stop;$|^ *\d+:  PAUSE ;$", text, flags=re.M))
+    assert waits == fields["stops"] == 2
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("ending", LANGUAGES)
+def test_a_program_waits_where_no_way_is_known(obstructed: Path, ending: str) -> None:
+    """A wall that no arm passes: the program stops before the pose behind it."""
+    cell = obstructed / "cell.toml"
+    wall = '{ type = "box", center_mm = [0, 0, 1000], size_mm = [8000, 20, 8000] }'
+    cell.write_text(re.sub(r"obstacle = \[.*\]", f"obstacle = [{wall}]", cell.read_text()))
+    made = obstructed / f"p{ending}"
+    done = run(cell, obstructed / "beside.csv", "-o", made)
+    assert done.exit_code == 0, done.output
+    assert "no way was found from left to right: the straight one meets obstacle" in " ".join(
+        done.output.split()
+    )
+    text = made.read_text()
+    waits = len(re.findall(r"^HALT$|^  popup\(|^    Stop;$|^ *\d+:  PAUSE ;$", text, flags=re.M))
+    assert waits == 3
+    text = re.sub(r" ;\n *\d+:  !", " ", text)
+    assert "no way to pose right is known: the straight one meets obstacle" in text
+
+
+def test_a_start_in_collision_is_one_line(obstructed: Path) -> None:
+    (obstructed / "beside.csv").write_text(BESIDE.format(0, 40))
+    done = run(obstructed / "cell.toml", obstructed / "beside.csv", "-o", obstructed / "p.src")
+    assert done.exit_code != 0
+    cell = calib.load_cell(obstructed / "cell.toml")
+    day = day_of(cell, calib.load_plan(cell, obstructed / "beside.csv"))
+    with pytest.raises(InputError, match="pose left: is where the arm does not keep clear: obst"):
+        plan_stops(day, "beside.csv")
+    assert not (obstructed / "p.src").exists()

@@ -283,7 +283,7 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
             _text(told_of_poses(enough_record(e, 0, "targets.csv", made)))
             for e in (reached, beyond)
         ]
-        corrected = compensate_record(cell.robot, commands, made)
+        corrected = compensate_record(cell, commands, made)
         texts.append(_text(told_of_commands(corrected)))
     stops = "you may stop" in texts[0].lower()
     return [

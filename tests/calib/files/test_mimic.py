@@ -169,7 +169,7 @@ def test_a_plan_keeps_to_it_and_tells_the_master(
     (tmp_path / "plan.csv").write_text(text)
     np.testing.assert_allclose(load_plan(here, tmp_path / "plan.csv").q, plan.poses.q, atol=1e-9)
     with pytest.raises(InputError, match="joint a: mimics lift, and no language here"):
-        plan_stops(here, plan.poses, "plan.csv")
+        plan_stops(plan.day, "plan.csv")
     lead = robot.joints[0]
     with pytest.raises(CalibError, match=f"levels of b: it moves with {lead}; give levels of"):
         doe.design(here, levels="b=2x3", candidates=100)

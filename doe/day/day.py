@@ -1,0 +1,87 @@
+"""A day of measurement: the poses of a plan in their order, the ways between them, and the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+from calib.cell import Cell
+from calib.poses import Poses
+from doe.day.duration import durations, paced
+from doe.day.order import bound_of, shortest_order
+from doe.day.ways import Way, checked_in, times_between, ways_along
+
+_AVOIDED = 10.0  # times the longest way: a way that nobody knows
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """What a plan takes.
+
+    cell : Cell; poses : Poses, m of them in their order; ways : tuple of Way, m - 1
+    checked : tuple of str, what the ways are checked for
+    """
+
+    cell: Cell
+    poses: Poses
+    ways: tuple[Way, ...]
+    checked: tuple[str, ...]
+
+    @property
+    def direct(self) -> int:
+        """Ways that are straight and free."""
+        return sum(not way.meets for way in self.ways)
+
+    @property
+    def blocked(self) -> tuple[int, ...]:
+        """Numbers of the ways on which something is met, as no way round was found."""
+        return tuple(i for i, way in enumerate(self.ways) if not way.free)
+
+    @property
+    def speedless(self) -> tuple[str, ...]:
+        """Joints of which no speed is known."""
+        robot = self.cell.robot
+        given = np.full(robot.dof, np.nan) if robot.speeds is None else robot.speeds
+        return tuple(j for j, v in zip(robot.joints, given, strict=True) if np.isnan(v))
+
+    @property
+    def moving(self) -> float:
+        """Seconds on the way, NaN where not all speeds are known."""
+        return sum(way.seconds for way in self.ways) if paced(self.cell) else float("nan")
+
+    @property
+    def standing(self) -> float:
+        """Seconds at the poses: settling, reading, and hanging the load and taking it off."""
+        pace, loaded = self.cell.pace, self.cell.load is not None
+        each = pace.settle + pace.reading * (1 + loaded) + 2.0 * pace.load * loaded
+        return len(self.poses) * each
+
+    @property
+    def seconds(self) -> float:
+        """The whole day, from the first pose on; NaN where not all speeds are known."""
+        return self.moving + self.standing
+
+    @cached_property
+    def least_moving(self) -> float:
+        """No order of these poses, by whatever ways, takes less on the way; NaN as above."""
+        q = self.poses.q
+        seconds = durations(self.cell, q[:, None] - q)
+        return min(bound_of(seconds, float(np.diagonal(seconds, 1).sum())), self.moving)
+
+
+def day_of(cell: Cell, poses: Poses, around: bool = True) -> Day:
+    """The day of poses in their order.
+
+    around : whether a way round is looked for where the straight one meets something
+    """
+    return Day(cell, poses, ways_along(cell, poses.q, around), checked_in(cell).names)
+
+
+def quickest_order(cell: Cell, q: Array) -> IntArray:
+    """The order of poses (m, dof) in which little time is spent between them; it ends anywhere."""
+    seconds = times_between(cell, q)
+    known = seconds[np.isfinite(seconds)].max(initial=1.0)
+    return shortest_order(np.where(np.isfinite(seconds), seconds, _AVOIDED * known))

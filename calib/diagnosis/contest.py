@@ -105,13 +105,12 @@ def contest(
     before = stage.fit(()) if before is None else before
     fit = stage.fit([c.effect for c in active], before) if active else before
     view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    asked, proved = lineup.asked, dict(proved or {})
-    state = Round(stage, tuple(active), view, asked, proved, not stage.robust)
+    state = Round(stage, tuple(active), view, True, lineup.asked, dict(proved or {}))
     fresh, grown = True, 0
     tried = {frozenset(c.key for c in active)}
     for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
         found = next_selection(state)
-        if found == state.active and (fresh or stage.robust):
+        if found == state.active and fresh:
             return Outcome(before, fit, found, view, lineup, state.proved)
         fresh = found == state.active
         found = _numbered(found)
@@ -126,7 +125,7 @@ def contest(
         fresh = fresh or grown >= _SCANNED_ANEW
         grown = 0 if fresh else grown
         view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
-        state = replace(state, active=found, view=view, thorough=fresh and not stage.robust)
+        state = replace(state, active=found, view=view, fresh=fresh)
     return Outcome(before, fit, state.active, view, lineup, state.proved)
 
 

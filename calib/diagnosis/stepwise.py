@@ -41,19 +41,18 @@ class Round:
     """Where a contest stands.
 
     active : what is in; view : all suspects from the fit with it
+    fresh : whether all tunings were tried, not those of a short list alone
     proved : dict, key of a member -> gain with which it last defended its place against all
     left : set, keys of those that went, which must do better to come back
-    thorough : whether variances are found anew with each suspect that leads where nothing else enters:
-        once all tunings were tried, and where poses that stand out do not merely count less
     new : set, keys of members that nobody has challenged yet
     """
 
     stage: Stage
     active: tuple[Candidate, ...]
     view: FitView
+    fresh: bool
     asked: int
     proved: dict[str, float]
-    thorough: bool
     left: set[str] = field(default_factory=set)
     new: set[str] = field(default_factory=set)
 
@@ -167,7 +166,7 @@ def _newcomers(state: Round) -> list[Candidate]:
     eligible = _eligible(state.active, view)
     scores = linear_scores(view.complement, view, eligible)
     chosen = _entering(state, scores, eligible)
-    if not chosen and state.thorough and view.fit.mixing is not None:
+    if not chosen and state.fresh and view.fit.mixing is not None:
         scores = _anew(state, scores, eligible)
         chosen = _entering(state, scores, eligible) or _pair(state)
     state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})

@@ -31,6 +31,7 @@ from doe.problem.target_errors import TargetErrors
 _PART = 0.5  # of what the model seems to lack, that must be more than chance
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
+_NOTHING = 1e-12  # share of an error that rounding may take for none
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,4 +297,5 @@ class Accuracy:
     def values(self, known: Information, S: Array) -> Array:
         """The larger the better, shape (..., 1)."""
         del known
-        return np.asarray(-0.5 * np.log(self.square - np.trace(S, axis1=-2, axis2=-1)))[..., None]
+        left = self.square - np.trace(S, axis1=-2, axis2=-1)
+        return -0.5 * np.log(np.maximum(left, _NOTHING * self.square))[..., None]

@@ -49,6 +49,7 @@ SURE = 0.95
 _DRAWS = 64
 _FINEST, _LARGEST = 1e-2, 1e10  # noncentralities between which the one that is needed is sought
 _HALVINGS = 40
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,11 @@ class Information:
     def tried(self, rows: Array) -> Array:
         """S with one of m further blocks (m, r, n + K) each, shape (m, K, K)."""
         along, D = self.left(rows)
-        V = along @ np.swapaxes(along, -1, -2) + np.eye(along.shape[-2])
+        V = along @ np.swapaxes(along, -1, -2)
+        largest = np.trace(V, axis1=-2, axis2=-1)[..., None, None]
+        V += np.eye(V.shape[-1]) * (
+            1.0 + _ROUNDING * largest
+        )  # beside which rounding loses the one
         return np.asarray(self.S + np.swapaxes(D, -1, -2) @ np.linalg.solve(V, D))
 
     def added(self, rows: Array) -> Information:

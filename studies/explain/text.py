@@ -121,7 +121,7 @@ _WORDS = {
 
 TABLES = (
     "robot", "markers_mm", "instrument", "instruments", "bodies", "boards", "known_distances",
-    "gravity", "payload", "load", "design", "day", "diagnosis", "model", "acceptance",
+    "gravity", "payload", "load", "design", "timing", "diagnosis", "model", "acceptance",
 )  # fmt: skip
 
 

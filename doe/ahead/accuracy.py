@@ -297,5 +297,6 @@ class Accuracy:
     def values(self, known: Information, S: Array) -> Array:
         """The larger the better, shape (..., 1)."""
         del known
-        left = self.square - np.trace(S, axis1=-2, axis2=-1)
-        return -0.5 * np.log(np.maximum(left, _NOTHING * self.square))[..., None]
+        left: Array = self.square - np.trace(S, axis1=-2, axis2=-1)
+        least = max(_NOTHING * self.square, 1e-300)  # a model may move no target at all
+        return np.asarray(-0.5 * np.log(np.maximum(left, least)))[..., None]

@@ -10,7 +10,7 @@ from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
-from doe.day.day import Day
+from doe.day.day import PlannedDay
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
@@ -142,7 +142,7 @@ class Design(Result):
     seconds : dict, part -> time
     reference : Reference or None
     reapproaches : Reapproaches or None
-    day : Day, the ways between the poses and the time that it takes
+    day : PlannedDay, the ways between the poses and the time that it takes
     """
 
     problem: Problem
@@ -152,7 +152,7 @@ class Design(Result):
     certificate: Certificate
     candidates: Candidates
     landscape: Landscape
-    day: Day
+    day: PlannedDay
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()

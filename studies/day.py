@@ -10,7 +10,7 @@ from studies.entries import JointValues, shown_joints
 from studies.record import Count, Entry, Maybe, NotNegative
 
 if TYPE_CHECKING:
-    from doe.day.day import Day
+    from doe.day.day import PlannedDay
 
 _MINUTE = 60.0
 
@@ -56,7 +56,7 @@ class DayEntry(Entry):
     speedless: tuple[str, ...] = ()
 
 
-def day_entry(day: Day) -> DayEntry:
+def day_entry(day: PlannedDay) -> DayEntry:
     """The entry of a day."""
     cell, names = day.cell, day.poses.names
     others = [

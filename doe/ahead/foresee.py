@@ -52,7 +52,7 @@ class PowerAnalysis(Result):
     forecast : Forecast, of the model and all suspects, in which the plan is known; points of its data
         are predictions
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
-    detection : Detection, of the suspects, by name; missing : tuple of NotAsked
+    detection : CauseDetection, of the suspects, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
     kept : ndarray of int, columns of what is modelled; lost : what the plan leaves open
     moved : ndarray, shape (columns,), m per SI unit, RMS displacement of the markers
@@ -66,7 +66,7 @@ class PowerAnalysis(Result):
     assumed: bool
     forecast: Forecast
     waiting: Mask
-    detection: Detection
+    detection: CauseDetection
     missing: tuple[NotAsked, ...]
     asked: int
     kept: IntArray
@@ -156,7 +156,7 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
     choice = choose_directions(own, values)
     asked, rows = len(everything), forecast.known.independent[1]
-    detection = Detection.of(full, rows, choice.kept, suspects, asked)
+    detection = CauseDetection.of(full, rows, choice.kept, suspects, asked)
     _, J = full.jacobian(start, data.poses)
     added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
     moved = np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0))
@@ -167,7 +167,7 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
 
 
 @dataclass(frozen=True, eq=False)
-class Detection:
+class CauseDetection:
     """The question which causes are found beside all that is modelled, from which size on.
 
     causes : tuple of Candidate; columns : tuple of ndarray of int, of each in the field
@@ -182,7 +182,7 @@ class Detection:
     @classmethod
     def of(
         cls, model: Model, rows: Array, kept: IntArray, causes: Sequence[Candidate], asked: int
-    ) -> Detection:
+    ) -> CauseDetection:
         """From independent rows (N, p) of all parameters.
 
         kept : ndarray of int, of what is modelled; asked : int, all causes that will be

@@ -22,7 +22,7 @@ from calib.model.covariance import identifiable
 from calib.threads import one_blas_thread
 from doe.ahead.coming import TipLoad
 from doe.ahead.forecast import Forecast
-from doe.ahead.foresee import Detection, PowerAnalysis
+from doe.ahead.foresee import CauseDetection, PowerAnalysis
 
 _HEAVIER = 2.0
 _ASIDE = 0.1  # of the arm's reach: how far a load moves to the side
@@ -232,7 +232,7 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Remedy, ...], ...]:
         kept = identifiable(both[:, modelled], changed.model.sizes[modelled], ids).kept
         for k, group in enumerate(groups):
             members = [found.seen[i].candidate for i in group]
-            own = Detection.of(changed.model, both, modelled[kept], members, found.asked)
+            own = CauseDetection.of(changed.model, both, modelled[kept], members, found.asked)
             seen = all(limit.directions for limit in own.limits)
             yield k, float(seen and own.told_apart()[1].max() < _WORTH)
 

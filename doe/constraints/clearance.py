@@ -20,7 +20,7 @@ from doe.constraints.scene import Constraint, Scene, named_capsules
 
 
 @dataclass(frozen=True, eq=False)
-class Levers:
+class JointLevers:
     """The farthest that any point of a shape can be from each joint's axis; one for joints that slide.
 
     capsules : ndarray, shape (C, dof), m a rad or 1, in the order of ``Scene.capsules``
@@ -43,7 +43,7 @@ class Levers:
         return np.where(here & ~there, one, 0.0) + np.where(there & ~here, other, 0.0)
 
 
-def levers_of(cell: Cell, travel: Array) -> Levers:
+def levers_of(cell: Cell, travel: Array) -> JointLevers:
     """Levers that hold wherever no joint is farther from zero than ``travel``, (dof,), rad or m."""
     shapes = [
         _lever(cell, body, np.array([own.start, own.end]), own.radius, travel)
@@ -54,7 +54,7 @@ def levers_of(cell: Cell, travel: Array) -> Levers:
         for marker, tip in zip(cell.markers, cell.marker_frames.tolist(), strict=True)
     ]
     blank, moved = np.zeros((0, cell.robot.dof)), cell.robot.carries[1 : cell.robot.dof + 1].T
-    return Levers(np.array(shapes or blank), np.array(points or blank), moved)
+    return JointLevers(np.array(shapes or blank), np.array(points or blank), moved)
 
 
 def _lever(cell: Cell, body: int, points: Array, radius: float, travel: Array) -> Array:
@@ -87,7 +87,7 @@ class Lasting(Constraint):
     """A constraint that knows for how much of a straight motion it goes on to hold."""
 
     @abstractmethod
-    def lasts(self, scene: Scene, rates: Array, levers: Levers) -> Array:
+    def lasts(self, scene: Scene, rates: Array, levers: JointLevers) -> Array:
         """The time before and after for which it surely holds, shape (n,); zero where it does not.
 
         The whole motion takes one unit of time; half of it is what is asked for at most.
@@ -104,10 +104,10 @@ class Clearance(Lasting):
         """Distances beyond what is to be kept, shape (n, K), m; none is above zero where they meet."""
 
     @abstractmethod
-    def slopes(self, levers: Levers) -> Array:
+    def slopes(self, levers: JointLevers) -> Array:
         """The most that each gap changes with each joint, shape (K, dof)."""
 
-    def lasts(self, scene: Scene, rates: Array, levers: Levers) -> Array:
+    def lasts(self, scene: Scene, rates: Array, levers: JointLevers) -> Array:
         each = lasting(self.gaps(scene), rates @ self.slopes(levers).T)
         return np.asarray(each.min(axis=1, initial=np.inf))
 

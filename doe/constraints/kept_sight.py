@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.instruments import Tracker
-from doe.constraints.clearance import Lasting, Levers, lasting
+from doe.constraints.clearance import JointLevers, Lasting, lasting
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import obstacles_of
 from doe.constraints.scene import Scene, turned
@@ -35,10 +35,10 @@ class KeptSight(Lasting):
     def allows(self, scene: Scene) -> Mask:
         return visible(scene)[:, self.channel]
 
-    def lasts(self, scene: Scene, rates: Array, levers: Levers) -> Array:
+    def lasts(self, scene: Scene, rates: Array, levers: JointLevers) -> Array:
         return np.asarray(np.min(list(self._lasting(scene, rates, levers)), axis=0))
 
-    def _lasting(self, scene: Scene, rates: Array, levers: Levers) -> Iterator[Array]:
+    def _lasting(self, scene: Scene, rates: Array, levers: JointLevers) -> Iterator[Array]:
         """For how long nothing hides the marker, thing by thing, each (n,)."""
         at, own = scene.markers[:, self.marker], levers.markers[self.marker]
         frame = int(scene.cell.marker_frames[self.marker])

@@ -13,7 +13,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.cell.planned import Ball, Body, Box, HalfSpace
-from doe.constraints.clearance import Clearance, Levers, placed
+from doe.constraints.clearance import Clearance, JointLevers, placed
 from doe.constraints.distances import (
     point_box,
     point_segment,
@@ -79,7 +79,7 @@ class Obstacle(Clearance):
         start, end, radii = placed(scene, self.moving)
         return self.from_segment(start, end) - radii - self.margin
 
-    def slopes(self, levers: Levers) -> Array:
+    def slopes(self, levers: JointLevers) -> Array:
         return levers.capsules[list(self.moving)]
 
 
@@ -128,7 +128,7 @@ class Floor(Clearance):
         lowest = np.minimum(start[..., 2], end[..., 2]) - radii
         return np.concatenate([lowest, scene.markers[..., 2]], axis=1) - self.height - self.margin
 
-    def slopes(self, levers: Levers) -> Array:
+    def slopes(self, levers: JointLevers) -> Array:
         return np.concatenate([levers.capsules[list(self.checked)], levers.markers])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from doe.constraints.clearance import Clearance, Levers, placed
+from doe.constraints.clearance import Clearance, JointLevers, placed
 from doe.constraints.distances import segment_segment
 from doe.constraints.scene import (
     PlacedCapsule,
@@ -56,7 +56,7 @@ class SelfCollision(Clearance):
         apart = segment_segment(inner[0], inner[1], outer[0], outer[1])
         return np.asarray(apart - inner[2] - outer[2])
 
-    def slopes(self, levers: Levers) -> Array:
+    def slopes(self, levers: JointLevers) -> Array:
         shapes, bodies = levers.capsules, self.bodies
         own = [levers.between(shapes[i], bodies[i], shapes[j], bodies[j]) for i, j in self.pairs]
         return np.array(own).reshape(-1, levers.capsules.shape[1])

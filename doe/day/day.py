@@ -12,22 +12,22 @@ from calib.cell import Cell
 from calib.poses import Poses
 from doe.day.duration import durations, paced
 from doe.day.order import bound_of, shortest_order
-from doe.day.ways import Way, checked_in, times_between, ways_along
+from doe.day.ways import JointPath, checked_in, times_between, ways_along
 
 _AVOIDED = 10.0  # times the longest way: a way that nobody knows
 
 
 @dataclass(frozen=True, eq=False)
-class Day:
+class PlannedDay:
     """What a plan takes.
 
-    cell : Cell; poses : Poses, m of them in their order; ways : tuple of Way, m - 1
+    cell : Cell; poses : Poses, m of them in their order; ways : tuple of JointPath, m - 1
     checked : tuple of str, what the ways are checked for
     """
 
     cell: Cell
     poses: Poses
-    ways: tuple[Way, ...]
+    ways: tuple[JointPath, ...]
     checked: tuple[str, ...]
 
     @property
@@ -72,12 +72,12 @@ class Day:
         return min(bound_of(seconds, float(np.diagonal(seconds, 1).sum())), self.moving)
 
 
-def day_of(cell: Cell, poses: Poses, around: bool = True) -> Day:
+def day_of(cell: Cell, poses: Poses, around: bool = True) -> PlannedDay:
     """The day of poses in their order.
 
     around : whether a way round is looked for where the straight one meets something
     """
-    return Day(cell, poses, ways_along(cell, poses.q, around), checked_in(cell).names)
+    return PlannedDay(cell, poses, ways_along(cell, poses.q, around), checked_in(cell).names)
 
 
 def quickest_order(cell: Cell, q: Array) -> IntArray:

@@ -19,7 +19,7 @@ _NEAR = 40  # poses of each to which the straight way is tried
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class JointPath:
     """The way from one pose to another.
 
     points : ndarray, shape (k, dof), rad or m, between which the joints move straight, both poses among
@@ -96,7 +96,7 @@ def times_between(cell: Cell, q: Array) -> Array:
     return np.asarray(dijkstra(graph, directed=False))
 
 
-def ways_along(cell: Cell, q: Array, around: bool = True) -> tuple[Way, ...]:
+def ways_along(cell: Cell, q: Array, around: bool = True) -> tuple[JointPath, ...]:
     """The n - 1 ways from each of n poses (n, dof) to the next.
 
     around : whether a way round is looked for where the straight one meets something
@@ -120,7 +120,7 @@ def ways_along(cell: Cell, q: Array, around: bool = True) -> tuple[Way, ...]:
         follows[k] if follows and known else "" for k, known in zip(chosen, sure, strict=True)
     ]
     return tuple(
-        Way(own, meets[i], bool(sure[i]), followed[i], _seconds(cell, own))
+        JointPath(own, meets[i], bool(sure[i]), followed[i], _seconds(cell, own))
         for i, own in enumerate(points)
     )
 

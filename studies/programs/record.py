@@ -11,7 +11,7 @@ from studies.document import Document, Section, Sentence, labelled
 from studies.record import Count, Envelope, Record
 
 if TYPE_CHECKING:
-    from doe.day.day import Day
+    from doe.day.day import PlannedDay
     from studies.programs.stops import Program, Stop
 
 
@@ -33,7 +33,12 @@ class ProgramRecord(Record):
 
 
 def program_record(
-    day: Day, stops: Sequence[Stop], made: Program, path: str, unchecked: str, made_from: Envelope
+    day: PlannedDay,
+    stops: Sequence[Stop],
+    made: Program,
+    path: str,
+    unchecked: str,
+    made_from: Envelope,
 ) -> ProgramRecord:
     """The record of a program that was written to a path."""
     return ProgramRecord(

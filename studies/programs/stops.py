@@ -12,7 +12,7 @@ import numpy as np
 from calib import Cell
 from calib.arrays import Array
 from calib.errors import InputError
-from doe.day.day import Day
+from doe.day.day import PlannedDay
 from doe.day.ways import broken_at
 
 _OUTSIDE = 1e-4  # rad or m beyond a limit: rounding of the plan
@@ -54,7 +54,7 @@ Language: TypeAlias = Callable[[str, Cell, Sequence[Stop], Sequence[str]], Progr
 """(name of the file without its ending, cell, stops, lines for the head) -> Program."""
 
 
-def plan_stops(day: Day, source: str) -> list[Stop]:
+def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
     """The poses of a plan in their order, each measured free and, if the cell has a load, loaded.
 
     The load is hung and taken off at the pose: the arm never moves with it.
@@ -105,7 +105,7 @@ def plan_stops(day: Day, source: str) -> list[Stop]:
     return stops
 
 
-def checked_lines(day: Day) -> list[str]:
+def checked_lines(day: PlannedDay) -> list[str]:
     """What is known of the ways between the poses."""
     if not day.checked:
         return ["The way from pose to pose is not checked for collisions: look at it first."]

@@ -24,7 +24,7 @@ from calib.poses import poses_at
 from doe.constraints import constraints_of, scene_of, visible
 from doe.constraints.scene import BASE, named_capsules
 from doe.constraints.self_collision import SelfCollision
-from doe.day.day import Day, day_of, quickest_order
+from doe.day.day import PlannedDay, day_of, quickest_order
 from doe.day.duration import durations
 from studies.demo.embedded import embedded_text
 from studies.research.bench import Output, Row, bench, cell_from, each, several, table
@@ -191,7 +191,7 @@ def _nearest(cell: Cell, q: Array) -> list[int]:
     return way
 
 
-def _contacts(cell: Cell, found: Day) -> Iterator[int]:
+def _contacts(cell: Cell, found: PlannedDay) -> Iterator[int]:
     """Of each proved way, how many of MuJoCo's looks every half degree, or 5 mm, find a contact."""
     import mujoco
 

@@ -130,8 +130,16 @@ def readings(cell: Cell, plan: Poses) -> Poses:
         return plan
     both = hung(plan.take(np.tile(np.arange(len(plan)), 2)), 1.0, cell.load.com)
     names = [f"{n}_free" for n in plan.names] + [f"{n}_loaded" for n in plan.names]
-    mass = np.repeat([0.0, cell.load.mass], len(plan))
-    return replace(both, names=tuple(names), load_mass=mass)
+    loaded = np.repeat([0.0, 1.0], len(plan))
+    return replace(
+        both,
+        names=tuple(names),
+        load_mass=loaded * cell.load.mass,
+        time=None
+        if both.time is None
+        else both.time + loaded * (cell.pace.reading + cell.pace.load),
+        order=None if both.order is None else 2.0 * both.order + loaded,
+    )
 
 
 def in_turn(cell: Cell, plan: Poses) -> Poses:

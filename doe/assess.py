@@ -11,6 +11,7 @@ from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
+from doe.problem.visits import Visits
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 
@@ -47,20 +48,20 @@ class Assessment:
     common: float = 0.0
 
 
-def assess(problem: Problem, q: Array) -> Assessment:
-    """Judge the poses q, shape (N, dof), together with those that are measured in any case."""
-    blocks = problem.information(q)
+def assess(problem: Problem, visits: Visits) -> Assessment:
+    """Judge the visits of a plan together with those that are measured in any case."""
+    blocks = problem.information(visits)
     M = problem.fixed + blocks.sum(axis=0)
     units = np.array([p.scale for p in problem.model.parameters])
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    each = problem.crossed(q)
+    each = problem.crossed(visits)
     crossed = problem.crossed_fixed + each.sum(axis=0)
     common = _common(problem, M, crossed)
     squared = _squared_errors(problem, M) + common
     by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
-    scene = scene_of(problem.cell, q)
+    scene = scene_of(problem.cell, visits.q)
     seen, asked = visible(scene), read_by(scene)
     criterion, weights = problem.criterion, problem.at_targets.weights
     return Assessment(
@@ -71,14 +72,14 @@ def assess(problem: Problem, q: Array) -> Assessment:
         at_targets=np.sqrt(squared),
         task_rms=_task(problem, M, crossed),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
-        observability=observability(problem, M, len(q)),
+        observability=observability(problem, M, len(visits)),
         without_pose=np.array(
             [
                 _task(problem, M - block, crossed - own)
                 for block, own in zip(blocks, each, strict=True)
             ]
         ),
-        without_marker=_without_markers(problem, q, seen, common),
+        without_marker=_without_markers(problem, visits, seen, common),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
         common=float(np.sqrt(weights @ common)),
@@ -139,7 +140,9 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     }
 
 
-def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> dict[str, float]:
+def _without_markers(
+    problem: Problem, visits: Visits, seen: Mask, common: Array
+) -> dict[str, float]:
     """Task RMS with all but one marker, m; the lost marker's position is no unknown then.
 
     common : ndarray, shape (K,), m^2, what all markers err by together: no marker less changes it much
@@ -153,7 +156,7 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
         kept = np.delete(np.arange(len(model.marker_names)), lost)
         mask = seen.copy()
         mask[:, lost] = False
-        M = problem.fixed + problem.regressor.information(q, mask).sum(axis=0)
+        M = problem.fixed + problem.regressor.information(visits, mask).sum(axis=0)
         own = np.zeros(len(T), dtype=bool)
         for effect, part in zip(model.effects, model.slices, strict=True):
             own[part] = isinstance(effect, Tool) and effect.marker == lost

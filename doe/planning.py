@@ -22,16 +22,18 @@ from doe.curve import accuracy_curve
 from doe.day.day import day_of, quickest_order
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
-from doe.plan import Candidates, Certificate, Design, Rival, named
+from doe.plan import Candidates, Certificate, Design, Rival, pose_names
 from doe.problem import Problem, problem_of
+from doe.problem.choice import choice_of
 from doe.problem.levels import at_level, levels_of, parse_levels
-from doe.problem.pool import Pool, chunked, drawn, pool_of
+from doe.problem.pool import Pool, chunked, drawn, listed, pool_of
 from doe.problem.request import (
     CANDIDATES,
     CannotIdentify,
     Request,
     no_candidate,
 )
+from doe.problem.visits import Visits
 from doe.solve import (
     Progress,
     check_count,
@@ -133,7 +135,8 @@ def design(
     if prove:
         _check_provable(request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
-    if again is None and not (prove or request.reference_every or all_chosen):
+    timed = choice_of(cell, request).timed
+    if again is None and not (prove or request.reference_every or all_chosen or timed):
         found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
@@ -231,12 +234,13 @@ def _designed(
     final, found, certificate = finish(problem, pool, chosen, progress)
     landscape, live = landscape_of(problem, final, found)
     poses, reference, again, certificate = _visited(problem, final, found, certificate)
-    q = poses.q
+    day = day_of(cell, poses)
+    poses = day.timed
     result = Design(
         problem=problem,
         poses=poses,
         levels=levels,
-        assessment=assess(problem, q),
+        assessment=assess(problem, Visits.of(poses)),
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
         landscape=landscape,
@@ -245,7 +249,7 @@ def _designed(
         seconds=progress.laps,
         reference=reference,
         reapproaches=again,
-        day=day_of(cell, poses),
+        day=day,
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
@@ -255,12 +259,14 @@ def _visited(
     problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
-    request, q = problem.request, pool.q[found.plan]
-    poses, reference, again = named(q[quickest_order(problem.cell, q)]), None, None
+    request, visits = problem.request, pool.visits.take(found.plan)
+    order = quickest_order(problem.cell, visits.q) if visits.time is None else visits.time.argsort()
+    poses, reference, again = visits.take(order).poses(problem.cell), None, None
+    poses = replace(poses, names=pose_names(len(poses)))
     if request.reapproaches:
         poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(
-            problem, pool, found, certificate, poses.q[-len(again.again) :]
+            problem, pool, found, certificate, Visits.of(poses.take(slice(-len(again.again), None)))
         )
         instead = new_poses_instead(problem, pool, found.plan, len(again.again))
         again = replace(again, task_rms_instead=instead, asked=request.asked)
@@ -294,9 +300,11 @@ def _pool(problem: Problem) -> Pool:
     """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
     levels, source = problem.request.levels, problem.request.candidates
     if isinstance(source, Poses):
-        chunks, count = chunked(source.q), len(source)
+        table = listed(problem.cell, source, problem.choice)
+        chunks, count = chunked(table), len(table)
     else:
-        count, chunks = source, drawn(problem.cell, source, levels, problem.request.seed)
+        seed, count = problem.request.seed, source
+        chunks = drawn(problem.cell, count, levels, seed, problem.choice)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
     if problem.request.fixed is not None and not problem.request.repeats:
         pool = pool.without(problem.request.fixed.q)
@@ -330,7 +338,9 @@ def _check_rows(problem: Problem, table: Poses) -> None:
 def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:
     found = {}
     for name, plan in against.items():
-        M = problem.fixed + problem.information(plan.q).sum(axis=0)
+        untold = plan.time is None and problem.choice.timed
+        visits = Visits.of(day_of(problem.cell, plan, around=False).timed if untold else plan)
+        M = problem.fixed + problem.information(visits).sum(axis=0)
         value = float(problem.criterion.plain.value(M))
-        found[name] = Rival(assess(problem, plan.q), value / bound, plan.q)
+        found[name] = Rival(assess(problem, visits), value / bound, plan.q)
     return found

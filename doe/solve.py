@@ -13,7 +13,6 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
-from doe.constraints import scene_of
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed, survivors
 from doe.optimal.blocks import Blocks, pack
@@ -23,8 +22,11 @@ from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.plan import Certificate, Landscape
 from doe.problem import Problem
-from doe.problem.pool import Pool, drawn, judge, movable, rounded, together
+from doe.problem.choice import within
+from doe.problem.pool import Pool, allowed, drawn, judge, movable, rounded, together
 from doe.problem.request import CannotIdentify
+from doe.problem.visits import Visits, joined
+from doe.run_order import in_run_order
 
 _LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
 _NODES_TOLD = 200  # nodes between two lines on the way
@@ -134,6 +136,10 @@ def finish(
     elif request.refine:
         pool, chosen = _polished(problem, pool, chosen)
         progress.lap("polish")
+    if problem.choice.timed:
+        ordered = in_run_order(problem, pool.visits.take(chosen.plan))
+        pool, chosen = _with_own(problem, pool, chosen, ordered)
+        progress.lap("order")
     blocks, rules = problem.posed(pool)
     proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once.
@@ -173,11 +179,17 @@ def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landsc
 
 
 def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
-    """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
-    blocks = problem.blocks(pool)
-    q = polish(problem, pool.q[chosen.plan], blocks.total(chosen.plan), seed=problem.request.seed)
-    plan = np.arange(len(pool), len(pool) + len(q))
-    pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
+    """The plan with its joint angles moved."""
+    M, own = problem.blocks(pool).total(chosen.plan), pool.visits.take(chosen.plan)
+    return _with_own(problem, pool, chosen, polish(problem, own, M, seed=problem.request.seed))
+
+
+def _with_own(
+    problem: Problem, pool: Pool, chosen: WholePlan, visits: Visits
+) -> tuple[Pool, WholePlan]:
+    """The plan of these visits, which join the candidates, so that the bound knows them."""
+    plan = np.arange(len(pool), len(pool) + len(visits))
+    pool = together([pool, judge(problem.regressor, (), problem.request.levels, visits)])
     blocks, rules = problem.posed(pool)
     start = np.concatenate([chosen.relaxed.index, plan])
     relaxed = relax(problem.criterion, blocks, rules, start=start)
@@ -216,12 +228,12 @@ def fresh_bound(problem: Problem, G: Array) -> float:
     """No plan of as many other candidates is better: what the pool's coarseness hides."""
     request, levels = problem.request, problem.request.levels
 
-    def scored(q: Array) -> tuple[Array, IntArray]:
-        part = judge(problem.regressor, problem.constraints, levels, q)
+    def scored(visits: Visits) -> tuple[Array, IntArray]:
+        part = judge(problem.regressor, problem.constraints, levels, visits)
         return part.packed @ pack(G), part.level
 
     with ThreadPoolExecutor(2) as executor:
-        chunks = drawn(problem.cell, request.fresh, levels, request.seed + 2)
+        chunks = drawn(problem.cell, request.fresh, levels, request.seed + 2, problem.choice)
         parts = list(executor.map(scored, chunks))
     scores, level = (np.concatenate(column) for column in zip(*parts, strict=True))
     rules, own = problem.rules(level), float((G * problem.fixed).sum())
@@ -229,31 +241,23 @@ def fresh_bound(problem: Problem, G: Array) -> float:
     return own + rules.best(scores)[0] + float(again)
 
 
-def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
-    """Move the poses of a plan inside the constraints, levels kept.
+def polish(problem: Problem, visits: Visits, M: Array, *, seed: int) -> Visits:
+    """Move the poses of a plan inside the constraints, levels and moments kept.
 
-    q : ndarray, shape (N, dof); M : ndarray, shape (p, p), information of the plan
-    Returns joint values; the criterion is never lower than before.
+    visits : Visits, N of them; M : ndarray, shape (p, p), information of the plan
+    Returns as many visits; the criterion is never lower than before.
     """
     rng = np.random.default_rng(seed)
-    robot, levels = problem.cell.robot, problem.request.levels
-    low, high = robot.sample_limits().T
-    free, contacts = movable(problem.cell, levels), touched(problem.cell, q)
-    q, blocks = q.copy(), problem.information(q)
+    contacts = touched(problem.cell, visits.q)
+    blocks = problem.information(visits)
     value = float(problem.criterion.value(M))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
-        steps = rng.normal(size=(len(q), _TRIES, robot.dof)) * width * (high - low) * free
-        # Half of the tries move one joint alone: most gains lie along single axes.
-        lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
-        steps[:, : _TRIES // 2] *= lone
-        tries = rounded(
-            problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof)
-        )
-        if levels is not None:
-            tries[:, levels.joint] = np.repeat(q[:, levels.joint], _TRIES)
-        tries = brought(problem.cell, robot.tied(tries), np.repeat(contacts, _TRIES), free)
-        kept, found, owner = _feasible(problem, tries)
-        for slot in range(len(q)):
+        moved, owner = _neighbours(problem, visits, contacts, width, rng)
+        other = problem.choice.tries(visits, problem.cell)
+        owner = np.concatenate([owner, np.arange(len(other)) % len(visits)])
+        kept, found, owner = _feasible(problem, joined([moved, other]), owner)
+        taken = np.full(len(visits), -1)
+        for slot in range(len(visits)):
             own = np.flatnonzero(owner == slot)
             if not len(own):
                 continue
@@ -261,32 +265,57 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
             values = problem.criterion.value(base + found[own])
             best = int(values.argmax())
             if values[best] > value:
-                value = float(values[best])
-                q[slot], blocks[slot] = kept[own[best]], found[own[best]]
+                value, taken[slot] = float(values[best]), own[best]
+                blocks[slot] = found[own[best]]
                 M = base + blocks[slot]
-    return q
+        source = np.where(taken < 0, np.arange(len(visits)), len(visits) + taken)
+        visits = joined([visits, kept]).take(source)
+    return visits
 
 
-def _feasible(problem: Problem, tries: Array) -> tuple[Array, Array, IntArray]:
-    """Tries that satisfy the constraints, their information, and the pose each belongs to."""
-    numbered = np.arange(len(tries))
+def _neighbours(
+    problem: Problem, visits: Visits, contacts: IntArray, width: float, rng: np.random.Generator
+) -> tuple[Visits, IntArray]:
+    """Visits near those of a plan, some of each, and which one each of them is near.
+
+    contacts : of each visit, shape (N,); width : of the steps, by the joints' ranges
+    """
+    robot, levels = problem.cell.robot, problem.request.levels
+    low, high = robot.sample_limits().T
+    free, q, each = movable(problem.cell, levels), visits.q, (len(visits), _TRIES)
+    steps = rng.normal(size=(*each, robot.dof)) * width * (high - low) * free
+    # Half of the tries move one joint alone: most gains lie along single axes.
+    lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
+    steps[:, : _TRIES // 2] *= lone
+    tries = rounded(problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof))
+    owner = np.repeat(np.arange(len(q)), _TRIES)
+    if levels is not None:
+        tries[:, levels.joint] = q[owner, levels.joint]
+    tries = brought(problem.cell, robot.tied(tries), contacts[owner], free)
+    moved = replace(visits.take(owner), q=tries)
+    if moved.move is not None:
+        moved = replace(moved, move=within(problem.cell, tries, moved.move))
+    return moved, owner
+
+
+def _feasible(problem: Problem, tries: Visits, owner: IntArray) -> tuple[Visits, Array, IntArray]:
+    """Tries that satisfy the constraints, their information, and the visit each belongs to."""
     for constraint in problem.constraints:
-        if len(numbered):
-            allowed = constraint.allows(scene_of(problem.cell, tries[numbered]))
-            numbered = numbered[allowed]
-    kept = tries[numbered]
-    blocks = problem.information(kept) if len(kept) else np.zeros((0, *problem.fixed.shape))
-    return kept, np.asarray(blocks), numbered // _TRIES
+        if len(tries):
+            kept = allowed(constraint, problem.cell, tries)
+            tries, owner = tries.take(kept), owner[kept]
+    none = np.zeros((0, *problem.fixed.shape))
+    return tries, problem.information(tries) if len(tries) else none, owner
 
 
 def with_second_visits(
-    problem: Problem, pool: Pool, found: WholePlan, before: Certificate, q: Array
+    problem: Problem, pool: Pool, found: WholePlan, before: Certificate, more: Visits
 ) -> Certificate:
-    """The certificate of the plan where poses q, shape (k, dof), of it are visited again."""
+    """The certificate of the plan with second visits of some of its poses."""
     plain, relaxed = problem.criterion.plain, found.relaxed
-    blocks, again = problem.blocks(pool), problem.information(q)
+    blocks, again = problem.blocks(pool), problem.information(more)
     scores = blocks.scores(relaxed.G)
-    best = problem.rules(pool.level).again(scores, len(q))
+    best = problem.rules(pool.level).again(scores, len(more))
     own = np.concatenate([blocks.matrices(found.plan), again])
     M = blocks.fixed + own.sum(axis=0)
     return replace(
@@ -311,4 +340,4 @@ def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int
         return np.nan
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
     more = some[greedy(problem.criterion, beside, Allowed.any_of(len(some), count))]
-    return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms
+    return assess(problem, pool.visits.take(np.concatenate([chosen, more]))).task_rms

@@ -26,6 +26,7 @@ from calib.poses.moves import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
 from doe.problem.request import Request
+from doe.problem.visits import Visits
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
@@ -107,7 +108,7 @@ def shares(problem: Problem, q: Array) -> Array:
 
     Where the repeatability is not known it is taken for much larger than the instrument's noise.
     """
-    H = problem.regressor.levers(q, visible(scene_of(problem.cell, q)))
+    H = problem.regressor.levers(Visits(q), visible(scene_of(problem.cell, q)))
     arm = problem.cell.repeatability
     if arm is None or not problem.cell.scatters:
         sizes = np.sqrt((H**2).mean(axis=(0, 1)).reshape(2, 3).mean(axis=1))
@@ -188,21 +189,20 @@ def with_reference(
     before = np.append(np.arange(0, m, every), m)
     repeats = tuple(f"ref{k + 1}" for k in range(len(before)))
     may = np.array([name not in busy for name in poses.names])
-    chosen = int(np.flatnonzero(may)[reference_pose(problem, poses.q, len(repeats), may)])
+    chosen = int(np.flatnonzero(may)[reference_pose(problem, Visits.of(poses), len(repeats), may)])
     order = np.insert(np.arange(m), before, chosen)
     names = np.insert(np.array(poses.names, dtype=object), before, repeats)
     reference = Reference(poses.names[chosen], every, repeats)
     return replace(poses.take(order), names=tuple(names)), reference
 
 
-def reference_pose(problem: Problem, q: Array, repeats: int, may: Mask) -> int:
-    """Of the poses (m, dof) that show the most markers, the one whose repeats add most.
+def reference_pose(problem: Problem, visits: Visits, repeats: int, may: Mask) -> int:
+    """Of the visits that show the most markers, m of them, the one whose repeats add most.
 
-    may : ndarray of bool, shape (m,), the poses to choose from; the result counts these alone
+    may : ndarray of bool, shape (m,), the visits to choose from; the result counts these alone
     """
-    blocks = problem.information(q)
+    blocks = problem.information(visits)
     M = problem.fixed + blocks.sum(axis=0)
-    q, blocks = q[may], blocks[may]
-    value = problem.criterion.plain.value(M + repeats * blocks)
-    seen = visible(scene_of(problem.cell, q)).sum(axis=1)
+    value = problem.criterion.plain.value(M + repeats * blocks[may])
+    seen = visible(scene_of(problem.cell, visits.q[may])).sum(axis=1)
     return int(np.where(seen == seen.max(), value, -np.inf).argmax())

@@ -239,7 +239,11 @@ def _driven(path: Path, robot: Robot, table: RobotTable) -> Robot:
 
 def _pace(table: schema.TimingTable) -> Pace:
     return Pace(
-        table.speed_percent / 100.0, table.settle_s, table.read_s, 60.0 * table.load_change_min
+        table.speed_percent / 100.0,
+        table.settle_s,
+        table.read_s,
+        60.0 * table.load_change_min,
+        tuple((60.0 * minute, degrees) for minute, degrees in table.temperature),
     )
 
 

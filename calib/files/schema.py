@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from datetime import date, time
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
 from pydantic import (
@@ -42,6 +43,13 @@ if TYPE_CHECKING:
 else:
     _TABLES = tuple(own for _, own in KINDS.values())
     AnyInstrument = Annotated[Union[_TABLES], Field(discriminator="kind")]  # noqa: UP007
+
+
+def _in_turn(course: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The temperatures of a day, in order."""
+    if any(b[0] <= a[0] for a, b in pairwise(course)):
+        raise ValueError("needs pairs [minutes, degC] in the order of time")
+    return course
 
 
 class CapsuleTable(TomlTable):
@@ -224,6 +232,9 @@ class TimingTable(TomlTable):
     settle_s: NotNegative = 2.0
     read_s: NotNegative = 10.0
     load_change_min: NotNegative = 2.0
+    temperature: Annotated[
+        list[tuple[NotNegative, Number]], AfterValidator(_in_turn), Field(alias="temperature_degC")
+    ] = []
 
 
 class DiagnosisTable(TomlTable):

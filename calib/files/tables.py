@@ -117,10 +117,16 @@ def _load_poses(
 def load_plan(cell: Cell, path: str | Path) -> Poses:
     """Read a plan: pose identifiers, joints, optional wrench, in the order of measurement.
 
+    That is the order of its column ``order``, else of its lines: then it says nothing of when it is
+    measured, and neither does the result.
+
     Raises InputError.
     """
-    poses, _ = _load_poses(cell, Path(path), ("pose",))
-    return replace(with_moves(poses), order=None)  # a plan says nothing of when it is measured
+    poses, table = _load_poses(cell, Path(path), ("pose",))
+    if "order" not in table.columns:
+        return replace(with_moves(poses), order=None)
+    table.refuse_twice("order", "number the poses 1, 2, ..")
+    return with_moves(poses.take(np.argsort(table.numbers("order"), kind="stable")))
 
 
 def holds_points(path: str | Path) -> bool:

@@ -15,7 +15,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
-from calib.files.columns import WRENCH, joint_columns, torque_columns
+from calib.files.columns import ANGLES, LENGTHS, WRENCH, joint_columns, move_name, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
@@ -108,7 +108,7 @@ def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
-    """Columns of temperature, time, torques, approach, station and session, where poses have them."""
+    """Columns of temperature, time, torques, moves, station and session, where poses have them."""
     found: dict[str, list[str]] = {}
     if poses.temperature is not None:
         found["temperature_degC"] = [f"{value:.6g}" for value in poses.temperature]
@@ -119,7 +119,13 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
             found[name] = [f"{value:.9g}" for value in own]
     if poses.approach is not None and not poses.approach_derived:
         for joint, signs in zip(cell.robot.joints, poses.approach.T, strict=True):
-            found[f"approach_{joint}"] = [f"{sign:.0f}" for sign in signs]
+            found[f"approach_{joint}"] = [f"{sign + 0.0:.0f}" for sign in signs]
+    if poses.motion is not None and poses.motion_told:
+        for joint, slides, own in zip(
+            cell.robot.joints, cell.robot.prismatic, poses.motion.T, strict=True
+        ):
+            unit, scale = next(iter((LENGTHS if slides else ANGLES).items()))
+            found[move_name(joint, unit)] = [f"{value / scale:.9g}" for value in own]
     if len(poses.stations) > 1:
         found["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:
@@ -127,15 +133,27 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
     return found
 
 
-def plan_csv(cell: Cell, poses: Poses, level: Array) -> str:
-    """The text of a plan: pose, joints, and the level in degrees or mm where there are levels.
+def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
+    """The text of a plan: poses in their order, joints, when each is measured and how it is approached.
 
-    level : ndarray, shape (m,), as shown; NaN for none
+    level : ndarray, shape (m,), in degrees or mm where there are levels
     """
     columns = {"pose": list(poses.names), **_joint_texts(cell.robot, poses.q)}
-    if np.isfinite(level).any():
+    if level is not None and np.isfinite(level).any():
         columns["level"] = [f"{own:.9g}" for own in level]
-    return columns_text(columns)
+    columns["order"] = [f"{number}" for number in range(1, len(poses) + 1)]
+    return columns_text(columns | _session(cell, poses))
+
+
+def ways_csv(cell: Cell, points: Array, ends: Sequence[str], kinds: Sequence[str]) -> str:
+    """The text of a plan's ways: every point that the arm drives to in turn, joints moving straight.
+
+    points : ndarray, shape (k, n), rad or m; ends : the pose that each point leads to, or is; kinds :
+        what each point is
+    """
+    numbers = [f"{number}" for number in range(1, len(points) + 1)]
+    told = {"point": numbers, "pose": list(ends), "kind": list(kinds)}
+    return columns_text(told | _joint_texts(cell.robot, points))
 
 
 _MM = 1e3

@@ -50,7 +50,7 @@ def moves(q: Array, begins: Mask | None = None) -> tuple[Array, Array]:
 def with_moves(poses: Poses) -> Poses:
     """The poses of one table with their order, approach, size of move, and when it began.
 
-    An approach that the poses already have is kept.
+    An approach, and a size of move, that the poses were told are kept.
     """
     order = in_order(poses)
     approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
@@ -67,7 +67,7 @@ def with_moves(poses: Poses) -> Poses:
         order=number,
         approach=approach if derived else poses.approach,
         approach_derived=derived,
-        motion=motion,
+        motion=poses.motion if poses.motion_told else motion,
         velocity=velocity,
         acceleration=acceleration,
     )
@@ -152,7 +152,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
         start=first.start,
         order=None,  # it is a number among the fitted readings
         approach=own.approach if second.approach_derived else second.approach,
-        motion=own.motion,
+        motion=second.motion if second.motion_told else own.motion,
     )
     return data, replace(heldout, poses=poses)
 

@@ -31,6 +31,7 @@ class Poses(Result):
     approach : ndarray, shape (m, n), sign of the last motion of each joint, or None
     approach_derived : bool, whether it follows from the order of measurement
     motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
+    motion_told : bool, whether the table or the plan says it; else it follows from the order
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     velocity : ndarray, shape (m, n), rad/s or m/s, or per reading where no time is given, at which the
         joints moved while they were read, or None where nothing tells it
@@ -62,6 +63,7 @@ class Poses(Result):
     session: TextArray | None = None
     velocity: Array | None = None
     acceleration: Array | None = None
+    motion_told: bool = False
 
     def sentences(self) -> list[str]:
         return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]

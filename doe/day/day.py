@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.poses import Poses
+from doe.day.approach import last_move
 from doe.day.duration import durations, paced
 from doe.day.order import bound_of, shortest_order
 from doe.day.ways import JointPath, checked_in, times_between, ways_along
@@ -21,14 +22,17 @@ _AVOIDED = 10.0  # times the longest way: a way that nobody knows
 class PlannedDay:
     """What a plan takes.
 
-    cell : Cell; poses : Poses, m of them in their order; ways : tuple of JointPath, m - 1
+    cell : Cell; poses : Poses, m of them in their order
+    ways : tuple of JointPath, m - 1, each with the last move that the plan prescribes
     checked : tuple of str, what the ways are checked for
+    first : JointPath, the last move to the first pose, where one is prescribed
     """
 
     cell: Cell
     poses: Poses
     ways: tuple[JointPath, ...]
     checked: tuple[str, ...]
+    first: JointPath | None = None
 
     @property
     def direct(self) -> int:
@@ -55,14 +59,27 @@ class PlannedDay:
     @property
     def standing(self) -> float:
         """Seconds at the poses: settling, reading, and hanging the load and taking it off."""
-        pace, loaded = self.cell.pace, self.cell.load is not None
-        each = pace.settle + pace.reading * (1 + loaded) + 2.0 * pace.load * loaded
-        return len(self.poses) * each
+        return len(self.poses) * self.cell.pace.standing(self.cell.load is not None)
 
     @property
     def seconds(self) -> float:
         """The whole day, from the first pose on; NaN where not all speeds are known."""
         return self.moving + self.standing
+
+    @property
+    def times(self) -> Array:
+        """When the reading of each pose begins, s after that of the first, shape (m,); NaN as above."""
+        each = self.cell.pace.standing(self.cell.load is not None)
+        between = [way.seconds + each for way in self.ways] if paced(self.cell) else np.full(
+            len(self.ways), np.nan
+        )  # fmt: skip
+        return np.append(0.0, np.cumsum(between))
+
+    @property
+    def timed(self) -> Poses:
+        """The poses with their places in the order and, where all speeds are known, their times."""
+        time = self.times if paced(self.cell) else None
+        return replace(self.poses, time=time, start=0.0, order=np.arange(float(len(self.poses))))
 
     @cached_property
     def least_moving(self) -> float:
@@ -77,11 +94,22 @@ def day_of(cell: Cell, poses: Poses, around: bool = True) -> PlannedDay:
 
     around : whether a way round is looked for where the straight one meets something
     """
-    return PlannedDay(cell, poses, ways_along(cell, poses.q, around), checked_in(cell).names)
+    checked, move = checked_in(cell).names, last_move(cell, poses)
+    if move is None or not move.any() or not len(poses):
+        return PlannedDay(cell, poses, ways_along(cell, poses.q, around), checked)
+    points = np.stack([poses.q - move, poses.q], axis=1).reshape(-1, poses.q.shape[1])
+    first, *others = ways_along(cell, points, around)
+    ways = (before.then(last) for before, last in zip(others[::2], others[1::2], strict=True))
+    return PlannedDay(cell, poses, tuple(ways), checked, first)
 
 
 def quickest_order(cell: Cell, q: Array) -> IntArray:
     """The order of poses (m, dof) in which little time is spent between them; it ends anywhere."""
+    return shortest_order(travel_times(cell, q))
+
+
+def travel_times(cell: Cell, q: Array) -> Array:
+    """Seconds between poses (m, dof), shape (m, m): much where no way is known."""
     seconds = times_between(cell, q)
     known = seconds[np.isfinite(seconds)].max(initial=1.0)
-    return shortest_order(np.where(np.isfinite(seconds), seconds, _AVOIDED * known))
+    return np.where(np.isfinite(seconds), seconds, _AVOIDED * known)

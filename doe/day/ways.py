@@ -41,6 +41,17 @@ class JointPath:
         """Points on the way that are no poses, shape (k - 2, dof)."""
         return self.points[1:-1]
 
+    def then(self, other: JointPath) -> JointPath:
+        """The way and, from its end, another."""
+        follows = self.follows if self.follows == other.follows else ""
+        return JointPath(
+            np.concatenate([self.points, other.points[1:]]),
+            self.meets or other.meets,
+            self.free and other.free,
+            follows,
+            self.seconds + other.seconds,
+        )
+
 
 @dataclass(frozen=True)
 class Checked:

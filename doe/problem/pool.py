@@ -17,19 +17,24 @@ from calib.cell.views import NUMBERS, looking, views_of
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.covariance import identifiable
-from calib.poses import poses_at
+from calib.poses import Poses, poses_at
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
+from doe.constraints.clearance import Clearance
+from doe.day.approach import last_move
 from doe.optimal.blocks import pack, packed_size
+from doe.problem.choice import Choice
 from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
 from doe.problem.request import CannotIdentify, Request, no_candidate
+from doe.problem.visits import Visits, joined
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
 _LARGEST = 8e9  # bytes of information blocks
 _STEP = 1e-2  # degrees or millimetres
 _WORKERS = 2
+_TRIED_SIDES = 8  # of each row of a table
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""
 _PER_LEVEL, _LONGEST = 20, 65_536
@@ -49,8 +54,10 @@ def rounded(cell: Cell, q: Array) -> Array:
     return np.where(first > last, np.clip(q, low, high), inside)
 
 
-def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iterator[Array]:
-    """Scrambled Sobol configurations in chunks of shape (m, dof), the levels in turn; count in all.
+def drawn(
+    cell: Cell, count: int, levels: AngleLevels | None, seed: int, choice: Choice | None = None
+) -> Iterator[Visits]:
+    """Scrambled Sobol configurations in chunks, the levels and moments in turn; count in all.
 
     In turn, too, they are brought to what is touched, and to where cameras see their boards, and left
     for all instruments else.
@@ -59,19 +66,18 @@ def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iter
     free = np.flatnonzero(movable(cell, levels))
     rng = np.random.default_rng(seed)
     views = NUMBERS if views_of(cell) else 0
-    sampler = Sobol(len(free) + views, rng) if len(free) else None
+    sampler = Sobol(len(free) + views + (choice.dimensions if choice else 0), rng)
     for start in range(0, count, CHUNK):
         m = min(CHUNK, count - start)
-        q, even = np.tile(low, (m, 1)), np.zeros((m, views))
-        if sampler is not None:
-            points = sampler.random(m)
-            q[:, free] += points[:, : len(free)] * (high - low)[free]
-            even = points[:, len(free) :]
+        q, points = np.tile(low, (m, 1)), sampler.random(m)
+        q[:, free] += points[:, : len(free)] * (high - low)[free]
+        even, move = np.split(points[:, len(free) :], [views], axis=1)
         q = rounded(cell, q)
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        yield in_turn_brought(cell, cell.robot.tied(q), even, levels, start)
+        q = in_turn_brought(cell, cell.robot.tied(q), even, levels, start)
+        yield choice.visits(cell, q, move, start) if choice else Visits(q)
 
 
 def in_turn_brought(
@@ -108,26 +114,39 @@ def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
     return np.asarray(cell.robot.free & at_no_level)
 
 
-def chunked(q: Array) -> Iterator[Array]:
-    """Configurations of a file, shape (m, dof), in chunks."""
-    for start in range(0, len(q), CHUNK):
-        yield q[start : start + CHUNK]
+def listed(cell: Cell, table: Poses, choice: Choice) -> Visits:
+    """The poses of a table, each with last moves by chance and at every moment, where these count.
+
+    Last moves that the table tells are kept.
+    """
+    move = last_move(cell, table)
+    sides = _TRIED_SIDES if choice.sided.any() and move is None else 1
+    row = np.repeat(np.arange(len(table)), sides * max(1, len(choice.times)))
+    even = np.random.default_rng(0).random((len(row), choice.dimensions))
+    found = choice.visits(cell, table.q[row], even, 0)
+    return found if move is None or not choice.sided.any() else replace(found, move=move[row])
+
+
+def chunked(visits: Visits) -> Iterator[Visits]:
+    """Candidates in chunks."""
+    for start in range(0, len(visits), CHUNK):
+        yield visits.take(slice(start, start + CHUNK))
 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
     """Candidates that may be measured.
 
-    q : ndarray, shape (n, dof), rad or m
+    visits : Visits, n of them
     packed : ndarray, shape (n, p (p + 1) / 2), information of each
-    level : ndarray of int, shape (n,), zero without levels
+    level : ndarray of int, shape (n,), of each its level or moment, zero without either
     visible : ndarray of bool, shape (n, C), readings that can be had at each
     drawn : int, candidates before the constraints
     removed_at : dict, constraint -> ndarray of int, candidates that it removed at each level, each
         counted where it fell first
     """
 
-    q: Array
+    visits: Visits
     packed: Array
     level: IntArray
     visible: Mask
@@ -135,7 +154,12 @@ class Pool:
     removed_at: dict[str, IntArray]
 
     def __len__(self) -> int:
-        return len(self.q)
+        return len(self.visits)
+
+    @property
+    def q(self) -> Array:
+        """Joint values, shape (n, dof), rad or m."""
+        return self.visits.q
 
     @property
     def removed(self) -> dict[str, int]:
@@ -151,10 +175,8 @@ class Pool:
 
     def where(self, kept: Mask) -> Pool:
         """Some of the candidates, (n,), the counts as they were."""
-        q, packed, level, visible = self.q, self.packed, self.level, self.visible
-        return replace(
-            self, q=q[kept], packed=packed[kept], level=level[kept], visible=visible[kept]
-        )
+        own = self.packed[kept], self.level[kept], self.visible[kept]
+        return Pool(self.visits.take(kept), *own, self.drawn, self.removed_at)
 
     def too_few(
         self, cell: Cell, levels: AngleLevels | None, level: int, found: int, needed: int
@@ -172,7 +194,7 @@ def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
     names = dict.fromkeys(name for part in parts for name in part.removed_at)
     none = np.zeros(1, dtype=int)
     return Pool(
-        np.concatenate([part.q for part in parts]),
+        joined([part.visits for part in parts]),
         np.concatenate([part.packed for part in parts]) if packed is None else packed,
         np.concatenate([part.level for part in parts]),
         np.concatenate([part.visible for part in parts]),
@@ -182,40 +204,60 @@ def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
 
 
 def judge(
-    regressor: Regressor, constraints: tuple[Constraint, ...], levels: AngleLevels | None, q: Array
+    regressor: Regressor,
+    constraints: tuple[Constraint, ...],
+    levels: AngleLevels | None,
+    visits: Visits,
 ) -> Pool:
-    """Remove the configurations, shape (m, dof), that may not be measured, and linearise the others."""
-    cell = regressor.cell
-    count, total = 1 if levels is None else len(levels.values), len(q)
-    level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
+    """Remove the candidates that may not be measured, and linearise the others."""
+    cell, total = regressor.cell, len(visits)
+    count, level = _levels_of(levels, visits)
     removed = {}
     if (level < 0).any():
         removed["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
-        q, level = q[level >= 0], level[level >= 0]
+        visits, level = visits.take(level >= 0), level[level >= 0]
     for constraint in constraints:
-        if not len(q):
+        if not len(visits):
             break
-        kept = constraint.allows(scene_of(cell, q))
+        kept = allowed(constraint, cell, visits)
         removed[constraint.name] = np.bincount(level[~kept], minlength=count)
         if not kept.all():
-            q, level = q[kept], level[kept]
-    seen = visible(scene_of(cell, q)) if len(q) else np.ones((0, len(cell.channels)), bool)
+            visits, level = visits.take(kept), level[kept]
+    seen = np.ones((0, len(cell.channels)), bool)
+    seen = visible(scene_of(cell, visits.q)) if len(visits) else seen
     read = seen.any(axis=1)
     if not read.all():
         removed[OUT_OF_SIGHT] = np.bincount(level[~read], minlength=count)
-        q, level, seen = q[read], level[read], seen[read]
-    if not len(q):
+        visits, level, seen = visits.take(read), level[read], seen[read]
+    if not len(visits):
         empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Pool(q, empty, level, seen, total, removed)
-    packed = pack(regressor.information(q, None if seen.all() else seen))
-    return Pool(q, packed, level, seen, total, removed)
+        return Pool(visits, empty, level, seen, total, removed)
+    packed = pack(regressor.information(visits, None if seen.all() else seen))
+    return Pool(visits, packed, level, seen, total, removed)
+
+
+def _levels_of(levels: AngleLevels | None, visits: Visits) -> tuple[int, IntArray]:
+    """How many levels, or moments, there are, and that of each candidate; -1 at none of them."""
+    if levels is not None:
+        return len(levels.values), levels.of(visits.q)
+    if visits.moment is None:
+        return 1, np.zeros(len(visits), dtype=int)
+    return int(visits.moment.max(initial=0)) + 1, visits.moment
+
+
+def allowed(constraint: Constraint, cell: Cell, visits: Visits) -> Mask:
+    """Whether a constraint allows visits, (n,): what the arm may meet also where a last move begins."""
+    found = constraint.allows(scene_of(cell, visits.q))
+    if visits.move is None or not isinstance(constraint, Clearance):
+        return found
+    return np.asarray(found & constraint.allows(scene_of(cell, visits.q - visits.move)))
 
 
 def pool_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
     levels: AngleLevels | None,
-    chunks: Iterable[Array],
+    chunks: Iterable[Visits],
     count: int,
 ) -> Pool:
     """Candidates of all chunks, count in all, judged and linearised in two threads.
@@ -232,25 +274,25 @@ def pool_of(
     packed, parts, start = np.empty((count, packed_size(p))), [], 0
     with ThreadPoolExecutor(_WORKERS) as executor:
         for part in executor.map(partial(judge, regressor, constraints, levels), chunks):
-            here = packed[start : start + len(part.q)]
+            here = packed[start : start + len(part)]
             here[:] = part.packed
             parts.append(replace(part, packed=here))  # its own is let go at once
-            start += len(part.q)
+            start += len(part)
     return together(parts, packed[:start])
 
 
-def probing(cell: Cell, request: Request) -> Iterator[Array]:
-    """Configurations by which a cell is known, in chunks of shape (m, dof)."""
-    return drawn(cell, _LONGEST, request.levels, request.seed + 1)
+def probing(cell: Cell, request: Request, choice: Choice) -> Iterator[Visits]:
+    """Candidates by which a cell is known, in chunks."""
+    return drawn(cell, _LONGEST, request.levels, request.seed + 1, choice)
 
 
 def probe_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
     request: Request,
-    chunks: Iterable[Array],
-) -> tuple[Array, Mask]:
-    """Feasible configurations of every level, shape (m, dof), and their visible markers, shape (m, M).
+    chunks: Iterable[Visits],
+) -> tuple[Visits, Mask]:
+    """Feasible candidates of every level, m of them, and their visible markers, shape (m, M).
 
     What the cell is like, of chunks of :func:`probing`, as many as it takes. Raises CalibError where a
     level has none.
@@ -259,9 +301,10 @@ def probe_of(
     count = 1 if levels is None else len(levels.values)
     found: list[Pool] = []
     per_level = np.zeros(count, dtype=int)
-    for q in chunks:
-        found.append(judge(regressor, constraints, levels, q))
-        per_level += np.bincount(found[-1].level, minlength=count)
+    for visits in chunks:
+        found.append(judge(regressor, constraints, levels, visits))
+        at = np.zeros(len(found[-1]), dtype=int) if levels is None else found[-1].level
+        per_level += np.bincount(at, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL
         if per_level.sum() >= PROBE and every:
             break
@@ -271,7 +314,7 @@ def probe_of(
         raise CalibError(pool.too_few(regressor.cell, levels, level, 0, 1))
     if not len(pool):
         raise CalibError(no_candidate(pool.drawn, pool.removed))
-    return pool.q, pool.visible
+    return pool.visits, pool.visible
 
 
 def is_silent(cell: Cell, rows: Array) -> bool:

@@ -15,11 +15,12 @@ from calib.cell.targets import check_targets, targets_of
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.poses import Poses, poses_at
+from calib.poses import Poses
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.problem.choice import Choice, choice_of
 from doe.problem.linearisation import Regressor, nominal
 from doe.problem.pool import (
     PROBE,
@@ -40,6 +41,7 @@ from doe.problem.request import (
     with_rivals,
 )
 from doe.problem.target_errors import TargetErrors
+from doe.problem.visits import Visits, joined
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -52,6 +54,7 @@ class Problem:
 
     cell : Cell; with the rivals in its model where there are some
     request : Request
+    choice : Choice, what a plan settles beside the joint angles
     regressor : Regressor, in coordinates in which the mean information of a probe is the identity
     constraints : tuple of Constraint
     criterion : Criterion
@@ -60,6 +63,7 @@ class Problem:
 
     cell: Cell
     request: Request
+    choice: Choice
     regressor: Regressor
     constraints: tuple[Constraint, ...]
     criterion: Criterion
@@ -80,24 +84,24 @@ class Problem:
         known = self.regressor.known
         M = RIDGE * np.eye(known.shape[1]) + known.T @ known
         if self.request.fixed is not None:
-            M = M + self.information(self.request.fixed.q).sum(axis=0)
+            M = M + self.information(Visits.of(self.request.fixed)).sum(axis=0)
         return M
 
-    def information(self, q: Array) -> Array:
-        """Information matrix of configurations, hidden markers left out, shape (m, p, p)."""
-        return self.regressor.information(q, visible(scene_of(self.cell, q)))
+    def information(self, visits: Visits) -> Array:
+        """Information matrix of m visits, hidden markers left out, shape (m, p, p)."""
+        return self.regressor.information(visits, visible(scene_of(self.cell, visits.q)))
 
-    def crossed(self, q: Array) -> Array:
-        """By errors common to all readings, of configurations, shape (m, p, b)."""
-        return self.regressor.crossed(q, visible(scene_of(self.cell, q)))
+    def crossed(self, visits: Visits) -> Array:
+        """By errors common to all readings, of m visits, shape (m, p, b)."""
+        return self.regressor.crossed(visits, visible(scene_of(self.cell, visits.q)))
 
     @cached_property
     def crossed_fixed(self) -> Array:
         """The same of what is measured in any case, shape (p, b)."""
         fixed = self.request.fixed
-        q = np.zeros((0, self.cell.robot.dof)) if fixed is None else fixed.q
-        none = np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
-        return self.crossed(q).sum(axis=0) if len(q) else none
+        if fixed is None:
+            return np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
+        return np.asarray(self.crossed(Visits.of(fixed)).sum(axis=0))
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
@@ -108,8 +112,11 @@ class Problem:
         return self.blocks(pool), self.rules(pool.level)
 
     def rules(self, level: IntArray) -> Allowed:
-        """Which sets of candidates make a plan, for candidates at these levels."""
-        levels = self.request.levels
+        """Which sets of candidates make a plan, for candidates at these levels, or moments."""
+        levels, choice = self.request.levels, self.choice
+        if choice.timed:
+            counts = choice.counts(self.request.poses)
+            return Allowed(level, choice.times, counts, len(counts), repeats=self.request.repeats)
         if levels is None:
             return Allowed.any_of(len(level), self.request.poses, self.request.repeats)
         counts = np.full(len(levels.values), levels.per_level)
@@ -127,15 +134,15 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     refuse_unplaced(cell)
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
-    constraints = constraints_of(cell)
-    chunks = probing(cell, request)
+    constraints, choice = constraints_of(cell), choice_of(cell, request)
+    chunks = probing(cell, request, choice)
     first = next(chunks)
-    angles = readings(cell, _angles(cell, request, first[:PROBE]))
+    angles = readings(cell, _angles(cell, request, first.take(slice(PROBE))))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
     probe, seen = probe_of(regressor, constraints, request, chain([first], chunks))
     try:
-        refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
+        refuse_idle_effects(cell, model, readings(cell, probe.poses(cell)))
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
@@ -158,19 +165,20 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         direction_of(model, request),
         lambda: at.rows,
         at.weights,
-        regressor.information(probe[:_REGION], seen[:_REGION]),
+        regressor.information(probe.take(slice(_REGION)), seen[:_REGION]),
         None if request.rivals is None else rival_rows(model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    return Problem(cell, request, regressor, constraints, criterion, targets, at)
+    return Problem(cell, request, choice, regressor, constraints, criterion, targets, at)
 
 
-def _angles(cell: Cell, request: Request, probe: Array) -> Poses:
+def _angles(cell: Cell, request: Request, probe: Visits) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range.
 
-    probe : ndarray, shape (m, dof), some of them
+    probe : some of the candidates
     """
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]
-    return poses_at(np.concatenate([probe, cell.robot.tied(ends)]))
+    both = replace(probe.take([0, -1]), q=cell.robot.tied(ends))
+    return joined([probe, both]).poses(cell)

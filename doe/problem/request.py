@@ -17,6 +17,8 @@ from doe.problem.levels import AngleLevels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
+PLANNED = frozenset({"approach", "motion", "time", "temperature"})
+"""What effects may ask of a reading, and a plan settles."""
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 
 
@@ -84,9 +86,10 @@ def with_rivals(cell: Cell, rivals: tuple[str, str]) -> Cell:
 def _check_rival(
     text: str, name: str, place: str, everywhere: set[str], present: set[tuple[str, str]]
 ) -> None:
-    """Refuse what no choice of poses settles, and a part of what the model has."""
-    if catalogue()[name].uses:
-        known = " and ".join(catalogue()[name].uses)
+    """Refuse what no plan settles, and a part of what the model has."""
+    unplanned = set(catalogue()[name].uses) - PLANNED
+    if unplanned:
+        known = " and ".join(sorted(unplanned))
         raise CalibError(
             f"rival {text!r} depends on {known}, which no choice of poses settles; "
             "judge a plan in its order, as posecal diagnose does of a plan"

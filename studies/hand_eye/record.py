@@ -154,7 +154,7 @@ class Ahead(NamedTuple):
         if self.enough is None or not len(self.enough.fresh_q):
             return {}
         poses = named(self.enough.fresh_q, "n")
-        return {path: plan_csv(cell, poses, np.full(len(poses), np.nan))}
+        return {path: plan_csv(cell, poses)}
 
 
 def next_poses(

@@ -125,7 +125,7 @@ def next_table(found: Onward, cell: Cell) -> str:
     """The poses as a plan."""
     from calib.files.write_tables import plan_csv
 
-    return plan_csv(cell, found.poses, np.full(len(found.poses), np.nan))
+    return plan_csv(cell, found.poses)
 
 
 _DIAGNOSED = {

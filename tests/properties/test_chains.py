@@ -133,7 +133,7 @@ def test_tables_are_read_as_they_were_written(chain: tuple[Chain, Path]) -> None
     np.testing.assert_allclose(back.points[data.seen], data.points[data.seen], atol=5.1e-9)
     for name in ("q", "time", "temperature", "approach", "wrench"):
         np.testing.assert_allclose(getattr(back.poses, name), getattr(data.poses, name), rtol=1e-8)
-    (folder / "plan.csv").write_text(plan_csv(cell, data.poses, np.full(len(data), np.nan)))
+    (folder / "plan.csv").write_text(plan_csv(cell, data.poses))
     again = calib.load_plan(cell, folder / "plan.csv")
     np.testing.assert_allclose(again.q, data.poses.q, rtol=1e-8)
     (folder / "again.csv").write_text(measurements_csv(cell, back))

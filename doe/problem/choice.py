@@ -1,0 +1,148 @@
+"""What a plan chooses beside joint angles: the last move to each pose, and when it is read.
+
+Lost motion, friction and settling depend on the last move of a joint; drift and heat on the time. What
+of these a cell's model needs to know is chosen like the joint angles: a short move that ends at the
+pose, and one of the moments of the day.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.cell import Cell
+from calib.effects import catalogue
+from calib.errors import CalibError
+from calib.model.build import parse_effect
+from doe.day.approach import LAST_MOVES
+from doe.day.duration import durations, paced
+from doe.problem.request import PLANNED, Request
+from doe.problem.visits import Visits, joined
+
+_MOST_MOMENTS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What a cell's model needs to know of a visit beside the joints.
+
+    sided : ndarray of bool, shape (dof,), joints whose last move counts
+    sizes : ndarray, shape (k, dof), rad or m, of the last moves, of which a plan may choose
+    times : ndarray, shape (k,), s, moments of the day, as many as poses or fewer; empty where the time
+        does not count
+    """
+
+    sided: Mask
+    sizes: Array
+    times: Array
+
+    @property
+    def dimensions(self) -> int:
+        """Numbers that choose a last move: of each joint the side and, where it counts, the size."""
+        return int(self.sided.sum()) * min(2, len(self.sizes))
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time counts."""
+        return len(self.times) > 0
+
+    def counts(self, poses: int) -> IntArray:
+        """Poses at each moment, (k,), of so many."""
+        ends = np.arange(len(self.times) + 1) * poses // len(self.times)
+        return np.diff(ends)
+
+    def visits(self, cell: Cell, q: Array, even: Array, start: int) -> Visits:
+        """Candidates (n, dof) with last moves and moments, these in turn.
+
+        even : ndarray, shape (n, ``dimensions``), in [0, 1); start : int, how many went before
+        """
+        found = Visits(q)
+        if self.sided.any():
+            found = replace(found, move=self._moves(cell, q, even))
+        if self.timed:
+            moment = np.arange(start, start + len(q)) % len(self.times)
+            found = replace(found, moment=moment, time=self.times[moment])
+        return found
+
+    def _moves(self, cell: Cell, q: Array, even: Array) -> Array:
+        """Last moves (n, dof) to joint values, by numbers as :meth:`visits` has them."""
+        count, joints = int(self.sided.sum()), np.flatnonzero(self.sided)
+        size = (even[:, count:] * len(self.sizes)).astype(int) if len(self.sizes) > 1 else 0
+        move = np.zeros_like(q)
+        sign = np.where(even[:, :count] < 0.5, -1.0, 1.0)
+        move[:, joints] = sign * self.sizes[size, joints]
+        return within(cell, q, move)
+
+    def tries(self, visits: Visits, cell: Cell) -> Visits:
+        """The same poses with other last moves: each joint from its other side, or by each other size."""
+        if visits.move is None:
+            return visits.take(slice(0))
+        moves = []
+        for joint in np.flatnonzero(self.sided):
+            own = visits.move[:, joint]
+            sizes = self.sizes[:, joint] if len(self.sizes) > 1 else ()
+            for other in (-own, *(np.sign(own) * size for size in sizes)):
+                moves.append(visits.move.copy())
+                moves[-1][:, joint] = other
+        return joined([replace(visits, move=within(cell, visits.q, move)) for move in moves])
+
+
+def within(cell: Cell, q: Array, move: Array) -> Array:
+    """Last moves (n, dof) that begin within the joints' limits: from the other side where they do not.
+
+    Zero where there is no room on either side.
+    """
+    low, high = cell.robot.limits.T
+    for turned in (-move, np.zeros_like(move)):
+        begins = q - move
+        move = np.where((begins >= low) & (begins <= high), move, turned)
+    return move
+
+
+def choice_of(cell: Cell, request: Request) -> Choice:
+    """What the model of a cell needs to know of the visits of a plan.
+
+    Raises CalibError where the time counts and joint speeds are unknown, or levels are asked for.
+    """
+    robot, needed = cell.robot, [(e, u) for e, u in _uses(cell) if u & PLANNED]
+    sided = np.zeros(robot.dof, dtype=bool)
+    for (_, places), uses in needed:
+        if uses & {"approach", "motion"}:
+            sided |= np.array([places is None or joint in places for joint in robot.joints])
+    sided &= robot.free
+    sizes = np.where(robot.prismatic, LAST_MOVES[1][:, None], LAST_MOVES[0][:, None])
+    if not any("motion" in uses for _, uses in needed):
+        sizes = sizes[:1]
+    timed = [name for (name, _), uses in needed if uses & {"time", "temperature"}]
+    if timed and (request.levels is not None or request.fixed is not None):
+        other = "levels" if request.levels is not None else "a plan to extend"
+        raise CalibError(
+            f"{timed[0]} makes the time of each pose a choice, which does not go with {other}; leave "
+            "one of both out"
+        )
+    times = _moments(cell, request.poses, timed[0]) if timed else np.zeros(0)
+    return Choice(sided, sizes, times)
+
+
+def _uses(cell: Cell) -> list[tuple[tuple[str, tuple[str, ...] | None], frozenset[str]]]:
+    placed = [parse_effect(text) for text in cell.effects]
+    return [(own, frozenset(catalogue()[own[0]].uses)) for own in placed if own[0] in catalogue()]
+
+
+def _moments(cell: Cell, poses: int, effect: str) -> Array:
+    """When the poses are read, or as many at a time as there are too many: evenly over the day [s].
+
+    Moves between poses that are put in order take about half the time of those by chance.
+    """
+    if not paced(cell):
+        raise CalibError(
+            f"{effect} depends on the time of a reading, and not all joint speeds are known; give "
+            "[robot.speed_deg_s] (or [robot.speed_mm_s]) in the cell"
+        )
+    q = cell.robot.sobol(64)
+    between = 0.5 * float(np.median(durations(cell, np.diff(q, axis=0))))
+    step, count = between + cell.pace.standing(cell.load is not None), min(poses, _MOST_MOMENTS)
+    ends = np.arange(count + 1) * poses / count
+    return step * 0.5 * (ends[:-1] + ends[1:] - 1.0)

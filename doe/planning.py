@@ -260,7 +260,10 @@ def _visited(
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
     request, visits = problem.request, pool.visits.take(found.plan)
-    order = quickest_order(problem.cell, visits.q) if visits.time is None else visits.time.argsort()
+    if visits.time is None:
+        order = quickest_order(problem.cell, visits.q, visits.move)
+    else:
+        order = visits.time.argsort()
     poses, reference, again = visits.take(order).poses(problem.cell), None, None
     poses = replace(poses, names=pose_names(len(poses)))
     if request.reapproaches:

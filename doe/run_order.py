@@ -32,7 +32,7 @@ def in_run_order(problem: Problem, visits: Visits) -> Visits:
     """The visits of a plan in their order, each at the time when it is reached."""
     choice, cell = problem.choice, problem.cell
     rank = np.repeat(np.arange(len(choice.times)), choice.counts(len(visits)))
-    seconds = travel_times(cell, visits.q)
+    seconds = travel_times(cell, visits.q, visits.move)
     runs = _Runs(problem, _told_at_each(problem, visits), seconds, rank)
     best = runs.telling_most(np.argsort(visits.moment, kind="stable"))  # type: ignore[arg-type]
     least = _NEARLY * runs.value(best)

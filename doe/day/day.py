@@ -19,6 +19,19 @@ _AVOIDED = 10.0  # times the longest way: a way that nobody knows
 
 
 @dataclass(frozen=True, eq=False)
+class DrivenPoint:
+    """A point that the arm drives to, all joints moving straight.
+
+    q : ndarray, shape (dof,), rad or m; pose : str, the pose that it leads to, or is
+    kind : str, "pose", "approach" where the prescribed last move begins, or "way"
+    """
+
+    q: Array
+    pose: str
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
 class PlannedDay:
     """What a plan takes.
 
@@ -81,12 +94,32 @@ class PlannedDay:
         time = self.times if paced(self.cell) else None
         return replace(self.poses, time=time, start=0.0, order=np.arange(float(len(self.poses))))
 
+    @property
+    def before(self) -> tuple[Array, ...]:
+        """Points that the arm drives to on the way to each pose, m arrays of shape (k, dof)."""
+        none = np.zeros((0, self.cell.robot.dof))
+        first = none if self.first is None else self.first.points[:-1]
+        return (first, *(way.between for way in self.ways)) if len(self.poses) else ()
+
+    @property
+    def driven(self) -> tuple[DrivenPoint, ...]:
+        """All points that the arm drives to, in turn."""
+        found, prescribed = [], self.first is not None
+        for name, q, before in zip(self.poses.names, self.poses.q, self.before, strict=True):
+            kinds = ["way"] * len(before)
+            kinds[-1:] = ["approach"] if prescribed and kinds else kinds[-1:]
+            found += [
+                DrivenPoint(point, name, kind) for point, kind in zip(before, kinds, strict=True)
+            ]
+            found.append(DrivenPoint(q, name, "pose"))
+        return tuple(found)
+
     @cached_property
     def least_moving(self) -> float:
         """No order of these poses, by whatever ways, takes less on the way; NaN as above."""
-        q = self.poses.q
-        seconds = durations(self.cell, q[:, None] - q)
-        return min(bound_of(seconds, float(np.diagonal(seconds, 1).sum())), self.moving)
+        seconds = _straight_times(self.cell, self.poses.q, last_move(self.cell, self.poses))
+        reached = float(np.diagonal(seconds, 1).sum())
+        return min(bound_of(np.minimum(seconds, seconds.T), reached), self.moving)
 
 
 def day_of(cell: Cell, poses: Poses, around: bool = True) -> PlannedDay:
@@ -103,13 +136,29 @@ def day_of(cell: Cell, poses: Poses, around: bool = True) -> PlannedDay:
     return PlannedDay(cell, poses, tuple(ways), checked, first)
 
 
-def quickest_order(cell: Cell, q: Array) -> IntArray:
-    """The order of poses (m, dof) in which little time is spent between them; it ends anywhere."""
-    return shortest_order(travel_times(cell, q))
+def quickest_order(cell: Cell, q: Array, move: Array | None = None) -> IntArray:
+    """The order of poses (m, dof) in which little time is spent between them; it ends anywhere.
+
+    move : ndarray, shape (m, dof), the last move to each, where one is prescribed
+    """
+    return shortest_order(travel_times(cell, q, move))
 
 
-def travel_times(cell: Cell, q: Array) -> Array:
-    """Seconds between poses (m, dof), shape (m, m): much where no way is known."""
+def travel_times(cell: Cell, q: Array, move: Array | None = None) -> Array:
+    """Seconds between poses as :func:`quickest_order` has them, either way, shape (m, m).
+
+    Much where no way is known, so that none is taken.
+    """
     seconds = times_between(cell, q)
     known = seconds[np.isfinite(seconds)].max(initial=1.0)
-    return np.where(np.isfinite(seconds), seconds, _AVOIDED * known)
+    seconds = np.where(np.isfinite(seconds), seconds, _AVOIDED * known)
+    if move is not None:
+        more = _straight_times(cell, q, move) - _straight_times(cell, q, None)
+        seconds = seconds + 0.5 * (more + more.T)
+    return seconds
+
+
+def _straight_times(cell: Cell, q: Array, move: Array | None) -> Array:
+    """Seconds from each pose (m, dof) to each other, straight but for its last move, shape (m, m)."""
+    last = np.zeros_like(q) if move is None else move
+    return durations(cell, q - last - q[:, None]) + durations(cell, last)

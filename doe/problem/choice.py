@@ -22,6 +22,8 @@ from doe.problem.request import PLANNED, Request
 from doe.problem.visits import Visits, joined
 
 _MOST_MOMENTS = 40
+_NOTHING = frozenset[str]()
+_OF_MOVES = frozenset({"approach", "motion"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +34,13 @@ class Choice:
     sizes : ndarray, shape (k, dof), rad or m, of the last moves, of which a plan may choose
     times : ndarray, shape (k,), s, moments of the day, as many as poses or fewer; empty where the time
         does not count
+    needs : what effects ask for of it, of :data:`doe.problem.request.PLANNED`
     """
 
     sided: Mask
     sizes: Array
     times: Array
+    needs: frozenset[str]
 
     @property
     def dimensions(self) -> int:
@@ -76,7 +80,7 @@ class Choice:
         return within(cell, q, move)
 
     def tries(self, visits: Visits, cell: Cell) -> Visits:
-        """The same poses with other last moves: each joint from its other side, or by each other size."""
+        """The same poses with other last moves: each joint from its other side, or by another size."""
         if visits.move is None:
             return visits.take(slice(0))
         moves = []
@@ -106,16 +110,18 @@ def choice_of(cell: Cell, request: Request) -> Choice:
 
     Raises CalibError where the time counts and joint speeds are unknown, or levels are asked for.
     """
-    robot, needed = cell.robot, [(e, u) for e, u in _uses(cell) if u & PLANNED]
-    sided = np.zeros(robot.dof, dtype=bool)
-    for (_, places), uses in needed:
-        if uses & {"approach", "motion"}:
+    robot, sided = cell.robot, np.zeros(cell.robot.dof, dtype=bool)
+    placed = [(parse_effect(text)) for text in cell.effects]
+    uses = [
+        frozenset(catalogue()[name].uses) & PLANNED if name in catalogue() else _NOTHING
+        for name, _ in placed
+    ]
+    needs = _NOTHING.union(*uses)
+    for (_, places), own in zip(placed, uses, strict=True):
+        if own & _OF_MOVES:
             sided |= np.array([places is None or joint in places for joint in robot.joints])
-    sided &= robot.free
     sizes = np.where(robot.prismatic, LAST_MOVES[1][:, None], LAST_MOVES[0][:, None])
-    if not any("motion" in uses for _, uses in needed):
-        sizes = sizes[:1]
-    timed = [name for (name, _), uses in needed if uses & {"time", "temperature"}]
+    timed = [name for (name, _), own in zip(placed, uses, strict=True) if own - _OF_MOVES]
     if timed and (request.levels is not None or request.fixed is not None):
         other = "levels" if request.levels is not None else "a plan to extend"
         raise CalibError(
@@ -123,12 +129,7 @@ def choice_of(cell: Cell, request: Request) -> Choice:
             "one of both out"
         )
     times = _moments(cell, request.poses, timed[0]) if timed else np.zeros(0)
-    return Choice(sided, sizes, times)
-
-
-def _uses(cell: Cell) -> list[tuple[tuple[str, tuple[str, ...] | None], frozenset[str]]]:
-    placed = [parse_effect(text) for text in cell.effects]
-    return [(own, frozenset(catalogue()[own[0]].uses)) for own in placed if own[0] in catalogue()]
+    return Choice(sided & robot.free, sizes if "motion" in needs else sizes[:1], times, needs)
 
 
 def _moments(cell: Cell, poses: int, effect: str) -> Array:

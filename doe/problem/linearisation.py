@@ -17,6 +17,7 @@ from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.cell import Cell
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
+from calib.effects.tuned import Tuned
 from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
@@ -123,11 +124,14 @@ def weighted(W: Array, columns: Array) -> Array:
 def nominal(model: Model, poses: Poses) -> Array:
     """The nominal model, shape (p,), SI; as soft as usual where an error of load is to be seen.
 
-    Weights, springs and payloads move the markers through compliances only.
+    Weights, springs and payloads move the markers through compliances only; the cycles of a ripple and
+    a time constant show beside an amplitude only, which is taken as usual.
     """
-    if len(model.where(LoadEffect)):
-        return soft(model, poses)
-    return model.initial
+    values = soft(model, poses) if len(model.where(LoadEffect)) else model.initial
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if isinstance(effect, Tuned):
+            values[part.start + 1 : part.stop] = model.sizes[part.start + 1 : part.stop]
+    return values
 
 
 def soft(model: Model, poses: Poses) -> Array:

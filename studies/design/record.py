@@ -43,11 +43,36 @@ class ProofEntry(Entry):
     rounds: Count
 
 
+class LastMove(JointValues):
+    """The last move of each joint to a pose, with its sign: from the side that is prescribed."""
+
+
 class DesignPose(JointValues):
-    """A pose of the plan; level : deg or mm, None without levels."""
+    """A pose of the plan; level : deg or mm, None without levels.
+
+    time_s : of its reading, since the first, None where joint speeds are unknown
+    temperature_degC : then, None where the model does not ask for it
+    last_move : as the plan prescribes it, None where the model does not depend on it
+    """
 
     pose: str
     level: Annotated[Maybe, Shown(detail=True)]
+    time_s: Maybe = None
+    temperature_degC: Maybe = None  # noqa: N815
+    last_move: LastMove | None = None
+
+    @property
+    def moves(self) -> dict[str, float]:
+        """The last moves of the joints that make one, deg or mm."""
+        own = self.last_move
+        return (
+            {} if own is None else {j: v for j, v in (own.joints_deg | own.joints_mm).items() if v}
+        )
+
+    @property
+    def minutes(self) -> float | None:
+        """When it is read [min]."""
+        return None if self.time_s is None else self.time_s / 60.0
 
 
 class PredictedStd(Entry):
@@ -170,7 +195,10 @@ class LandscapeEntry(Entry):
 
 
 class DesignRecord(Record, PlanAccuracy):
-    """The poses to measure, and the proof of how good they are."""
+    """The poses to measure, and the proof of how good they are.
+
+    timed : whether the model depends on the time, so that the order is part of the plan
+    """
 
     command: Literal["design"] = "design"
     criterion: str
@@ -204,6 +232,7 @@ class DesignRecord(Record, PlanAccuracy):
     by_pose: tuple[InformationShare, ...] = ()
     unchecked: str = ""
     day: DayEntry | None = None
+    timed: bool = False
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -260,10 +289,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         criterion_unit=criterion.unit,
         larger_is_better=criterion.larger_is_better,
         proof=_proof(found),
-        poses=[
-            DesignPose(pose=name, level=level, **shown_joints(robot, q))
-            for name, q, level in zip(found.poses.names, found.poses.q, levels, strict=True)
-        ],
+        poses=_poses(found, levels),
         **_levels(found, levels),
         predicted_std=[
             PredictedStd.from_result(p, std=own / p.scale)
@@ -289,6 +315,30 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
         day=day_entry(found.day),
+        timed=found.problem.choice.timed,
+    )
+
+
+def _poses(found: Design, levels: list[float]) -> tuple[DesignPose, ...]:
+    """The poses in their order, with what the plan settles beside the joint angles."""
+    from doe.day.approach import last_move
+
+    robot, poses, count = found.problem.cell.robot, found.poses, len(found.poses)
+    times = np.full(count, np.nan) if poses.time is None else poses.time
+    degrees = np.full(count, np.nan)
+    if "temperature" in found.problem.choice.needs:
+        degrees = found.problem.cell.pace.temperature(times)
+    moves = last_move(found.problem.cell, poses)
+    return tuple(
+        DesignPose(
+            pose=name,
+            level=levels[i],
+            time_s=times[i],
+            temperature_degC=degrees[i],
+            last_move=None if moves is None else LastMove(**shown_joints(robot, moves[i])),
+            **shown_joints(robot, poses.q[i]),
+        )
+        for i, name in enumerate(poses.names)
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from studies.day import told as day_told
 from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
 from studies.document import FOUR, Shown, mm, plural
 from studies.entries import joint_columns, over_the_workspace
-from studies.plots import accuracy, deviations, information
+from studies.plots import accuracy, deviations, information, run_order
 from studies.plots.style import Picture
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _WORTH_EXPLAINING = 0.002  # missing efficiency
+_USUAL_MOVE = 30.0  # deg or mm
 
 
 def told(record: DesignRecord) -> doc.Document:
@@ -149,6 +150,26 @@ def _facts(record: DesignRecord) -> Iterator[doc.Sentence]:
     )
     if record.day is not None:
         yield from day_told(record.day)
+    yield from _order(record)
+
+
+def _order(record: DesignRecord) -> Iterator[doc.Sentence]:
+    """What is to be kept to on the day, where the model depends on it."""
+    moved = list(dict.fromkeys(joint for row in record.poses for joint in row.moves))
+    if moved:
+        sizes = sorted({abs(size) for row in record.poses for size in row.moves.values()})
+        said = " or ".join(f"{own:g}" for own in sizes)
+        yield doc.Sentence(
+            f"each pose is reached by a last move of {doc.listed(moved)} by {said} deg (or mm), from "
+            "the side that the plan prescribes (columns approach_.. and move_..)",
+            label="approach",
+        )
+    if record.timed:
+        yield doc.Sentence(
+            "the model depends on the time: keep to the order, and to the times as far as you can "
+            "(columns order and time_s)",
+            label="order",
+        )
 
 
 def _travel(record: DesignRecord) -> str:
@@ -159,7 +180,28 @@ def _travel(record: DesignRecord) -> str:
 
 def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
     joints = joint_columns(record.poses, doc.HUNDREDTH, detail=False)
-    return doc.columns(DesignPose, "pose", *joints, "level" if record.level_joint else "")
+    timed = record.poses[0].time_s is not None
+    when = doc.Column[DesignPose]("at\n[min]", lambda row: row.minutes, doc.TENTH)
+    sides = doc.Column[DesignPose]("last\nmoves", lambda row: _signs(row.moves))
+    return doc.columns(
+        DesignPose,
+        "pose",
+        *joints,
+        "level" if record.level_joint else "",
+        *([when] if timed else []),
+        *([sides] if any(row.moves for row in record.poses) else []),
+    )
+
+
+def _signs(moves: Mapping[str, float]) -> str:
+    """From which side joints come, one sign for each; double where it comes by more than usual.
+
+    >>> _signs({"A1": 5.0, "A2": -40.0})
+    '+ --'
+    """
+    return " ".join(
+        ("+" if own > 0.0 else "-") * (1 + (abs(own) > _USUAL_MOVE)) for own in moves.values()
+    )
 
 
 _DETERMINED = doc.columns(PredictedStd, "effect where name std unit")
@@ -242,8 +284,22 @@ def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
     if record.by_pose and record.by_pose[0].effects:
         yield lambda: information_by_pose(record)
     yield lambda: deviations_by_plan(record)
+    if record.timed or any(row.moves for row in record.poses):
+        yield lambda: in_its_order(record)
     if record.curve:
         yield lambda: against_poses(record)
+
+
+def in_its_order(record: DesignRecord) -> Picture:
+    """When each pose is read, how warm it is then, and from which side joints come."""
+    rows = record.poses
+    joints = dict.fromkeys(joint for row in rows for joint in row.moves)
+    return run_order.over_the_day(
+        [row.pose for row in rows],
+        np.array([row.minutes for row in rows], dtype=float),
+        np.array([row.temperature_degC for row in rows], dtype=float),
+        {joint: np.array([row.moves.get(joint, 0.0) for row in rows]) for joint in joints},
+    )
 
 
 def derivative(record: DesignRecord, landscape: LandscapeEntry) -> Picture:

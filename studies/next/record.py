@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
-import numpy as np
 from pydantic import model_validator
 
 from studies import document as doc

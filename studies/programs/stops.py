@@ -82,8 +82,10 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
         )
     stops = []
     meets = broken_at(cell, plan.q)
-    arrivals = (None, *day.ways)
-    for name, q, met, way in zip(plan.names, plan.q, meets, arrivals, strict=True):
+    arrivals = (day.first, *day.ways)
+    for name, q, met, way, between in zip(
+        plan.names, plan.q, meets, arrivals, day.before, strict=True
+    ):
         shown = plain_text(name)
         _check_limits(cell, q, shown, source)
         if met:
@@ -97,11 +99,10 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
         if cell.load is not None:
             mass = f"{cell.load.mass:g} kg"
             tasks.append(f"hang {mass}, wait until it is still, measure pose {shown}, take it off")
-        between = () if way is None else tuple(way.between)
         before = "" if way is None or way.free else (
             f"no way to pose {shown} is known: the straight one meets {way.meets}. Drive there by hand"
         )  # fmt: skip
-        stops.append(Stop(shown, q, tuple(tasks), between, plain_text(before, len(before))))
+        stops.append(Stop(shown, q, tuple(tasks), tuple(between), plain_text(before, len(before))))
     return stops
 
 
@@ -111,7 +112,7 @@ def checked_lines(day: PlannedDay) -> list[str]:
         return ["The way from pose to pose is not checked for collisions: look at it first."]
     margin = day.cell.design.margin
     apart = f", with a margin of {1e3 * margin:g} mm to floor and obstacles" if margin else ""
-    around = sum(len(way.points) > 2 for way in day.ways)
+    around = sum(way.free and bool(way.meets) for way in day.ways)
     lines = [
         f"Ways from pose to pose, checked for {', '.join(day.checked)}{apart}: {day.direct} straight, "
         f"{around} over points between, {len(day.blocked)} not known.",

@@ -146,5 +146,5 @@ def test_the_cell_of_the_topic_sees_its_board(tmp_path: Path) -> None:
     kr270_cell(tmp_path, effects=EFFECTS)
     (tmp_path / "cell.toml").write_text(text.replace("arm.urdf", "kr270.urdf"))
     cell = load_cell(tmp_path / "cell.toml")
-    q = np.concatenate(list(drawn(cell, 1024, None, 0)))
+    q = np.concatenate([own.q for own in drawn(cell, 1024, None, 0)])
     assert visible(scene_of(cell, q)).any(axis=1).mean() > 0.2

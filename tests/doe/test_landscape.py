@@ -12,6 +12,7 @@ from calib import Cell
 from calib.cell.planned import Planned
 from doe.problem import problem_of
 from doe.problem.request import Request
+from doe.problem.visits import Visits
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
@@ -49,8 +50,8 @@ def test_share_is_the_derivative_of_the_criterion(kr270: Cell) -> None:
     plan = doe.design(cell, poses=12, criterion="D", candidates=400, refine=False, repeats=True)
     problem = problem_of(cell, Request(poses=12, criterion="D", repeats=True))
     view = plan.landscape
-    M = problem.fixed + problem.information(plan.poses.q).sum(axis=0)
-    blocks = problem.information(view.q)
+    M = problem.fixed + problem.information(Visits(plan.poses.q)).sum(axis=0)
+    blocks = problem.information(Visits(view.q))
 
     def log_det(A: np.ndarray) -> float:
         return float(np.linalg.slogdet(A)[1])

@@ -152,6 +152,6 @@ def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:
         planned(cell_with(replace(SOCKETS, standing=None)))
     far = cell_with(replace(SPHERE, standing=np.array([[50.0, 0.0, 0.0]])))
     contact = next(own for own in constraints_of(far) if own.name == "contact")
-    assert not contact.allows(scene_of(far, next(drawn(far, 64, None, 0)))).any()
+    assert not contact.allows(scene_of(far, next(drawn(far, 64, None, 0)).q)).any()
     with pytest.raises(calib.CalibError, match="touches nothing to"):
         experiment_of(KINDS["plane"][0], poses_at(np.zeros((3, 4))))

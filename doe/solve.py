@@ -142,8 +142,9 @@ def finish(
         progress.lap("order")
     blocks, rules = problem.posed(pool)
     proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
-    # What branch and bound proves holds for poses that are visited once.
-    if provable(criterion, rules) and not (request.robust or request.reapproaches):
+    # What branch and bound proves holds for poses that are visited once, in any order.
+    unproved = request.robust or request.reapproaches or problem.choice.timed
+    if provable(criterion, rules) and not unproved:
         proof = _proved(problem, pool, chosen, progress)
         progress.lap("branch and bound")
     fresh = np.nan

@@ -108,7 +108,8 @@ def within(cell: Cell, q: Array, move: Array) -> Array:
 def choice_of(cell: Cell, request: Request) -> Choice:
     """What the model of a cell needs to know of the visits of a plan.
 
-    Raises CalibError where the time counts and joint speeds are unknown, or levels are asked for.
+    Raises CalibError where the time counts and joint speeds are unknown, or what does not go with it is
+    asked for.
     """
     robot, sided = cell.robot, np.zeros(cell.robot.dof, dtype=bool)
     placed = [(parse_effect(text)) for text in cell.effects]
@@ -122,8 +123,12 @@ def choice_of(cell: Cell, request: Request) -> Choice:
             sided |= np.array([places is None or joint in places for joint in robot.joints])
     sizes = np.where(robot.prismatic, LAST_MOVES[1][:, None], LAST_MOVES[0][:, None])
     timed = [name for (name, _), own in zip(placed, uses, strict=True) if own - _OF_MOVES]
-    if timed and (request.levels is not None or request.fixed is not None):
-        other = "levels" if request.levels is not None else "a plan to extend"
+    others = {
+        "levels": request.levels is not None,
+        "a plan to extend": request.fixed is not None,
+        "branch and bound": request.prove,
+    }
+    for other in (name for name, asked in others.items() if asked and timed):
         raise CalibError(
             f"{timed[0]} makes the time of each pose a choice, which does not go with {other}; leave "
             "one of both out"

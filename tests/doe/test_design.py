@@ -444,9 +444,9 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "c of nothing": (lambda c: c, {"poses": 15, "criterion": "c"}, "(of)"),
     "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
     "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "and 15 are needed"),
-    "a rival by approach": (
+    "a rival by measured torques": (
         lambda c: c,
-        {"poses": 15, "discriminate": ("backlash:A3", "transmission_scale:A3")},
+        {"poses": 15, "discriminate": ("measured_torque:A3", "transmission_scale:A3")},
         "no choice of poses settles",
     ),
     "a rival that is in the model": (

@@ -1,0 +1,149 @@
+"""Plans of models that depend on the order: sides, moments, and the way that they are written."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+import doe
+from calib import Cell
+from calib.cell.planned import Pace
+from calib.errors import CalibError
+from calib.files.write_tables import plan_csv
+from calib.poses import poses_at
+from doe.optimal.blocks import unpack
+from doe.problem import Problem, problem_of
+from doe.problem.pool import Pool, chunked, pool_of
+from doe.problem.request import Request
+from doe.problem.visits import Visits
+from doe.run_order import in_run_order
+from doe.solve import Progress, choose
+from tests.doe.constraints.arms import planar
+
+SLOW = Pace(speed=0.02, settle=30.0, reading=60.0)
+"""A day of which an hour passes soon."""
+
+
+def cell_of(*effects: str) -> Cell:
+    arm = planar(2)
+    robot = replace(arm.robot, speeds=np.ones(2))
+    return replace(arm, robot=robot, pace=SLOW, effects=effects)
+
+
+ALL = cell_of("tool", "joint_offset", "backlash:j1", "base_drift")
+
+
+def candidates(problem: Problem, q: np.ndarray) -> Pool:
+    """Every configuration (k, 2) from both sides of the first joint at each moment."""
+    moments = len(problem.choice.times)
+    rows = list(itertools.product(range(len(q)), (-0.1, 0.1), range(moments)))
+    move = np.array([[side, 0.0] for _, side, _ in rows])
+    moment = np.array([k for _, _, k in rows])
+    visits = Visits(q[[i for i, _, _ in rows]], move, moment, problem.choice.times[moment])
+    return pool_of(problem.regressor, problem.constraints, None, chunked(visits), len(rows))
+
+
+@pytest.mark.parametrize("criterion", ["D", "A", "task"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_certificate_against_all_plans(criterion: str, seed: int) -> None:
+    """Six moments, at each one of three configurations from one of two sides: 46 656 plans."""
+    problem = problem_of(ALL, Request(6, criterion))
+    q = np.random.default_rng(seed).uniform(-2.0, 2.0, (3, 2))
+    pool = candidates(problem, q)
+    by_moment = [np.flatnonzero(pool.level == k) for k in range(6)]
+    assert [len(own) for own in by_moment] == [6] * 6
+    plans = np.array(list(itertools.product(*by_moment)))
+    parts = np.array_split(plans, 50)
+    M = (problem.fixed + unpack(pool.packed[part].sum(axis=1)) for part in parts)
+    best = max(float(problem.criterion.plain.value(own).max()) for own in M)
+    found = choose(problem, pool, Progress())
+    assert found.relaxed.bound >= best * (1.0 - 1e-9)
+    assert best * (1.0 - 1e-3) <= found.value <= best * (1.0 + 1e-9)
+
+
+def test_orders_against_all_of_them() -> None:
+    """Of the 720 orders of six poses that tell enough, none has much shorter ways."""
+    problem = problem_of(cell_of("tool", "joint_offset", "base_drift"), Request(6, "D"))
+    rng = np.random.default_rng(0)
+    visits = Visits(rng.uniform(-2.5, 2.5, (6, 2)), None, np.arange(6), problem.choice.times)
+    found = in_run_order(problem, visits)
+
+    def told(order: tuple[int, ...]) -> float:
+        own = replace(visits.take(list(order)), moment=np.arange(6), time=problem.choice.times)
+        M = problem.fixed + problem.information(own).sum(axis=0)
+        return float(problem.criterion.plain.value(M))
+
+    def way(q: np.ndarray) -> float:
+        return float(np.abs(np.diff(q, axis=0)).max(axis=1).sum())
+
+    values = {order: told(order) for order in itertools.permutations(range(6))}
+    best = max(values.values())
+    chosen = tuple(int(np.abs(visits.q - q).sum(axis=1).argmin()) for q in found.q)
+    assert values[chosen] >= 0.98 * best
+    enough = [way(visits.q[list(o)]) for o, value in values.items() if value >= 0.98 * best]
+    assert way(found.q) <= 1.05 * min(enough)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [("backlash",), ("backlash", "settling"), ("base_drift",), ("backlash:j1", "tracker_drift")],
+)
+def test_a_plan_on_paper_tells_what_was_promised(tmp_path: Path, effects: tuple[str, ...]) -> None:
+    """Standard deviations from the file alone, by calib, are those of the design."""
+    cell = cell_of("tool", "joint_offset", *effects)
+    plan = doe.design(cell, poses=14, criterion="D", candidates=400, fresh=False, reapproach=0)
+    (tmp_path / "plan.csv").write_text(plan_csv(cell, plan.poses))
+    poses = calib.load_plan(cell, tmp_path / "plan.csv")
+    J = calib.observation(cell, poses)
+    rows = J.reshape(-1, J.shape[-1]) / plan.problem.model.readout.even
+    std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    np.testing.assert_allclose(std, plan.assessment.std, rtol=1e-4)
+
+
+def test_sides_are_balanced_and_driven() -> None:
+    plan = doe.design(
+        cell_of("tool", "joint_offset", "backlash"),
+        poses=12, criterion="D", candidates=400, fresh=False, reapproach=0,
+    )  # fmt: skip
+    assert plan.poses.approach is not None
+    assert (np.abs(plan.poses.approach.sum(axis=0)) <= 4).all()
+    points = plan.day.driven
+    assert [own.kind for own in points[:4]] == ["approach", "pose"] * 2
+    for before, at in itertools.pairwise(points):
+        if at.kind == "pose":
+            row = plan.poses.names.index(at.pose)
+            np.testing.assert_array_equal(np.sign(at.q - before.q), plan.poses.approach[row])
+
+
+def test_a_planned_order_tells_more_than_one_by_chance() -> None:
+    cell = cell_of("tool", "joint_offset", "base_drift")
+    plan = doe.design(cell, poses=12, criterion="D", candidates=400, fresh=False)
+    rng = np.random.default_rng(0)
+
+    def by_chance() -> float:
+        q = plan.poses.q[rng.permutation(12)]
+        judged = doe.design(
+            cell, poses=12, criterion="D", candidates=400, fresh=False,
+            against={"by chance": poses_at(q, time=plan.poses.time)},
+        )  # fmt: skip
+        return judged.rivals["by chance"].efficiency
+
+    assert by_chance() < plan.efficiency
+
+
+def test_the_time_is_needed() -> None:
+    cell = cell_of("tool", "base_drift")
+    slow = replace(cell, robot=replace(cell.robot, speeds=None))
+    with pytest.raises(CalibError, match="speeds are not known"):
+        doe.design(slow, poses=6)
+    with pytest.raises(CalibError, match="does not go with levels"):
+        doe.design(cell, levels="j1=3x2")
+    with pytest.raises(CalibError, match="does not go with a plan to extend"):
+        doe.design(cell, poses=6, extend=poses_at(np.zeros((1, 2))))
+    with pytest.raises(CalibError, match="does not go with branch and bound"):
+        doe.design(cell, poses=6, criterion="D", prove=True)

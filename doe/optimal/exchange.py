@@ -22,7 +22,7 @@ from doe.optimal.function import InformationFunction
 
 _JUDGED = 4  # candidates in place of a pose that are judged exactly, where their rank is exact
 _DOUBTED = 24  # and where it is not
-_RANKED = 300  # of the largest price, that are ranked for it
+_MANY, _RANKED = 20, 300  # poses of a plan from which on the likely ones have a large price
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -93,7 +93,7 @@ def _likely(
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:
         return live
-    if len(live) > _RANKED:
+    if len(plan) >= _MANY and len(live) > _RANKED:
         live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
     rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, blocks.rows[live])

@@ -119,12 +119,12 @@ class Day:
     def approach(self, q: Array, rng: np.random.Generator) -> Array:
         """Where one more approach of joints (N, n) takes the markers, shape (N, M, 3), m."""
         place, moved = (self.R, self.p), _moved(self.floor, None, len(q))
-        return _at(self.mechanism, self.truth(q), *place, self.scatter, rng, moved).readings
+        return standing(self.mechanism, self.truth(q), *place, self.scatter, rng, moved).readings
 
     def nominal(self, q: Array, markers: Array, R: Array, p: Array) -> Array:
         """Where the arm of its file has markers (M, 3) at joints (N, n), base placed at R, p."""
         arm = Mechanism(self.arm, np.zeros((self.arm.dof + 2, 6)), markers, weighs=False)
-        return _at(arm, q, R, p).readings
+        return standing(arm, q, R, p).readings
 
 
 def draw_day(
@@ -152,10 +152,10 @@ def draw_day(
     mechanism = Mechanism(arm, geometry, markers, weighs=False)
     hours = None if floor is None else floor.during(len(q))
     now, then = _moved(floor, hours, len(q)), _moved(floor, None, len(targets))
-    still = _at(mechanism, truth(q), R, p, moved=now)
-    there = _at(mechanism, truth(targets), R, p, moved=then)
+    still = standing(mechanism, truth(q), R, p, moved=now)
+    there = standing(mechanism, truth(targets), R, p, moved=then)
     scatter = _scatter(rng, arm, still, setting.scatter, in_joints=index % 2 == 0)
-    stood = _at(mechanism, truth(q), R, p, scatter, rng, now).readings
+    stood = standing(mechanism, truth(q), R, p, scatter, rng, now).readings
     return Day(
         arm=arm,
         mechanism=mechanism,
@@ -171,7 +171,7 @@ def draw_day(
         read=stood + rng.normal(size=stood.shape) * SIGMA,
         targets=targets,
         reached=there.readings,
-        approached=_at(mechanism, truth(targets), R, p, scatter, rng, then).readings,
+        approached=standing(mechanism, truth(targets), R, p, scatter, rng, then).readings,
         floor=floor,
     )
 
@@ -183,7 +183,7 @@ def _moved(floor: Floor | None, hours: Array | None, count: int) -> Array:
     return floor.twist(np.full(count, floor.session + floor.later) if hours is None else hours)
 
 
-def _at(
+def standing(
     mechanism: Mechanism,
     q: Array,
     R: Array,

@@ -1,0 +1,230 @@
+"""What a planned order tells of errors that depend on it, against the same poses in an order by chance.
+
+    python -m studies.research.benchmarks.run_orders [--days 50] [--refits 40] [--only NAME ..]
+        [--workers 2] [--json FILE]
+
+A light arm of six joints is read by a tracker at thirty poses. Three days are compared: the plan for a
+model that has the error, the plan for one that lacks it, and the poses of the first in an order by
+chance, reached without a last move. The true arm is MuJoCo's (``studies.research.withheld.truth``); its
+error follows formulas written here.
+
+expected: standard deviations of the error's parameters, RMS over those of the plan by chance
+refits: how ``calib.identify`` scatters about the truth on the planned day, chi-square over its degrees
+    of freedom, one where the promise holds
+found: share of the error's places that ``calib.diagnose`` names, first or in a class, where the model
+    lacks it; its parameters are about eight times the planned day's standard deviation
+as good: poses of a plan that tells as much as thirty by chance
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+import calib
+import doe
+from calib import Cell
+from calib.arrays import Array, Mask
+from calib.model import Model
+from calib.model.build import build
+from calib.poses import Measurements, Poses, poses_at
+from calib.poses.moves import with_moves
+from doe.day.day import day_of
+from doe.problem.linearisation import nominal
+from studies.research.bench import Output, Row, bench, cell_from, count, each, rms, several, table
+from studies.research.benchmarks.day import SIGMA, cell_text, placement, reflectors, standing
+from studies.research.withheld.robots import LIGHT
+from studies.research.withheld.truth import Mechanism, urdf
+
+_POSES, _FEWER = 30, (12, 16, 20, 24)
+_CANDIDATES = 4000
+_SPEEDS = "[robot.speed_deg_s]\n" + "".join(f"{name} = 120\n" for name in LIGHT.names)
+_TAU = 1800.0  # s, of the warm-up
+_SIZE = 8.0  # standard deviations of the planned day
+_OPEN = 1e-9  # of the largest singular value
+
+Errors = tuple[Array, Array]
+"""Of each reading: what joints are off by (m, n), and how far the base moved (m, 6)."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An error that depends on the order.
+
+    effect : as the model names it; reading : s, that a reading takes
+    errors : (poses, parameters in SI) -> what they make of each reading
+    """
+
+    effect: str
+    reading: float
+    errors: Callable[[Poses, Array], Errors]
+
+
+def _lost(poses: Poses, values: Array) -> Errors:
+    return _approach(poses) * values, np.zeros((len(poses), 6))
+
+
+def _settling(poses: Poses, values: Array) -> Errors:
+    move = np.zeros_like(poses.q) if poses.motion is None else poses.motion
+    share = move / np.maximum(move.max(axis=1, keepdims=True), 1e-12)
+    each_joint = values.reshape(-1, 2).T
+    left = -_approach(poses) * (each_joint[0] * move + each_joint[1] * share)
+    return left, np.zeros((len(poses), 6))
+
+
+def _drift(poses: Poses, values: Array) -> Errors:
+    return np.zeros_like(poses.q), poses.elapsed[:, None] * values
+
+
+def _warming(poses: Poses, values: Array) -> Errors:
+    return np.zeros_like(poses.q), np.exp(-poses.elapsed / _TAU)[:, None] * values[1:]
+
+
+def _approach(poses: Poses) -> Array:
+    return np.zeros_like(poses.q) if poses.approach is None else poses.approach
+
+
+CASES = {
+    "backlash": Case("backlash", 10.0, _lost),
+    "settling": Case("settling", 10.0, _settling),
+    "base_drift": Case("base_drift", 100.0, _drift),
+    "warm_up": Case("warm_up:base", 200.0, _warming),
+}
+DAYS = ("planned", "today's", "by chance")
+
+
+def cell_for(case: Case, model: bool) -> Cell:
+    """The cell of a day; model : whether its model has the error."""
+    guesses = reflectors(np.random.default_rng(0), LIGHT)
+    text = cell_text("a day", LIGHT, guesses, SIGMA)
+    if model:
+        text = text.replace('"geometry"]', f'"geometry", "{case.effect}"]')
+    text += f"{_SPEEDS}[timing]\nread_s = {case.reading}\n"
+    return cell_from(text, urdf(LIGHT, masses=False))
+
+
+@cache
+def plan_of(name: str, model: bool, poses: int = _POSES) -> Poses:
+    """The plan of a cell, in its order and with its times."""
+    plan = doe.design(
+        cell_for(CASES[name], model),
+        poses=poses, criterion="D", candidates=_CANDIDATES, fresh=False, reapproach=0,
+    )  # fmt: skip
+    return plan.poses if plan.poses.approach is not None else with_moves(plan.poses)
+
+
+def by_chance(name: str, seed: int) -> Poses:
+    """The planned poses in another order, each reached straight from the one before."""
+    cell, q = cell_for(CASES[name], True), plan_of(name, True).q
+    q = q[np.random.default_rng([seed, 1]).permutation(len(q))]
+    return with_moves(day_of(cell, poses_at(q)).timed)
+
+
+def days_of(name: str, seed: int) -> dict[str, Poses]:
+    """The three days."""
+    return dict(
+        zip(DAYS, (plan_of(name, True), plan_of(name, False), by_chance(name, seed)), strict=True)
+    )
+
+
+def expected(name: str, poses: Poses) -> Array:
+    """Standard deviations of the error's parameters, SI, in a model that has it; inf if open."""
+    model, own = _modelled(name, poses)
+    _, J = model.jacobian(nominal(model, poses), poses)
+    rows = J.reshape(-1, J.shape[-1]) / SIGMA
+    scale = np.linalg.norm(rows, axis=0)
+    _, s, V = np.linalg.svd(rows / scale, full_matrices=False)
+    std = np.linalg.norm(V / s[:, None], axis=0) / scale
+    return np.asarray(np.where(s[-1] > _OPEN * s[0], std, np.inf)[own])
+
+
+def _modelled(name: str, poses: Poses) -> tuple[Model, Mask]:
+    """The model that has the error, and which of its parameters are the error's."""
+    model = build(cell_for(CASES[name], True), poses).model
+    kind = CASES[name].effect.partition(":")[0]
+    return model, np.array([p.effect == kind for p in model.parameters])
+
+
+def truth_of(name: str, rng: np.random.Generator) -> Array:
+    """The error of a day, its parameters in SI; a warm-up's time constant is the first."""
+    size = _SIZE * expected(name, plan_of(name, True))
+    values = np.asarray(rng.normal(size=len(size)) * size)
+    if name == "warm_up":
+        values[0] = _TAU
+    return values
+
+
+def read(name: str, poses: Poses, values: Array, rng: np.random.Generator) -> Measurements:
+    """What the tracker reads on a day of the true arm."""
+    off, moved = CASES[name].errors(poses, values)
+    geometry = rng.normal(size=(LIGHT.dof + 2, 6)) * np.repeat([3e-4, 4e-4], 3)
+    markers = reflectors(np.random.default_rng(0), LIGHT) + rng.normal(size=(3, 3)) * 1e-3
+    mechanism = Mechanism(LIGHT, geometry, markers, weighs=False)
+    points = standing(mechanism, poses.q + off, *placement(rng), moved=moved).readings
+    points = points + rng.normal(size=points.shape) * SIGMA
+    seen = np.ones(points.shape[:2], dtype=bool)
+    return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
+
+
+def refit(name: str, day: str, seed: int) -> list[float]:
+    """Errors of the parameters of one day as identified, in expected standard deviations."""
+    rng, poses = np.random.default_rng([seed, 2]), days_of(name, seed)[day]
+    values = truth_of(name, rng)
+    cell = cell_for(CASES[name], True)
+    found = calib.identify(cell, read(name, poses, values, rng))
+    own = np.array([p.effect == cell.effects[-1].partition(":")[0] for p in found.model.parameters])
+    return list((found.values[own] - values) / np.sqrt(np.diag(found.covariance)[own]))
+
+
+def told(name: str, day: str, seed: int) -> tuple[float, float]:
+    """Shares of the error's places that the diagnosis of a day names: among others, and first."""
+    rng, poses = np.random.default_rng([seed, 3]), days_of(name, seed)[day]
+    values = truth_of(name, rng)
+    cell, kind = cell_for(CASES[name], False), CASES[name].effect.partition(":")[0]
+    found = calib.diagnose(cell, read(name, poses, values, rng))
+    named = {(own.name, own.where) for own in found.causes}
+    alike = {(c.effect.kind, c.where) for own in found.causes for c, _ in own.members}
+    places = LIGHT.names if kind in ("backlash", "settling") else ("base",)
+    among, first = (np.mean([(kind, where) in own for where in places]) for own in (alike, named))
+    return float(among), float(first)
+
+
+@bench(
+    count("--refits", 40, least=0),
+    several("--only", list(CASES)),
+    days=50,
+    days_help="Simulated days that are diagnosed, in either order.",
+    workers=True,
+)
+def main(refits: int, only: tuple[str, ...], days: int, workers: int, seed: int) -> Output:
+    """Compare planned orders with orders by chance."""
+    rows = [_measured(name, day, refits, days, workers, seed) for name in only for day in DAYS]
+    return [table(rows)], rows
+
+
+def _measured(name: str, day: str, refits: int, days: int, workers: int, seed: int) -> Row:
+    """A line: one kind of day with one error."""
+    orders, planned = days_of(name, seed), day == DAYS[0]
+    chance = expected(name, orders["by chance"])
+
+    def ratio(poses: Poses) -> float:
+        own = expected(name, poses) / chance
+        return rms(own[np.isfinite(chance)])
+
+    fewer = (n for n in _FEWER if planned and ratio(plan_of(name, True, n)) <= 1.0)
+    z = each(refit, [(name, day, seed + 1 + k) for k in range(refits * planned)], workers)
+    found = each(told, [(name, day, seed + 1 + k) for k in range(days)], workers)
+    among, first = np.mean(found, axis=0) if found else (None, None)
+    return {
+        "error": name, "day": day, "minutes": float(orders[day].elapsed[-1]) / 60.0,
+        "expected": ratio(orders[day]), "refits": rms(np.array(z)) ** 2 if z else None,
+        "found": among, "named first": first,
+        "as good": next(fewer, _POSES) if planned else None,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

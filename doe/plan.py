@@ -11,6 +11,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.day.day import PlannedDay
+from doe.day.load_changes import LoadSchedule
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
@@ -143,6 +144,7 @@ class Design(Result):
     reference : Reference or None
     reapproaches : Reapproaches or None
     day : PlannedDay, the ways between the poses and the time that it takes
+    load_schedules : tuple of LoadSchedule, ways to change the load, empty without one
     """
 
     problem: Problem
@@ -159,6 +161,7 @@ class Design(Result):
     seconds: dict[str, float] = field(default_factory=dict)
     reference: Reference | None = None
     reapproaches: Reapproaches | None = None
+    load_schedules: tuple[LoadSchedule, ...] = ()
 
     def sentences(self) -> list[str]:
         return [

@@ -19,7 +19,8 @@ from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
-from doe.day.day import day_of, quickest_order
+from doe.day.day import PlannedDay, day_of, quickest_order
+from doe.day.load_changes import LoadSchedule, schedules_of
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, pose_names
@@ -250,6 +251,7 @@ def _designed(
         reference=reference,
         reapproaches=again,
         day=day,
+        load_schedules=_load_schedules(problem, day),
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
@@ -277,6 +279,15 @@ def _visited(
         busy = () if again is None else again.poses + again.again
         poses, reference = with_reference(problem, poses, request.reference_every, busy)
     return poses, reference, again, certificate
+
+
+def _load_schedules(problem: Problem, day: PlannedDay) -> tuple[LoadSchedule, ...]:
+    """Ways to change the load of a plan, with what is expected of each."""
+    if problem.cell.load is None or problem.choice.timed:
+        return ()
+    visits = Visits.of(day.poses)
+    apart = replace(problem, regressor=replace(problem.regressor, in_one_stay=False))
+    return schedules_of(day, assess(problem, visits).task_rms, assess(apart, visits).task_rms)
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:

@@ -107,6 +107,14 @@ class Tuned(DirectedEffect):
         return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
 
 
+def amid(effect: Effect, poses: Poses) -> Effect:
+    """The effect, a tuned one in the middle of what is worth trying at these poses."""
+    grid = effect.grid(poses) if isinstance(effect, Tuned) else ()
+    if not isinstance(effect, Tuned) or not len(grid):
+        return effect
+    return effect.tuned(grid[len(grid) // 2])
+
+
 @dataclass(frozen=True, eq=False)
 class Steady(DirectedEffect):
     """What carries a tuned effect: its directions alone, constant over the poses.

@@ -16,7 +16,7 @@ from calib.effects.base import sought
 from calib.effects.context import ARM
 from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
-from calib.effects.tuned import Tuned
+from calib.effects.tuned import amid
 from calib.errors import CalibError, EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.model.reduction import Dropped, carried_over, irreducible
@@ -336,7 +336,7 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     """
     kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
     acting = (e for e in model.effects if isinstance(e, kinds))
-    part = model.with_effects(tuple(_amid(e, poses) for e in acting))
+    part = model.with_effects(tuple(amid(e, poses) for e in acting))
     if not part.effects:
         return
     placed = _placed(cell, context_of(cell, poses))
@@ -349,14 +349,6 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     for effect, columns in zip(part.effects, part.slices, strict=True):
         if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
             _refuse_idle(effect, part, poses)
-
-
-def _amid(effect: Effect, poses: Poses) -> Effect:
-    """The effect, a tuned one in the middle of what is worth trying at these poses."""
-    grid = effect.grid(poses) if isinstance(effect, Tuned) else ()
-    if not isinstance(effect, Tuned) or not len(grid):
-        return effect
-    return effect.tuned(grid[len(grid) // 2])
 
 
 def _refuse_idle(effect: Effect, model: Model, poses: Poses) -> None:

@@ -200,8 +200,9 @@ def whole_day(
     """Data and the readings ``left`` of a plan as one set, and of each the pose of the plan, else -1.
 
     left : ndarray of int, of ``calib.readings(cell, plan)``, all without it
-    Points still to come are zero. What is to come goes on at the pace, the temperature and the station
-    of the data, in the order of the plan, with the markers that will be in sight.
+    Points still to come are zero. What is to come goes on at the pace of the data unless the plan has
+    times, at the temperature and station of the data, in the order of the plan and from the sides that
+    it prescribes, with the markers that will be in sight.
     """
     pose = np.full(len(data), -1)
     if not len(plan) or (left is not None and not len(left)):
@@ -225,10 +226,15 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
     way = np.concatenate([now.q[order], coming.q])
     fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
     approach, motion = (part[len(now) :] for part in moves(way, fresh))
+    if coming.approach is not None and not coming.approach_derived:
+        approach = coming.approach
+    if coming.motion is not None and coming.motion_told:
+        motion = coming.motion
     ahead = np.arange(1.0, k + 1.0)
     pace = 0.0
     if now.time is not None and len(now) > 1:
         pace = float(np.median(np.diff(np.sort(now.time))))
+    later = pace * ahead if coming.time is None else pace + coming.time - coming.time[0]
     sites = np.full(k, "") if coming.site is None else coming.site
     return replace(
         now,
@@ -238,7 +244,7 @@ def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
             [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
         ),
         temperature=_continued(now.temperature, last, np.zeros(k)),
-        time=_continued(now.time, last, pace * ahead),
+        time=_continued(now.time, last, later),
         order=_continued(now.order, last, ahead),
         torque=None,  # what the arm will measure nobody knows beforehand
         approach=_both(now.approach, approach),

@@ -23,7 +23,7 @@ from calib.diagnosis.screen import Field, field
 from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
-from calib.effects.tuned import Tuned
+from calib.effects.tuned import Tuned, amid
 from calib.identification.estimators import choose_directions
 from calib.identification.start import check_counts
 from calib.model import Model
@@ -147,6 +147,12 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
         len(c.effect.grid(data.poses)) if isinstance(c.effect, Tuned) else 1 for c in everything
     ]
     everything = [replace(c, tried=n) for c, n in zip(everything, tried, strict=True) if n]
+    # What only a scan finds, such as a step, may lie after these readings where it usually does.
+    scanned = (isinstance(c.effect, Tuned) and not c.effect.smooth for c in everything)
+    everything = [
+        replace(c, effect=amid(c.effect, data.poses)) if own else c
+        for c, own in zip(everything, scanned, strict=True)
+    ]
     suspects = tuple(c for c in everything if c.named)
     full, start = model.extended(values, [c.effect for c in suspects])
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)

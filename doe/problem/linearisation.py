@@ -151,10 +151,12 @@ class Regressor(Linearisation):
 
     T : ndarray, shape (p, p), ``theta = T y``
     loaded_only : whether readings free of load carry nothing, and are left out
+    in_one_stay : whether a pose is read free and loaded without moving in between
     """
 
     T: Array = field(kw_only=True)
     loaded_only: bool = field(default=False, kw_only=True)
+    in_one_stay: bool = field(default=True, kw_only=True)
 
     @classmethod
     def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
@@ -185,7 +187,8 @@ class Regressor(Linearisation):
         if not self.cell.scatters:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
-        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
+        stay = visit if self.in_one_stay else np.arange(len(poses))
+        rows = self.candidates(poses, seen, (stay, stay), np.nan).by_reading
         turned = stacked(rows[first:]) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(visits))
 

@@ -150,6 +150,21 @@ class ReapproachesEntry(Entry):
     asked: bool = True
 
 
+class LoadScheduleEntry(Entry):
+    """A way to change the load; after : poses after which, empty where it is at each."""
+
+    changes: Annotated[Count, Shown("changes of\nthe load")]
+    after: tuple[str, ...]
+    changing_s: NotNegative
+    seconds: Maybe
+    task_rms_mm: Annotated[Maybe, Shown("expected error")]
+
+    @property
+    def when(self) -> str:
+        """When it is changed."""
+        return f"after {', '.join(self.after)}" if self.after else "at each pose"
+
+
 class RivalPlan(PlanAccuracy):
     """A plan judged beside the result, by the same bound; std : of each parameter, in its unit."""
 
@@ -233,6 +248,7 @@ class DesignRecord(Record, PlanAccuracy):
     unchecked: str = ""
     day: DayEntry | None = None
     timed: bool = False
+    load_schedules: tuple[LoadScheduleEntry, ...] = ()
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -316,6 +332,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         unchecked=unchecked(problem.cell),
         day=day_entry(found.day),
         timed=found.problem.choice.timed,
+        load_schedules=[LoadScheduleEntry.from_result(own) for own in found.load_schedules],
     )
 
 

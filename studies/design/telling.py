@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import document as doc
+from studies.day import minutes
 from studies.day import told as day_told
-from studies.design.record import CurveStepEntry, DesignPose, DesignRecord, PredictedStd, RivalPlan
+from studies.design.record import (
+    CurveStepEntry,
+    DesignPose,
+    DesignRecord,
+    LoadScheduleEntry,
+    PredictedStd,
+    RivalPlan,
+)
 from studies.document import FOUR, Shown, mm, plural
 from studies.entries import joint_columns, over_the_workspace
 from studies.plots import accuracy, deviations, information, run_order
@@ -72,6 +80,8 @@ def _parts(record: DesignRecord) -> Iterator[doc.Part]:
     yield from _proof(record)
     yield from _losses(record)
     yield from _facts(record)
+    if record.load_schedules:
+        yield from _loads(record)
     yield doc.Table(_poses(record), record.poses, "Poses, in the order of measuring", of_poses=True)
     yield from _determined(record)
     if record.against:
@@ -151,6 +161,32 @@ def _facts(record: DesignRecord) -> Iterator[doc.Sentence]:
     if record.day is not None:
         yield from day_told(record.day)
     yield from _order(record)
+
+
+def _loads(record: DesignRecord) -> Iterator[doc.Part]:
+    """How often the load is changed, and what that costs."""
+    first, *fewer = record.load_schedules
+    if fewer:
+        yield doc.Sentence(
+            f"changed {first.changes} times, at each pose: {minutes(first.changing_s)}. Changed "
+            f"{fewer[0].changes} time, {fewer[0].when}, with all poses visited twice: "
+            f"{minutes(fewer[0].changing_s)}; expected error {mm(fewer[0].task_rms_mm)} RMS",
+            label="load",
+        )
+    when = doc.Column[LoadScheduleEntry]("when", lambda row: row.when)
+    changing = doc.Column[LoadScheduleEntry]("changing\ntakes", lambda row: minutes(row.changing_s))
+    day = doc.Column[LoadScheduleEntry](
+        "the day\ntakes", lambda row: "unknown" if row.seconds is None else minutes(row.seconds)
+    )
+    columns = doc.columns(LoadScheduleEntry, "changes", when, changing, day, "task_rms_mm")
+    caption = (
+        "With few changes, each block of poses is visited free and, on the way back, loaded. The arm "
+        "then moves with the load."
+    )
+    yield doc.Detail(
+        (doc.Table(columns, record.load_schedules, "Changes of the load", caption),),
+        "Changes of the load",
+    )
 
 
 def _order(record: DesignRecord) -> Iterator[doc.Sentence]:

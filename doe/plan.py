@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from doe.day.load_changes import LoadSchedule
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
+
+if TYPE_CHECKING:
+    from doe.trend import TrendPrice
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +149,7 @@ class Design(Result):
     reapproaches : Reapproaches or None
     day : PlannedDay, the ways between the poses and the time that it takes
     load_schedules : tuple of LoadSchedule, ways to change the load, empty without one
+    trend : TrendPrice, where the order is to be nearly free of trends
     """
 
     problem: Problem
@@ -162,6 +167,7 @@ class Design(Result):
     reference: Reference | None = None
     reapproaches: Reapproaches | None = None
     load_schedules: tuple[LoadSchedule, ...] = ()
+    trend: TrendPrice | None = None
 
     def sentences(self) -> list[str]:
         return [

@@ -44,6 +44,7 @@ from doe.solve import (
     new_poses_instead,
     with_second_visits,
 )
+from doe.trend import TrendPrice, nearly_free_of_trends
 from doe.visiting import (
     Reapproaches,
     Reference,
@@ -78,6 +79,7 @@ def design(
     curve: bool = False,
     reference_every: int | None = None,
     reapproach: int | None = None,
+    trend_free: bool = False,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -104,6 +106,8 @@ def design(
     reapproach : so many of the poses are visited again after the others, to show the arm's
         repeatability; 0 for none; the cell's [design] otherwise, and where that is silent and the
         repeatability is not known, a tenth of ``poses`` (doe.visiting.usual_reapproaches)
+    trend_free : the poses in an order that a steady drift of the base, which the model lacks, disturbs
+        little, in place of the quickest one
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -131,6 +135,7 @@ def design(
         curve=curve,
         reference_every=spacing(cell, reference_every),
         reapproaches=again or 0,
+        trend_free=trend_free,
         seed=seed,
     )
     if prove:
@@ -234,7 +239,8 @@ def _designed(
         levels = settled
     final, found, certificate = finish(problem, pool, chosen, progress)
     landscape, live = landscape_of(problem, final, found)
-    poses, reference, again, certificate = _visited(problem, final, found, certificate)
+    ordered, trend = _ordered(problem, final.visits.take(found.plan))
+    poses, reference, again, certificate = _visited(problem, final, found, certificate, ordered)
     day = day_of(cell, poses)
     poses = day.timed
     result = Design(
@@ -252,22 +258,27 @@ def _designed(
         reapproaches=again,
         day=day,
         load_schedules=_load_schedules(problem, day),
+        trend=trend,
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
 
 
+def _ordered(problem: Problem, visits: Visits) -> tuple[Visits, TrendPrice | None]:
+    """The visits of a plan in the order of a day, and what it costs to be safe from a drift."""
+    if visits.time is not None:
+        return visits.take(visits.time.argsort()), None
+    if problem.request.trend_free:
+        return nearly_free_of_trends(problem, visits)
+    return visits.take(quickest_order(problem.cell, visits.q, visits.move)), None
+
+
 def _visited(
-    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate
+    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate, ordered: Visits
 ) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
-    request, visits = problem.request, pool.visits.take(found.plan)
-    if visits.time is None:
-        order = quickest_order(problem.cell, visits.q, visits.move)
-    else:
-        order = visits.time.argsort()
-    poses, reference, again = visits.take(order).poses(problem.cell), None, None
-    poses = replace(poses, names=pose_names(len(poses)))
+    request, poses = problem.request, ordered.poses(problem.cell)
+    poses, reference, again = replace(poses, names=pose_names(len(poses))), None, None
     if request.reapproaches:
         poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(

@@ -43,6 +43,7 @@ class Request:
     reference_every : poses between two readings of a reference pose, 0 for none
     reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
         they are a default
+    trend_free : an order that a drift disturbs little in place of the quickest
     seed : int
     """
 
@@ -63,6 +64,7 @@ class Request:
     reference_every: int = 0
     reapproaches: int = 0
     asked: bool = True
+    trend_free: bool = False
     seed: int = 0
 
 

@@ -81,6 +81,11 @@ if TYPE_CHECKING:
     help="Add N repeat visits at the end, to measure the arm's repeatability. Default: a tenth of 20 "
     "poses or more, unless the cell states the repeatability. 0: none.",
 )
+@click.option(
+    "--trend-free",
+    is_flag=True,
+    help="Order the poses so that a drift of the base that the model lacks disturbs little.",
+)
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @click.option(
     "--polish/--no-polish",
@@ -104,6 +109,7 @@ def design(
     prove: bool,
     reference_every: int | None,
     reapproach: int | None,
+    trend_free: bool,
     repeats: bool | None,
     polish: bool | None,
     folder: Path | None,
@@ -155,6 +161,7 @@ def design(
             curve=curve,
             reference_every=reference_every,
             reapproach=reapproach,
+            trend_free=trend_free,
             seed=seed,
             progress=say,
         )

@@ -165,6 +165,17 @@ class LoadScheduleEntry(Entry):
         return f"after {', '.join(self.after)}" if self.after else "at each pose"
 
 
+class TrendEntry(Entry):
+    """The price of an order that a steady drift of the base disturbs little: expected errors at the
+    targets without a drift in the model, and with it in this order and in the quickest.
+    """
+
+    without_mm: Maybe
+    ordered_mm: Maybe
+    quickest_mm: Maybe
+    seconds: Number
+
+
 class RivalPlan(PlanAccuracy):
     """A plan judged beside the result, by the same bound; std : of each parameter, in its unit."""
 
@@ -249,6 +260,7 @@ class DesignRecord(Record, PlanAccuracy):
     day: DayEntry | None = None
     timed: bool = False
     load_schedules: tuple[LoadScheduleEntry, ...] = ()
+    trend: TrendEntry | None = None
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -333,6 +345,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         day=day_entry(found.day),
         timed=found.problem.choice.timed,
         load_schedules=[LoadScheduleEntry.from_result(own) for own in found.load_schedules],
+        trend=None if found.trend is None else TrendEntry.from_result(found.trend),
     )
 
 

@@ -200,6 +200,14 @@ def _order(record: DesignRecord) -> Iterator[doc.Sentence]:
             "the side that the plan prescribes (columns approach_.. and move_..)",
             label="approach",
         )
+    if record.trend is not None:
+        own = record.trend
+        yield doc.Sentence(
+            "nearly free of trends. With a drift of the base as unknown, the expected error would be "
+            f"{mm(own.ordered_mm)} ({mm(own.without_mm)} without, {mm(own.quickest_mm)} in the "
+            f"quickest order). The ways take {minutes(max(own.seconds, 0.0))} longer",
+            label="order",
+        )
     if record.timed:
         yield doc.Sentence(
             "the model depends on the time: keep to the order, and to the times as far as you can "

@@ -117,6 +117,16 @@ def shown_joints(robot: Robot, q: Array, what: str = "") -> dict[str, dict[str, 
     return found
 
 
+def read_joints(robot: Robot, shown: JointValues) -> Array:
+    """Joint values, shape (n,), rad or m, of an entry."""
+    return np.array(
+        [
+            shown.joints_mm[joint] * 1e-3 if slides else math.radians(shown.joints_deg[joint])
+            for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
+        ]
+    )
+
+
 def check_same_joints(rows: Sequence[JointValues]) -> None:
     """Raise ValueError where an entry has other joints than the first."""
     names = {(frozenset(row.joints_deg), frozenset(row.joints_mm)) for row in rows}

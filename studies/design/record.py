@@ -10,10 +10,19 @@ from pydantic import Field, model_validator
 
 from studies.day import DayEntry, day_entry
 from studies.document import FOUR, Shown
-from studies.entries import JointValues, TargetAccuracy, at_targets, check_same_joints, shown_joints
+from studies.entries import (
+    JointValues,
+    TargetAccuracy,
+    at_targets,
+    check_same_joints,
+    read_joints,
+    shown_joints,
+)
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
 
 if TYPE_CHECKING:
+    from calib.arm.robot import Robot
+    from calib.arrays import Array
     from doe import Design
 
 _MM = 1e3
@@ -370,6 +379,20 @@ def _poses(found: Design, levels: list[float]) -> tuple[DesignPose, ...]:
         )
         for i, name in enumerate(poses.names)
     )
+
+
+def between_poses(record: DesignRecord, robot: Robot, q: Array) -> list[Array]:
+    """Points on the way to each of the plan's poses (m, n), (k, n) each, rad or m."""
+    if record.day is None:
+        return []
+    around = {way.end: way.points for way in record.day.others}
+    found = []
+    for pose, at in zip(record.poses, q, strict=True):
+        points = [read_joints(robot, own) for own in around.get(pose.pose, ())]
+        if pose.last_move is not None and not points:
+            points = [at - read_joints(robot, pose.last_move)]
+        found.append(np.array(points).reshape(-1, len(at)))
+    return found
 
 
 def shown_levels(found: Design) -> list[float]:

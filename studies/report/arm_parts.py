@@ -29,13 +29,13 @@ _SIGHT = 3.0  # floor cells of a line of sight whose instrument is not in the pi
 class _Canvas:
     """Points of a picture by number, as parts are made; equal ones are one."""
 
-    def __init__(self, poses: int) -> None:
-        self._poses = poses
+    def __init__(self, rows: int) -> None:
+        self._rows = rows
         self._numbers: dict[bytes, int] = {}
 
     def run(self, points: IntArray) -> Run:
-        """Points (k, 3), (1, k, 3) or (m, k, 3) mm, one after the other."""
-        placed = np.broadcast_to(points, (self._poses, *points.shape[-2:])).swapaxes(0, 1)
+        """Points (k, 3), (1, k, 3) or (rows, k, 3) mm, one after the other."""
+        placed = np.broadcast_to(points, (self._rows, *points.shape[-2:])).swapaxes(0, 1)
         return tuple(self._numbers.setdefault(own.tobytes(), len(self._numbers)) for own in placed)
 
     def runs(self, points: IntArray) -> tuple[Run, ...]:
@@ -44,14 +44,14 @@ class _Canvas:
 
     @property
     def points(self) -> IntArray:
-        """All of them, shape (m, k, 3), mm."""
+        """All of them, shape (rows, k, 3), mm."""
         held = np.frombuffer(b"".join(self._numbers), dtype=int)
-        return held.reshape(-1, self._poses, 3).swapaxes(0, 1)
+        return held.reshape(-1, self._rows, 3).swapaxes(0, 1)
 
 
 def picture(scene: ArmScene) -> ArmPicture:
     """The arm at each pose, faintly at all others, and what stands around it."""
-    canvas = _Canvas(len(scene.poses))
+    canvas = _Canvas(len(scene.values))
     chain = canvas.run(scene.chain)
     markers = canvas.run(scene.marker_points)
     parts = (

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from studies.report.surroundings import ArmSurroundings, SceneObject, surroundin
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
 _CARRIED = 0.5  # of the reach with what it carries, an arm's length at least
 _NAMES = 3  # that are named one by one
+_PLACES, _OF_A_WAY = 240, (3, 12)  # places on all ways, and on one of them
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
 
@@ -34,10 +36,13 @@ class ArmBody:
 
 @dataclass(frozen=True, eq=False)
 class ArmScene:
-    """The arm at m poses.
+    """The arm at m poses, and on the ways between them where these are known.
+
+    Arrays with a row for each pose have further ones for places on the ways.
 
     name : str, of the cell
     poses : tuple of str, identifiers
+    day : tuple of int, rows in the order in which the arm comes to them; empty without ways
     joints, units : tuple of str, names, and ``deg`` or ``mm``
     values : ndarray, shape (m, n), joint values in these units
     level : int, number of the joint whose values are the plan's levels, or None
@@ -72,6 +77,7 @@ class ArmScene:
     fixtures: tuple[SceneObject, ...] = ()
     beyond: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
+    day: tuple[int, ...] = ()
 
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
@@ -98,10 +104,18 @@ class ArmScene:
         return tuple(j for j in range(len(self.markers)) if (pose, j) in self.hidden)
 
 
-def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = None) -> ArmScene:
+def scene(
+    cell: Cell,
+    plan: Poses | Measurements,
+    *,
+    level_joint: str | None = None,
+    stops: Sequence[tuple[int, Array]] = (),
+) -> ArmScene:
     """The arm of a cell at the poses of a plan, or at measured poses with their measured markers.
 
     level_joint : joint whose values are the levels of the plan
+    stops : of a plan whose ways are known the poses in the order of the day, by number, and points
+        (k, n) on the way to each
 
     Nominal arm. Which markers of a plan are hidden is what :func:`doe.constraints.hidden_by` says;
     measured ones are those with a reading, brought into the base frame by the placement from which
@@ -115,17 +129,19 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         raise CalibError("there is no pose to draw")
     if level_joint is not None and level_joint not in robot.joints:
         raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
-    placed, own = scene_of(cell, poses.q), _own_markers(cell)
+    on_ways, day = _along(poses.q, stops) if stops else (poses.q[:0], ())
+    q = np.concatenate([poses.q, on_ways])
+    placed, own = scene_of(cell, q), _own_markers(cell)
     hidden, markers, seen = _markers(cell, plan, placed)
     found = instrument_places(cell, plan)
-    ridden = np.zeros((len(poses), 0, 3))
+    ridden = np.zeros((len(q), 0, 3))
     if not _of_tracker(cell):
         hidden, markers = {}, on_tip(placed, found.markers[own])
         ridden = on_tip(placed, _origins(cell, found.markers))
     chain = _once(whole_mm(placed.origins[:, robot.carries[:, robot.tip_frame]]))
     reached = np.concatenate([chain, whole_mm(ridden)], axis=1)
     length = _length(chain, reached)
-    values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
+    values = np.where(robot.prismatic, q * 1e3, np.degrees(q))
     around = surroundings(cell, reached.reshape(-1, 3), length)
     drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
     kept, beyond, frame = within(drawn, around.frame, length)
@@ -140,7 +156,7 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
         markers=tuple(cell.marker_names[j] for j in own),
         marker_points=whole_mm(markers),
-        hidden=hidden,
+        hidden={key: why for key, why in hidden.items() if key[0] < len(poses)},
         seen=seen,
         bodies=_capsules(placed) or _links(chain, max(1, round(_SLIM * length))),
         shaped=bool(placed.capsules),
@@ -148,7 +164,25 @@ def scene(cell: Cell, plan: Poses | Measurements, *, level_joint: str | None = N
         fixtures=kept,
         beyond=beyond,
         reads=_reads(cell, plan),
+        day=day,
     )
+
+
+def _along(q: Array, stops: Sequence[tuple[int, Array]]) -> tuple[Array, tuple[int, ...]]:
+    """Places on the ways (F, n) between poses (m, n), and the order of the rows of both on the day.
+
+    stops : as :func:`scene` has them; the joints move straight from point to point
+    """
+    each = int(np.clip(_PLACES // len(stops), *_OF_A_WAY))
+    found, day = [], [stops[0][0]]
+    for (start, _), (end, points) in pairwise(stops):
+        corners = np.concatenate([q[[start]], points, q[[end]]])
+        far = np.append(0.0, np.cumsum(np.abs(np.diff(corners, axis=0)).max(axis=1)))
+        at = np.linspace(0.0, far[-1], each + 2)[1:-1]
+        found.append(np.column_stack([np.interp(at, far, own) for own in corners.T]))
+        first = len(q) + each * (len(found) - 1)
+        day += [*range(first, first + each), end]
+    return np.concatenate([q[:0], *found]), tuple(day)
 
 
 def _once(points: IntArray) -> IntArray:

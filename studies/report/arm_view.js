@@ -4,6 +4,7 @@
   "use strict";
   const SVG = "http://www.w3.org/2000/svg";
   const MARGIN = 32, REACH = 14; // px
+  const STEP = 60; // ms from place to place where the day is played
   const VIEWS = { Front: [0, 0], Side: [-90, 0], Top: [-90, 90] };
 
   function element(tag, attributes, text) {
@@ -66,6 +67,7 @@
       this.number = new Map(this.data.poses.map((name, i) => [name, i]));
       this.chosen = 0; // what the controls say
       this.peeked = null; // what the pointer is over, here or elsewhere on the page
+      this.moment = null; // place in the day, where it is played
       this.controls();
       this.pointer();
       this.keys();
@@ -78,15 +80,36 @@
 
     get pose() { return this.peeked ?? this.chosen; }
 
+    // The row of points that is drawn: of the pose, or of a place on the way.
+    get row() { return this.moment === null || this.peeked !== null ? this.pose : this.data.day[this.moment]; }
+
     // What is said of the markers at this pose, and which of them are lost.
     get state() { return this.data.states[this.data.state[this.pose]]; }
 
     choose(i) {
       const count = this.data.poses.length;
       this.chosen = (i + count) % count;
-      this.peeked = null;
+      this.peeked = this.moment = null;
       this.tell(this.chosen, true);
       this.shown();
+    }
+
+    // The day at one of its places; the pose that was reached last is the one chosen.
+    moveTo(moment) {
+      const { day, poses } = this.data, reached = day.slice(0, moment + 1).findLast((row) => row < poses.length);
+      if (reached !== this.chosen) this.tell(reached, true);
+      [this.moment, this.chosen, this.peeked] = [moment, reached, null];
+      this.shown();
+    }
+
+    play() {
+      const last = this.data.day.length - 1;
+      if (this.playing) { clearInterval(this.playing); this.playing = null; }
+      else {
+        if (this.moment === null || this.moment === last) this.moveTo(0);
+        this.playing = setInterval(() => this.moment === null || this.moment === last ? this.play() : this.moveTo(this.moment + 1), STEP);
+      }
+      this.player.textContent = this.playing ? "Pause" : "Play the day";
     }
 
     peek(i) {
@@ -104,7 +127,7 @@
     heard({ pose, source, pinned }) {
       if (source === this.figure.id) return;
       const i = this.number.get(pose) ?? null;
-      if (pinned && i !== null) this.chosen = i;
+      if (pinned && i !== null) [this.chosen, this.moment] = [i, null];
       this.peeked = pinned ? null : i;
       this.shown();
     }
@@ -113,9 +136,11 @@
       const { data, pose } = this;
       this.select.value = String(this.chosen);
       const [name, joints, markers] = this.figure.querySelector(".arm-now").children;
-      name.textContent = data.poses[pose];
+      const { row } = this;
+      name.textContent = row < data.poses.length ? data.poses[pose] : `after ${data.poses[pose]}`;
+      if (this.slider) this.slider.value = String(this.moment ?? data.day.indexOf(pose));
       joints.textContent = data.joints.map(([before, after], k) =>
-        before + data.values[pose][k].toFixed(2).replace("-", "\u2212") + after).join(" \u00b7 ");
+        before + data.values[row][k].toFixed(2).replace("-", "\u2212") + after).join(" \u00b7 ");
       [markers.textContent] = this.state;
       this.draw();
     }
@@ -179,13 +204,13 @@
       return [this.shift[0] + u * s, this.shift[1] - v * s];
     }
 
-    point(c, pose) {
-      if (c < 0) { const [x, y] = this.point(~c, pose); return [x, y, 0]; }
-      const held = this.data.points[c], from = held.length > 3 ? 3 * pose : 0;
+    point(c, row) {
+      if (c < 0) { const [x, y] = this.point(~c, row); return [x, y, 0]; }
+      const held = this.data.points[c], from = held.length > 3 ? 3 * row : 0;
       return held.slice(from, from + 3);
     }
 
-    places(run, pose = this.pose) { return run.map((c) => this.at(this.point(c, pose))); }
+    places(run, row = this.row) { return run.map((c) => this.at(this.point(c, row))); }
 
     // Where a part stands, run by run.
     runs({ at, every }) {
@@ -193,7 +218,7 @@
       return at.map((run) => this.places(run));
     }
 
-    depth(run) { return dotted(this.near, mean(run.map((c) => this.point(c, this.pose)))); }
+    depth(run) { return dotted(this.near, mean(run.map((c) => this.point(c, this.row)))); }
 
     // ---- drawing, once a frame
 
@@ -211,7 +236,7 @@
 
     // Zooming leaves the tip of the arm where it is in the drawing.
     place() {
-      const middle = this.seen(this.pivot), tip = this.seen(this.point(this.data.tip, this.pose));
+      const middle = this.seen(this.pivot), tip = this.seen(this.point(this.data.tip, this.row));
       const rest = this.scale * (1 - this.zoom), [u, v] = tip.map((w, k) => rest * w - this.scale * middle[k]);
       this.drawnScale = this.scale * this.zoom;
       this.shift = [this.size[0] / 2 + u, this.size[1] / 2 - v];
@@ -254,6 +279,14 @@
         button("\u2212", "Zoom out", () => this.magnify(1 / 1.25)),
         button("+", "Zoom in", () => this.magnify(1.25)),
       );
+      if (this.data.day.length) {
+        this.player = button("Play the day", "", () => this.play());
+        this.slider = document.createElement("input");
+        Object.assign(this.slider, { type: "range", min: "0", max: String(this.data.day.length - 1), value: "0" });
+        this.slider.setAttribute("aria-label", "Place in the day");
+        this.slider.addEventListener("input", () => this.moveTo(Number(this.slider.value)));
+        group(this.player, this.slider);
+      }
       bar.hidden = false;
       this.figure.classList.add("arm-live");
     }

@@ -118,6 +118,7 @@ def figure_data(scene: ArmScene, shown: ArmPicture) -> dict[str, Any]:
     number = {state: i for i, state in enumerate(states)}
     return {
         "poses": scene.poses,
+        "day": scene.day,
         "joints": scene.joint_words,
         "values": scene.values.tolist(),
         "states": states,

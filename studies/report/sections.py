@@ -12,7 +12,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.instruments import ArmCamera, Camera, Tracker
 from calib.poses import Measurements, Poses
-from studies.design.record import DesignRecord
+from studies.design.record import DesignRecord, between_poses
 from studies.document import Figure, Part, Raw, Section, Sentence
 from studies.document.page import shown, table_of
 from studies.identify.pictures import point_errors
@@ -200,18 +200,28 @@ def arm(evidence: ReportEvidence) -> Section | None:
     if evidence.cell is None:
         return None
     shown: Poses | Measurements
-    level = None
+    level, ways = None, list[Array]()
     design = evidence.first("design")
     if evidence.data:
         path, measured = next(iter(evidence.data.items()))
         shown = measured.data
     elif design is not None and design.path in evidence.plans:
         path, shown = design.path, evidence.plans[design.path]
-        level = design.record.level_joint if isinstance(design.record, DesignRecord) else None
+        if isinstance(design.record, DesignRecord):
+            level = design.record.level_joint
+            ways = between_poses(design.record, evidence.cell.robot, shown.q)
     else:
         return None
-    drawn = scene(evidence.cell, _once(evidence.highlight[path], shown), level_joint=level)
+    lit = evidence.highlight[path]
+    kept = _once(lit, shown)
+    number = {name: i for i, name in enumerate(_names(kept))}
+    stops = [(number[lit[name]], way) for name, way in zip(_names(shown), ways, strict=bool(ways))]
+    drawn = scene(evidence.cell, kept, level_joint=level, stops=stops)
     return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
+
+
+def _names(shown: Poses | Measurements) -> tuple[str, ...]:
+    return (shown.poses if isinstance(shown, Measurements) else shown).names
 
 
 def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:

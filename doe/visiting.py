@@ -97,10 +97,15 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     own = tuple(poses.names[i] for i in chosen)
     again = tuple(f"{name}_again" for name in own)
     order = np.concatenate([np.arange(len(poses)), chosen])
-    found = replace(poses.take(order), names=(*poses.names, *again))
+    found = _reordered(poses, order, (*poses.names, *again))
     K = shares(problem, poses.q[chosen])
     alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
     return found, Reapproaches(own, again, float((K**2).sum()), *alone)
+
+
+def _reordered(poses: Poses, order: IntArray, names: tuple[str, ...]) -> Poses:
+    """Poses in another order, some of them twice: when they are read is to be seen anew."""
+    return replace(poses.take(order), names=names, time=None, order=None)
 
 
 def shares(problem: Problem, q: Array) -> Array:
@@ -193,7 +198,7 @@ def with_reference(
     order = np.insert(np.arange(m), before, chosen)
     names = np.insert(np.array(poses.names, dtype=object), before, repeats)
     reference = Reference(poses.names[chosen], every, repeats)
-    return replace(poses.take(order), names=tuple(names)), reference
+    return _reordered(poses, order, tuple(names)), reference
 
 
 def reference_pose(problem: Problem, visits: Visits, repeats: int, may: Mask) -> int:

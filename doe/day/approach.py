@@ -8,7 +8,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.poses import Poses
 
-LAST_MOVES = (np.radians([5.0, 40.0]), np.array([0.02, 0.1]))
+LAST_MOVES = (np.radians([5.0, 40.0, 120.0]), np.array([0.02, 0.1, 0.3]))
 """Sizes of a last move, of joints that turn [rad] and slide [m]; the first takes up lost motion."""
 
 

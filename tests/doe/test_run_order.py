@@ -142,7 +142,7 @@ def test_a_planned_order_tells_more_than_one_by_chance() -> None:
 def test_the_time_is_needed() -> None:
     cell = cell_of("tool", "base_drift")
     slow = replace(cell, robot=replace(cell.robot, speeds=None))
-    with pytest.raises(CalibError, match="speeds are not known"):
+    with pytest.raises(CalibError, match="joint speeds are known"):
         doe.design(slow, poses=6)
     with pytest.raises(CalibError, match="does not go with levels"):
         doe.design(cell, levels="j1=3x2")

@@ -102,9 +102,7 @@ def load_cell(path: str | Path) -> Cell:
     path = Path(path)
     table, lenses = with_lenses(path, cell_table(path))
     own, file = table.robot, path.parent / table.robot.file
-    links = [table.link_of(name) for name in table.markers_mm]
-    others = tuple(link for link in dict.fromkeys(links) if link != own.tip)
-    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, others)
+    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, table.links)
     _check_joints(path, robot, table)
     robot = coupled(path, robot, own.coupled)
     for text in table.model.effects:
@@ -129,7 +127,7 @@ def load_cell(path: str | Path) -> Cell:
         markers=np.concatenate([positions * MM, bodies.markers]),
         marker_normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         marker_acceptance=np.radians([m.acceptance_deg or math.nan for m in every]),
-        instruments=instruments_of(table, bodies),
+        instruments=instruments_of(path, table, bodies),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
         load=None
@@ -146,10 +144,11 @@ def load_cell(path: str | Path) -> Cell:
         gear_ratios=dict(own.gear_ratio),
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
+        seats=bodies.seats,
         acceptance=tolerance and Acceptance(tolerance.tolerance_mm * MM, tolerance.rule),
         size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
-        marker_links=(*links, *len(bodies.names) * (own.tip,)) if others else (),
+        marker_links=(*map(table.link_of, table.markers_mm), *bodies.links) if table.links else (),
     )
     try:
         context = context_of(cell, None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,8 @@ from calib.files.schema import CellFile
 from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
 from calib.instruments.camera_table import CameraTable
-from calib.instruments.pose import CORNERS, corners_of
+from calib.instruments.protocol import WORLD
+from calib.instruments.riding import CORNERS, corners_of
 from calib.instruments.socket import joined_sockets
 
 _LARGEST_BOARD = 50.0  # m
@@ -22,21 +23,24 @@ _LARGEST_BOARD = 50.0  # m
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a cell as markers that follow its own: frames, boards and cameras on the tip.
+    """The bodies of a cell as markers that follow its own: frames, boards and cameras on links.
 
     parts : dict, name -> slice, positions of its points; names : tuple of str, of all of these markers
-    markers : ndarray, shape (k, 3), m, tip frame
+    seats : dict, link -> slice, the three points that stand for one on which an instrument rides
+    markers : ndarray, shape (k, 3), m, each in the frame of its link; links : tuple of str, these
     shapes : dict, board -> names and points (n, 3), m, in its frame, of those on the tip and others
     """
 
     parts: Mapping[str, slice]
+    seats: Mapping[str, slice]
     names: tuple[str, ...]
     markers: Array
+    links: tuple[str, ...]
     shapes: Mapping[str, tuple[tuple[str, ...], Array]]
 
 
 def bodies_of(path: Path, table: CellFile) -> Bodies:
-    """The bodies after the markers; one of which nothing is said is guessed at the tip frame.
+    """The bodies after the markers; one of which nothing is said is guessed at its link's frame.
 
     Raises InputError for a board of which no point can be.
     """
@@ -45,23 +49,30 @@ def bodies_of(path: Path, table: CellFile) -> Bodies:
     frames |= {
         name: own
         for name, own in table.instruments.items()
-        if isinstance(own, CameraTable) and own.on == "tip"
+        if isinstance(own, CameraTable) and own.rides_before(own.seen(table.boards))
     }
+    corners = {n: ((n, f"{n}:x", f"{n}:y"), corners_of(np.eye(3), np.zeros(3))) for n in frames}
+    carried = frames | {name: own for name, own in table.boards.items() if own.on != WORLD}
     parts: dict[str, slice] = {}
     names: list[str] = []
     points: list[Array] = [np.zeros((0, 3))]
+    links: list[str] = []
     first = len(table.markers_mm)
-    for name, body in frames.items():
-        parts[name] = slice(first + len(names), first + len(names) + CORNERS)
-        names += [name + end for end in ("", ":x", ":y")]
-        points.append(corners_of(body.frame[:3, :3], body.frame[:3, 3]))
-    for name, board in table.boards.items():
-        if board.on == "tip":
-            own, shape = shapes[name]
-            parts[name] = slice(first + len(names), first + len(names) + len(own))
-            names += own
-            points.append(shape @ board.frame[:3, :3].T + board.frame[:3, 3])
-    return Bodies(parts, tuple(names), np.concatenate(points), shapes)
+    for name, body in carried.items():
+        own, shape = (corners | shapes)[name]
+        parts[name] = slice(first + len(names), first + len(names) + len(own))
+        names += own
+        points.append(shape @ body.frame[:3, :3].T + body.frame[:3, 3])
+        links += len(own) * [table.link(body.on)]
+    seats: dict[str, slice] = {}
+    for name, instrument in table.instruments.items():
+        link = table.link(instrument.on)
+        if instrument.on != WORLD and name not in frames and link not in seats:
+            seats[link] = slice(first + len(names), first + len(names) + CORNERS)
+            names += [f"{link}:{end}" for end in "oxy"]
+            points.append(corners_of(np.eye(3), np.zeros(3)))
+            links += CORNERS * [link]
+    return Bodies(parts, seats, tuple(names), np.concatenate(points), tuple(links), shapes)
 
 
 def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:
@@ -79,18 +90,29 @@ def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], A
     return tuple(f"{name}:{point}" for point in kept), points[near]
 
 
-def instruments_of(table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
-    """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time."""
+def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
+    """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time.
+
+    Raises InputError for one on a link that carries all that it could read.
+    """
     if table.instrument is not None:
         return (table.instrument.tracker("instrument", None),)
     cell = CellParts(
-        markers=len(table.markers_mm),
-        parts=bodies.parts,
-        read_as_poses=tuple(table.bodies),
+        links=tuple(table.on_of(name) for name in table.markers_mm),
+        parts={**bodies.parts, **bodies.seats},
+        read_as_poses={name: own.on for name, own in table.bodies.items()},
         boards={name: (table.boards[name], *shape) for name, shape in bodies.shapes.items()},
         placed="base" in table.model.effects,
     )
-    return joined_sockets([own.instrument(name, cell) for name, own in table.instruments.items()])
+    made = []
+    for name, own in table.instruments.items():
+        instrument = own.instrument(name, cell)
+        if instrument.markers == ():
+            what = f"rides on {own.on} as all does that it reads"
+            raise InputError(path, f"instruments.{name}.on", what, "name another link")
+        seat = None if name in bodies.parts else bodies.seats.get(table.link(own.on))
+        made.append(replace(instrument, seat=seat) if own.on != WORLD else instrument)
+    return joined_sockets(made)
 
 
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:

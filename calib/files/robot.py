@@ -38,7 +38,7 @@ def load_robot(
     if others and form != "urdf":
         what = f"has one tip, and {others[0]!r} is another"
         raise InputError(
-            path, "", what, "write the robot as a URDF to have markers on several links"
+            path, "", what, "write the robot as a URDF to have things on several links"
         )
     more = (others,) if others else ()
     if convention is not None:

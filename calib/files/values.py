@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
@@ -75,6 +75,7 @@ class TomlTable(BaseModel):
 
 
 class BodyTable(TomlTable):
+    on: Name = "tip"
     position_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
@@ -94,7 +95,7 @@ Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 
 
 class BoardTable(BodyTable):
-    on: Literal["tip", "world"]
+    on: Name
     points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
     squares: tuple[Count, Count] | None = None
     pitch_mm: Positive | None = None

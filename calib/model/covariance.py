@@ -73,7 +73,7 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
         reason = (
             f"at these poses it moves the markers as {', '.join(named)} do together"
             if named
-            else "it moves no marker at these poses"
+            else "no reading changes with it at these poses"
         )
         lost.append(Unidentifiable((ids[position],), reason))
     return Identifiable(np.sort(order[:rank]), rank, tuple(lost))

@@ -20,8 +20,8 @@ EFFECTS = '"base", "tool", "joint_offset"'
 def test_every_command_of_a_day(tmp_path: Path) -> None:
     path = written(tmp_path, PLATE, EYE, effects=EFFECTS)
     plan = tmp_path / "plan.csv"
-    said = run("design", path, "-o", plan, "--poses", 30, "--candidates", 1500, "--reapproach", 0)
-    assert said.exit_code == 0, said.output
+    done = run("design", path, "-o", plan, "--poses", 30, "--candidates", 1500, "--reapproach", 0)
+    assert done.exit_code == 0, done.output
     table = tmp_path / "measurements.csv"
     truth = simulated(path, plan, table)
 
@@ -31,6 +31,12 @@ def test_every_command_of_a_day(tmp_path: Path) -> None:
     (untold,) = found["unidentifiable"]
     assert untold["names"] == [f"joint_offset:{joint}.offset" for joint in COMMON]
     assert "they move the instruments and all that these read alike" in told
+
+    targets = tmp_path / "targets.csv"
+    targets.write_text("".join(plan.read_text().splitlines(keepends=True)[:9]))
+    _, said = result(tmp_path / "c.json", "compensate", path, tmp_path / "id.json", targets)
+    assert "no instrument saw an error of hip, bend" in said
+    assert "commands are corrected for right_hand" in said
 
     before = written(tmp_path, PLATE, EYE, effects='"base", "tool"')
     verdict, _ = result(tmp_path / "di.json", "diagnose", before, table, kind="diagnose")

@@ -267,7 +267,7 @@ class Cell:
     @property
     def instrument(self) -> Array | None:
         """Where the tracker stands, shape (3,), m, base frame, or None."""
-        return self.tracker.position
+        return self.tracker.position if self.tracker.seat is None else None
 
     @property
     def scatters(self) -> bool:

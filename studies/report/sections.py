@@ -73,7 +73,8 @@ def _facts(own: Cell) -> Iterator[tuple[str, str]]:
 
 def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
     """The instruments, and what they read."""
-    ridden = {i for part in own.bodies.values() for i in range(part.start, part.stop)}
+    parts = (*own.bodies.values(), *own.seats.values())
+    ridden = {i for part in parts for i in range(part.start, part.stop)}
     places = [
         f"{name} ({', '.join(shown(x * 1e3) for x in place)}) mm"
         for i, (name, place) in enumerate(zip(own.marker_names, own.markers.tolist(), strict=True))
@@ -98,7 +99,7 @@ def _stands(own: Cell) -> str:
 
 
 def _camera(own: Camera) -> Iterator[str]:
-    yield "on the arm" if isinstance(own, ArmCamera) else "in the world"
+    yield "in the world" if own.seat is None and not isinstance(own, ArmCamera) else "on the arm"
     fx, fy, cx, cy = (shown(float(x)) for x in own.lens.values[:4])
     yield f"focal length {fx} and {fy} px, centre {cx} and {cy} px"
     if own.image is not None:

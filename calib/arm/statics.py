@@ -18,10 +18,14 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 
 @dataclass(frozen=True)
 class Payload:
-    """A body carried at every pose: mass [kg] and centre of mass in the tip frame [m]."""
+    """A body carried at every pose: mass [kg] and centre of mass in the tip frame [m].
+
+    frame : int, of the tip that carries it; that of ``robot.tip`` without
+    """
 
     mass: float = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    frame: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +89,9 @@ def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Lo
     mass[...], moment[...], wrench[...] = 0.0, 0.0, poses.wrench
     mass[:, joints] = robot.masses
     moment[:, joints] = robot.masses[:, None] * robot.coms
-    mass[:, -1] = payload.mass + poses.load_mass
-    moment[:, -1] = payload.mass * np.asarray(payload.com)
+    mass[:, payload.frame] = payload.mass
+    moment[:, payload.frame] = payload.mass * np.asarray(payload.com)
+    mass[:, -1] += poses.load_mass
     moment[:, -1] += poses.load_mass[:, None] * poses.load_com
     pull = wrench[:, :3]
     return Loads(mass, moment, pull, wrench[:, 3:], pull, np.zeros((m, 3)), gravity)

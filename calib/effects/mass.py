@@ -103,10 +103,10 @@ class PayloadError(WeightEffect):
             size.mass_moment[:, -1] = poses.load_mass[:, None] * poses.load_com
             size.force[:], size.moment[:] = loads.force, loads.moment
         else:
-            size.mass[:, -1] = 1.0
-            size.mass_moment[:, -1] = self.given.com
+            size.mass[:, self.given.frame] = 1.0
+            size.mass_moment[:, self.given.frame] = self.given.com
         for shift, axis in zip(shifts, np.eye(3), strict=False):
             body = poses.load_mass if self.measured else np.full(len(poses), self.given.mass)
-            shift.mass_moment[:, -1] = body[:, None] * axis
+            shift.mass_moment[:, -1 if self.measured else self.given.frame] = body[:, None] * axis
             shift.lever[:] = axis * self.measured
         return (size, *shifts)

@@ -29,6 +29,7 @@ from calib.files.schema import (
 )
 from calib.files.tables import load_targets
 from calib.files.values import MM, URAD
+from calib.instruments.protocol import TIP
 from calib.model.build import context_of, parse_effect, parse_excluded
 
 _HOUR = 3600.0
@@ -129,7 +130,7 @@ def load_cell(path: str | Path) -> Cell:
         marker_acceptance=np.radians([m.acceptance_deg or math.nan for m in every]),
         instruments=instruments_of(path, table, bodies),
         gravity=np.array(table.gravity.m_s2),
-        payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
+        payload=_payload(table, robot),
         load=None
         if load is None
         else Load(load.mass_kg, _metres(load.com_mm), math.radians(load.max_tilt_deg)),
@@ -163,6 +164,12 @@ def load_cell(path: str | Path) -> Cell:
 
     source = path.parent / table.model.prior.file
     return replace(cell, prior=load_prior(source, cell), prior_file=source)
+
+
+def _payload(table: CellFile, robot: Robot) -> Payload:
+    own = table.payload
+    frame = Payload.frame if own.on == TIP else robot.dof + 1 + robot.tips.index(own.on)
+    return Payload(own.mass_kg, _metres(own.com_mm), frame)
 
 
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:

@@ -145,6 +145,7 @@ class GravityTable(TomlTable):
 
 
 class PayloadTable(TomlTable):
+    on: Name = TIP
     mass_kg: Mass = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
 
@@ -311,9 +312,10 @@ class CellFile(TomlTable):
         return self.link(self.on_of(marker))
 
     @property
-    def _riding(self) -> list[BodyTable | KeysTable]:
+    def _riding(self) -> list[BodyTable | KeysTable | PayloadTable]:
         """All but markers that may ride on a link."""
-        return [*self.bodies.values(), *self.boards.values(), *self.instruments.values()]
+        bodies = [*self.bodies.values(), *self.boards.values()]
+        return [*bodies, *self.instruments.values(), self.payload]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -332,7 +334,8 @@ class CellFile(TomlTable):
     @model_validator(mode="after")
     def _load_once(self) -> Self:
         own, load = self.payload, self.load
-        if load is None or not own.mass_kg or own.com_mm != load.com_mm:
+        apart = load is None or own.com_mm != load.com_mm or own.on not in (TIP, self.robot.tip)
+        if load is None or apart or not own.mass_kg:
             return self
         if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):
             raise ValueError(

@@ -106,11 +106,11 @@ def static_torques(scene: Scene) -> Array:
     What :func:`calib.arm.statics.transmitted` gives in all six components, at several times the cost.
     """
     cell, robot = scene.cell, scene.cell.robot
-    load = cell.load or Load(0.0, (0.0, 0.0, 0.0))
+    load, payload = cell.load or Load(0.0, (0.0, 0.0, 0.0)), cell.payload
     hung = load.mass * scene.placed(robot.tip_frame, load.com)
     mass, moment = np.zeros(robot.frame_count), np.zeros((robot.frame_count, len(scene), 3))
-    mass[-1] = cell.payload.mass
-    moment[-1] = mass[-1] * scene.placed(robot.tip_frame, cell.payload.com)
+    mass[payload.frame] = payload.mass
+    moment[payload.frame] = payload.mass * scene.placed(payload.frame, payload.com)
     torques = np.empty((robot.dof, 2, len(scene)))
     for frame, parent in reversed(list(enumerate(robot.parents, 1))):
         if (k := frame - 1) < robot.dof:

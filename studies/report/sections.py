@@ -9,6 +9,7 @@ import numpy as np
 
 from calib import Cell
 from calib.arm.robot import Robot
+from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.instruments import ArmCamera, Camera, Tracker
 from calib.poses import Measurements, Poses
@@ -67,7 +68,9 @@ def _facts(own: Cell) -> Iterator[tuple[str, str]]:
             f"{shown(own.load.mass)} kg at ({at}) mm of the tip",
         )
     if own.payload.mass:
-        yield "payload", f"{shown(float(own.payload.mass))} kg"
+        aside = own.payload.frame != Payload.frame
+        on = f" on {robot.tips[own.payload.frame - robot.dof - 1]}" if aside else ""
+        yield "payload", f"{shown(float(own.payload.mass))} kg{on}"
     yield "what the model contains", ", ".join(own.effects)
 
 

@@ -108,6 +108,8 @@ def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> Non
     """Against differences of the prediction, the arm bent by its weight, a load and a wrench."""
     tree = Tree(tmp_path, seed)
     context = random_context(tree.rng, tree.robot, len(tree.robot.tips))
+    if seed % 2:  # carried by another tip
+        context = replace(context, payload=replace(context.payload, frame=tree.robot.dof + 1))
     arm = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload")
     kinds = (*arm, "bearing_compliance", "gravity_sag", "thermal_expansion", "joint_coupling")
     tips = np.arange(tree.robot.dof + 1, tree.robot.frame_count)
@@ -203,3 +205,26 @@ def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
     found = calib.diagnose(own, data)
     (cause,) = found.causes
     assert cause.evidence.key == "joint_compliance:left3"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_payload_weighs_on_the_joints_that_carry_its_link(tmp_path: Path, seed: int) -> None:
+    """Against the weight times MuJoCo's derivative of the point at which it hangs."""
+    tree = Tree(tmp_path, seed)
+    robot, frame = tree.robot, tree.robot.dof + 1
+    carried = Payload(3.0, (0.1, -0.05, 0.2), frame)
+    for row in tree.poses.q:
+        R, p = tree.stand(row)
+        poses, frames = poses_at(row[None]), forward(robot, row[None])
+        origins = link_origins(robot, frames, row[None])
+        felt = []
+        for payload in (Payload(), carried):
+            loads = loads_of(robot, poses, payload, R.T @ GRAVITY)
+            along = transmitted(robot, loads, frames, origins).local[0, 1 : robot.dof + 1]
+            pushed = np.where(robot.prismatic[:, None], along[:, :3], along[:, 3:])
+            felt.append((pushed * robot.axes).sum(axis=-1))
+        at = R @ (frames.R[0, frame] @ carried.com + frames.o[0, frame]) + p
+        slopes, body = np.zeros((3, tree.model.nv)), tree.data.body(robot.tips[0])
+        mujoco.mj_jac(tree.model, tree.data, slopes, None, at, body.id)
+        expected = slopes[:, tree.dofs].T @ (carried.mass * GRAVITY)
+        np.testing.assert_allclose(felt[1] - felt[0], expected, atol=1e-9)

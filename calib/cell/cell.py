@@ -206,6 +206,17 @@ class Cell:
         first = self.robot.dof + 1
         return np.array([first + self.robot.tips.index(link) for link in self.marker_links])
 
+    def link_under(self, instrument: Instrument) -> str | None:
+        """The link on which an instrument rides; None for one in the world, or that is a body."""
+        seats = {own.start: link for link, own in self.seats.items()}
+        return None if instrument.seat is None else seats[instrument.seat.start]
+
+    @property
+    def named_markers(self) -> tuple[str, ...]:
+        """Names of the markers that stand for something on the robot, not for a link alone."""
+        under = {i for own in self.seats.values() for i in range(own.start, own.stop)}
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in under)
+
     @property
     def unseen_joints(self) -> tuple[str, ...]:
         """Joints that carry, of every reading, both what reads and what is read, or neither."""

@@ -200,7 +200,7 @@ def _origins(cell: Cell) -> list[int]:
 
 
 def _of_tracker(cell: Cell) -> bool:
-    return [type(i) for i in cell.instruments] == [Tracker]
+    return [(type(i), i.seat) for i in cell.instruments] == [(Tracker, None)]
 
 
 def _reads(cell: Cell, plan: Poses | Measurements) -> tuple[str, ...]:

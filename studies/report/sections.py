@@ -11,7 +11,7 @@ from calib import Cell
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload
 from calib.arrays import Array
-from calib.instruments import ArmCamera, Camera, Tracker
+from calib.instruments import ArmCamera, Camera, Instrument, Tracker
 from calib.poses import Measurements, Poses
 from studies.design.record import DesignRecord
 from studies.document import Figure, Part, Raw, Section, Sentence
@@ -88,11 +88,18 @@ def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
     for instrument in own.instruments:
         if isinstance(instrument, Tracker):
             yield "noise of one coordinate", _noise(own)
-            yield "instrument", _stands(own)
+            yield "instrument", _riding(own, instrument) or _stands(own)
         elif isinstance(instrument, Camera):
-            yield f"camera {instrument.name}", ", ".join(_camera(instrument))
+            yield f"camera {instrument.name}", ", ".join(_camera(own, instrument))
         else:
-            yield f"{instrument.kind} {instrument.name}", "place found by the fit"
+            found = "place found by the fit"
+            yield f"{instrument.kind} {instrument.name}", _riding(own, instrument) or found
+
+
+def _riding(own: Cell, instrument: Instrument) -> str:
+    """On which link it rides; "" where it stands in the world."""
+    link = own.link_under(instrument)
+    return "" if link is None else f"on {link}, its place there found by the fit"
 
 
 def _stands(own: Cell) -> str:
@@ -101,8 +108,9 @@ def _stands(own: Cell) -> str:
     return f"at ({', '.join(shown(x * 1e3) for x in own.instrument.tolist())}) mm from the base"
 
 
-def _camera(own: Camera) -> Iterator[str]:
-    yield "in the world" if own.seat is None and not isinstance(own, ArmCamera) else "on the arm"
+def _camera(cell: Cell, own: Camera) -> Iterator[str]:
+    standing = "on the arm" if isinstance(own, ArmCamera) else "in the world"
+    yield _riding(cell, own) or standing
     fx, fy, cx, cy = (shown(float(x)) for x in own.lens.values[:4])
     yield f"focal length {fx} and {fy} px, centre {cx} and {cy} px"
     if own.image is not None:

@@ -38,6 +38,15 @@ def test_every_command_of_a_day(tmp_path: Path) -> None:
     assert "no instrument saw an error of hip, bend" in said
     assert "commands are corrected for right_hand" in said
 
+    report = run("report", tmp_path / "id.json", "-o", tmp_path / "report.html")
+    assert report.exit_code == 0, report.output
+    assert "on head, its place there found by the fit" in (tmp_path / "report.html").read_text()
+
+    urdf = tmp_path / "better.urdf"
+    assert run("identify", path, table, "--urdf", urdf).exit_code == 0
+    assert '"marker_plate:0"' in urdf.read_text()
+    assert "marker_head" not in urdf.read_text()
+
     before = written(tmp_path, PLATE, EYE, effects='"base", "tool"')
     verdict, _ = result(tmp_path / "di.json", "diagnose", before, table, kind="diagnose")
     places = {own["where"] for own in verdict["effects"]} | {

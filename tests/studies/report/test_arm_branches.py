@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+import calib
 from calib.arm.kinematics import forward
+from calib.arm.se3 import so3_exp
 from calib.files.cell import load_cell
+from calib.model.build import build
+from calib.poses import poses_at
 from studies.report.arm_parts import picture
 from studies.report.arm_scene import scene
 from tests.two_arms import EYE, PLATE, in_view, written
 
+MARKERS = {"m": [0, 50, 10], "n": [40, 0, 10], "k": [0, -40, 10]}
 LEFT = '[markers_mm]\nm = { position = [0, 50, 10], on = "left_hand" }\n'
 
 
@@ -44,3 +49,20 @@ def test_the_camera_is_on_the_head_and_the_board_in_the_hand(tmp_path: Path) -> 
     forth = (eye.lines[0].mean(axis=1) - eye.label[:, 0]).astype(float)
     cosine = (sight * forth).sum(1) / np.linalg.norm(sight, axis=1) / np.linalg.norm(forth, axis=1)
     assert cosine.min() > 0.7
+
+
+def test_an_instrument_that_rides_is_drawn_where_it_is_found(tmp_path: Path) -> None:
+    """What a tracker on one hand reads of the other is no point in the base's axes."""
+    reader = '[instruments.probe]\nkind = "points"\non = "right_hand"\nsigma_mm = 0.01\n'
+    three = "".join(f"{n} = {{ position = {p}, on = 'left_hand' }}\n" for n, p in MARKERS.items())
+    cell = load_cell(written(tmp_path, f"[markers_mm]\n{three}", reader))
+    poses = poses_at(np.random.default_rng(0).uniform(-1.0, 1.0, (30, cell.robot.dof)))
+    model = build(cell, poses).model
+    values = model.initial.copy()
+    values[:6] = [0.1, -0.2, 0.3, 0.2, -0.1, 0.4]
+    shown = scene(cell, calib.simulate(cell, poses, values, rng=1))
+    (probe,) = shown.fixtures
+    R = so3_exp(values[3:6])
+    frames, tip = forward(cell.robot, poses.q), cell.robot.tip_frame
+    at = frames.R[:, tip] @ (-R.T @ values[:3]) + frames.o[:, tip]
+    np.testing.assert_allclose(probe.label[:, 0], at * 1e3, atol=0.6)

@@ -106,6 +106,8 @@ def load_cell(path: str | Path) -> Cell:
     robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, table.links)
     _check_joints(path, robot, table)
     robot = coupled(path, robot, own.coupled)
+    if table.load is not None:
+        robot = replace(robot, loaded=_frame(robot, table.load.on))
     for text in table.model.effects:
         try:
             parse_effect(text)
@@ -168,8 +170,12 @@ def load_cell(path: str | Path) -> Cell:
 
 def _payload(table: CellFile, robot: Robot) -> Payload:
     own = table.payload
-    frame = Payload.frame if own.on == TIP else robot.dof + 1 + robot.tips.index(own.on)
-    return Payload(own.mass_kg, _metres(own.com_mm), frame)
+    return Payload(own.mass_kg, _metres(own.com_mm), _frame(robot, own.on))
+
+
+def _frame(robot: Robot, on: str) -> int:
+    """Frame of the tip that is named so."""
+    return -1 if on == TIP else robot.dof + 1 + robot.tips.index(on)
 
 
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:

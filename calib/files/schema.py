@@ -28,6 +28,7 @@ from calib.files.values import (
     Number,
     Positive,
     Range,
+    RidingTable,
     TomlTable,
     Vector,
     form_of,
@@ -144,13 +145,12 @@ class GravityTable(TomlTable):
     m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
 
 
-class PayloadTable(TomlTable):
-    on: Name = TIP
+class PayloadTable(RidingTable):
     mass_kg: Mass = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
 
 
-class LoadTable(TomlTable):
+class LoadTable(RidingTable):
     mass_kg: Mass
     com_mm: Vector
     max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
@@ -312,10 +312,11 @@ class CellFile(TomlTable):
         return self.link(self.on_of(marker))
 
     @property
-    def _riding(self) -> list[BodyTable | KeysTable | PayloadTable]:
+    def _riding(self) -> list[RidingTable]:
         """All but markers that may ride on a link."""
-        bodies = [*self.bodies.values(), *self.boards.values()]
-        return [*bodies, *self.instruments.values(), self.payload]
+        found: list[RidingTable] = [*self.bodies.values(), *self.boards.values(), self.payload]
+        found += self.instruments.values()
+        return found if self.load is None else [*found, self.load]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -326,7 +327,8 @@ class CellFile(TomlTable):
     @model_validator(mode="after")
     def _tip_by_one_name(self) -> Self:
         markers = [own for own in self.markers_mm.values() if isinstance(own, MarkerTable)]
-        for own in (*markers, *self._riding):
+        every: list[MarkerTable | RidingTable] = [*markers, *self._riding]
+        for own in every:
             if own.on == self.robot.tip:
                 own.on = TIP
         return self
@@ -334,7 +336,7 @@ class CellFile(TomlTable):
     @model_validator(mode="after")
     def _load_once(self) -> Self:
         own, load = self.payload, self.load
-        apart = load is None or own.com_mm != load.com_mm or own.on not in (TIP, self.robot.tip)
+        apart = load is None or (own.com_mm, own.on) != (load.com_mm, load.on)
         if load is None or apart or not own.mass_kg:
             return self
         if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):

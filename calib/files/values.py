@@ -74,8 +74,13 @@ class TomlTable(BaseModel):
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
 
-class BodyTable(TomlTable):
+class RidingTable(TomlTable):
+    """The table of something that may ride on a link of the robot."""
+
     on: Name = "tip"
+
+
+class BodyTable(RidingTable):
     position_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 

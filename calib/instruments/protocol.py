@@ -29,7 +29,7 @@ import numpy as np
 from pydantic import model_validator
 
 from calib.arrays import Array, IntArray, Mask
-from calib.files.values import BoardTable, Name, TomlTable
+from calib.files.values import BoardTable, Name, RidingTable
 
 WORLD, TIP = "world", "tip"
 """Where things stand that ride on no link, and what a cell calls the robot's last one."""
@@ -299,7 +299,7 @@ class CellParts:
         return own if self.parts or len(own) < len(self.links) else None
 
 
-class KeysTable(TomlTable, ABC):
+class KeysTable(RidingTable, ABC):
     """The table ``[instruments.NAME]`` of one kind, in the units of its keys.
 
     rides : whether one may stand on a link of the robot

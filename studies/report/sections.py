@@ -9,7 +9,6 @@ import numpy as np
 
 from calib import Cell
 from calib.arm.robot import Robot
-from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.instruments import ArmCamera, Camera, Instrument, Tracker
 from calib.poses import Measurements, Poses
@@ -65,13 +64,17 @@ def _facts(own: Cell) -> Iterator[tuple[str, str]]:
         at = ", ".join(shown(x * 1e3) for x in own.load.com)
         yield (
             "load of a plan's second reading",
-            f"{shown(own.load.mass)} kg at ({at}) mm of the tip",
+            f"{shown(own.load.mass)} kg at ({at}) mm of {_tip(robot, robot.loaded, 'the tip')}",
         )
     if own.payload.mass:
-        aside = own.payload.frame != Payload.frame
-        on = f" on {robot.tips[own.payload.frame - robot.dof - 1]}" if aside else ""
-        yield "payload", f"{shown(float(own.payload.mass))} kg{on}"
+        at = _tip(robot, own.payload.frame, "the tip")
+        yield "payload", f"{shown(float(own.payload.mass))} kg" + f" on {at}" * (at != "the tip")
     yield "what the model contains", ", ".join(own.effects)
+
+
+def _tip(robot: Robot, frame: int, usual: str) -> str:
+    """The name of the tip of a frame; what it is called where it is that of the robot."""
+    return usual if frame == -1 else robot.tips[frame - robot.dof - 1]
 
 
 def _read_by(own: Cell) -> Iterator[tuple[str, str]]:

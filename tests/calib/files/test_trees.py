@@ -85,13 +85,14 @@ def test_what_cannot_be_is_said_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_a_payload_hangs_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
+def test_loads_hang_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
     joints, chain = random_tree(3)
     tip = f"c{len(chain)}"
     (other,) = tips_of(joints, tip, 3)[:1]
     text = f'[payload]\nmass_kg = 2.0\ncom_mm = [0, 0, 100]\non = "{other}"\n'
-    cell = load_cell(written(tmp_path, other, more=text))
-    assert cell.payload.frame == cell.robot.dof + 1
+    hung = text.replace("payload", "load").replace("2.0", "5.0")
+    cell = load_cell(written(tmp_path, other, more=text + hung))
+    assert cell.payload.frame == cell.robot.loaded == cell.robot.dof + 1
     assert load_cell(written(tmp_path, tip, more=text.replace(other, tip))).payload.frame == -1
 
 

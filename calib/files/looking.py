@@ -34,8 +34,8 @@ def check_boards(
             raise ValueError(_sees_nothing(name, camera.on))
         if camera.rides_before(own) and any(board.on != WORLD for board in own.values()):
             raise ValueError(
-                f"has camera {name}, that sees boards in the world and on other links; give it "
-                "boards = ['NAME', ..] of one of these"
+                f"has camera {name}, that sees boards in the world and on other links; name some of "
+                "one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
             )
         seen |= own.keys()
     for name, board in boards.items():

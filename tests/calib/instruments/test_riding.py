@@ -18,12 +18,15 @@ from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
+from doe.constraints import scene_of, visible
+from doe.problem.pool import drawn
 from tests.calib.arm.test_trees import SEEDS, Tree
 from tests.helpers import central_difference
 from tests.two_arms import COMMON, EYE, PLATE, in_view, written
 
 ON_HAND = '[markers_mm]\nm = [90, 20, 30]\nn = { position = [0, 50, 10], on = "left_hand" }\n'
 PLATE_ON_WALL = PLATE.replace('"tip"', '"world"').replace("[-40, -30, -20]", "[500, 0, 800]")
+SECOND = PLATE_ON_WALL.replace("plate", "wall")
 
 
 def seated(model: Model, under: int) -> Model:
@@ -146,6 +149,22 @@ def test_a_camera_on_any_link_sees_boards_in_the_world(tmp_path: Path) -> None:
     assert {"base:eye.x", "tool:body:eye.rz"} <= {p.id for p in model.parameters}
 
 
+def test_a_board_on_the_base_tells_the_head_of_the_torso(tmp_path: Path) -> None:
+    """One camera, of a board in the hand and of one that stands beside the robot."""
+    wall = SECOND.replace('"world"', '"base"').replace("[0, 0, 0]", "[0, 90, 0]")
+    wall = wall.replace("[500, 0, 800]", "[900, 100, 1100]").replace("= 20", "= 40")
+    cell = load_cell(written(tmp_path, PLATE, wall, EYE))
+    q = np.concatenate(list(drawn(cell, 3000, None, 0)))
+    seen = visible(scene_of(cell, q))
+    each = [np.flatnonzero(seen[:, own].all(axis=1))[:40] for own in (slice(20), slice(20, None))]
+    chosen = np.concatenate(each)
+    model, values, data = simulated(cell, poses_at(q[chosen]))
+    found = calib.identify(cell, replace(data, seen=seen[chosen]))
+    assert not found.unidentifiable
+    assert {p.where for p in model.parameters} >= {"bend", "body:wall", "body:plate", "eye"}
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+
+
 def test_a_tracker_tells_of_the_torso_what_the_head_cannot(tmp_path: Path) -> None:
     """A tracker in the world and the camera on the head, in one fit."""
     tracker = '[instruments.laser]\nkind = "points"\nsigma_mm = 0.01\n'
@@ -166,7 +185,6 @@ def test_a_named_effect_that_moves_all_alike_is_refused(tmp_path: Path) -> None:
 
 
 PLANE = '[instruments.table]\nkind = "plane"\non = "head"\nsigma_mm = 0.01\n'
-SECOND = PLATE_ON_WALL.replace("plate", "wall")
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ class Readout:
         points : ndarray, shape (m, M, 3), m, base axes; seen : ndarray of bool, shape (m, C)
         """
         moved = np.broadcast_to(np.eye(3), (*points.shape, 3)).copy()
-        for seat in (i.seat for i in self.instruments if i.seat is not None):
+        for seat in self.channels.seats:
             moved[:, seat] = 0.0  # what looks on stays where it is
         squares = (self.follow(values, poses, points, moved)[seen] ** 2).sum(axis=(-1, -2))
         mean = float(squares.mean()) / self.channels.width

@@ -10,7 +10,7 @@ import pytest
 
 import calib
 from calib.arrays import Array
-from calib.cell.cell import Cell
+from calib.cell.cell import Cell, Repeatability
 from calib.errors import EffectCannotAct, InputError
 from calib.files.cell import load_cell
 from calib.instruments import ArmCamera, Tracker
@@ -18,6 +18,7 @@ from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
+from calib.scatter.poses import Variances, scatter_of
 from doe.constraints import scene_of, visible
 from doe.problem.pool import drawn
 from tests.calib.arm.test_trees import SEEDS, Tree
@@ -232,3 +233,22 @@ def test_a_camera_may_say_which_boards_it_looks_at(tmp_path: Path) -> None:
 def test_the_tip_may_be_named_by_its_link(tmp_path: Path) -> None:
     cell = load_cell(written(tmp_path, PLATE.replace('"tip"', '"right_hand"'), EYE))
     assert cell.robot.tips == ("head", "right_hand")
+
+
+def test_the_hand_scatters_before_the_head_that_reads_it(tmp_path: Path) -> None:
+    """The repeatability of a cell is how a tip comes back before what reads it, however that rides."""
+    body = '[bodies.hand]\non = "left_hand"\n[instruments.eye]\n'
+    pose = f'on = "head"\n{KINDS["pose"].replace("0.01", "1e-6").replace("20", "1e-3")}\n'
+    cell = load_cell(written(tmp_path, body, pose))
+    arm = Repeatability(3e-5, 2e-5)
+    own = replace(cell, repeatability=arm)
+    poses = poses_at(np.random.default_rng(1).uniform(-1.2, 1.2, (4000, cell.robot.dof)))
+    model = build(cell, poses).model
+    read, still = (calib.simulate(c, poses, model.initial, rng=1).readings for c in (own, cell))
+    (instrument,) = cell.instruments
+    off = instrument.shown(read, read - still)
+    found = off.reshape(-1, 6).std(axis=0)
+    np.testing.assert_allclose(found, [3e-5] * 3 + [2e-5] * 3, rtol=0.05)
+    known = scatter_of(model, model.initial, poses, Variances.of_arm(cell.robot.dof, arm))
+    size = np.sqrt((known.levers[..., :3, :] ** 2 * known.variances.approach[known.kinds]).sum(-1))
+    np.testing.assert_allclose(size, 3e-5, rtol=1e-9)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
 from calib.instruments.camera_table import CameraTable
-from calib.instruments.protocol import WORLD
-from calib.instruments.riding import CORNERS, corners_of
+from calib.instruments.protocol import WORLD, KeysTable
+from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 
 _LARGEST_BOARD = 50.0  # m
@@ -45,34 +48,67 @@ def bodies_of(path: Path, table: CellFile) -> Bodies:
     Raises InputError for a board of which no point can be.
     """
     shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
-    frames: dict[str, BodyTable] = dict(table.bodies)
-    frames |= {
+    bodies, seats = [*_frames(table), *_boards(table, shapes)], _seats(table)
+    every = [*bodies, *seats]
+    ends = np.cumsum([len(table.markers_mm), *(len(own.names) for own in every)]).tolist()
+    places = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    return Bodies(
+        {own.of: place for own, place in zip(bodies, places, strict=False)},
+        {own.of: place for own, place in zip(seats, places[len(bodies) :], strict=True)},
+        tuple(name for own in every for name in own.names),
+        np.concatenate([np.zeros((0, 3)), *(own.points for own in every)]),
+        tuple(own.link for own in every for _ in own.names),
+        shapes,
+    )
+
+
+class _Riding(NamedTuple):
+    """Points that ride on a link: of what, their names, and where (k, 3), m, in the link's frame."""
+
+    of: str
+    names: tuple[str, ...]
+    points: Array
+    link: str
+
+
+def _frames(table: CellFile) -> Iterator[_Riding]:
+    """Frames that are read as poses, and cameras that ride before boards in the world."""
+    frames: dict[str, BodyTable] = {**table.bodies, **_cameras_as_bodies(table)}
+    for name, own in frames.items():
+        T, names = own.frame, (name, f"{name}:x", f"{name}:y")
+        yield _Riding(name, names, corners_of(T[:3, :3], T[:3, 3]), table.link(own.on))
+
+
+def _boards(
+    table: CellFile, shapes: Mapping[str, tuple[tuple[str, ...], Array]]
+) -> Iterator[_Riding]:
+    for name, board in table.boards.items():
+        if board.on != WORLD:
+            names, shape = shapes[name]
+            yield _Riding(name, names, transformed(board.frame, shape), table.link(board.on))
+
+
+def _seats(table: CellFile) -> list[_Riding]:
+    """Links under instruments, each once."""
+    links = dict.fromkeys(table.link(own.on) for own in _seated(table).values())
+    corners = corners_of(np.eye(3), np.zeros(3))
+    return [_Riding(link, tuple(f"{link}:{end}" for end in "oxy"), corners, link) for link in links]
+
+
+def _cameras_as_bodies(table: CellFile) -> dict[str, CameraTable]:
+    """Cameras on links before boards in the world: what is found of them is where they ride."""
+    return {
         name: own
         for name, own in table.instruments.items()
         if isinstance(own, CameraTable) and own.rides_before(own.seen(table.boards))
     }
-    corners = {n: ((n, f"{n}:x", f"{n}:y"), corners_of(np.eye(3), np.zeros(3))) for n in frames}
-    carried = frames | {name: own for name, own in table.boards.items() if own.on != WORLD}
-    parts: dict[str, slice] = {}
-    names: list[str] = []
-    points: list[Array] = [np.zeros((0, 3))]
-    links: list[str] = []
-    first = len(table.markers_mm)
-    for name, body in carried.items():
-        own, shape = (corners | shapes)[name]
-        parts[name] = slice(first + len(names), first + len(names) + len(own))
-        names += own
-        points.append(shape @ body.frame[:3, :3].T + body.frame[:3, 3])
-        links += len(own) * [table.link(body.on)]
-    seats: dict[str, slice] = {}
-    for name, instrument in table.instruments.items():
-        link = table.link(instrument.on)
-        if instrument.on != WORLD and name not in frames and link not in seats:
-            seats[link] = slice(first + len(names), first + len(names) + CORNERS)
-            names += [f"{link}:{end}" for end in "oxy"]
-            points.append(corners_of(np.eye(3), np.zeros(3)))
-            links += CORNERS * [link]
-    return Bodies(parts, seats, tuple(names), np.concatenate(points), tuple(links), shapes)
+
+
+def _seated(table: CellFile) -> dict[str, KeysTable]:
+    """All other instruments that ride on links."""
+    bodies = _cameras_as_bodies(table)
+    every = table.instruments.items()
+    return {name: own for name, own in every if own.on != WORLD and name not in bodies}
 
 
 def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:
@@ -104,15 +140,13 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
         boards={name: (table.boards[name], *shape) for name, shape in bodies.shapes.items()},
         placed="base" in table.model.effects,
     )
-    made = []
-    for name, own in table.instruments.items():
-        instrument = own.instrument(name, cell)
-        if instrument.markers == ():
+    made = {name: own.instrument(name, cell) for name, own in table.instruments.items()}
+    for name, own in _seated(table).items():
+        if made[name].markers == ():
             what = f"rides on {own.on} as all does that it reads"
             raise InputError(path, f"instruments.{name}.on", what, "name another link")
-        seat = None if name in bodies.parts else bodies.seats.get(table.link(own.on))
-        made.append(replace(instrument, seat=seat) if own.on != WORLD else instrument)
-    return joined_sockets(made)
+        made[name] = replace(made[name], seat=bodies.seats[table.link(own.on)])
+    return joined_sockets([*made.values()])
 
 
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:

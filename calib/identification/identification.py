@@ -29,8 +29,8 @@ Status = Literal["converged", "not_converged", "rank_deficient"]
 
 _SHOWN = 6  # poses named in a warning
 _UNSEEN = (
-    "they move the instruments and all that these read alike, so no reading at any pose tells them, "
-    "and errors at targets are without theirs"
+    "they move nothing that is read against the instrument that reads it, so no reading at any pose "
+    "tells them, and errors at targets are without theirs"
 )
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
 

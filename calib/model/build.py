@@ -298,7 +298,7 @@ def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) ->
             if not others:
                 raise EffectCannotAct(
                     f"{kind}:{where}" if where else kind,
-                    "it moves the instruments and all that these read alike, or nothing of it",
+                    "it moves nothing that is read against the instrument that reads it",
                     "take it out of [model] effects, or read it from the world",
                 )
             more = len(others) - _MOST_NAMED

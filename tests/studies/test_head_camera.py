@@ -30,7 +30,7 @@ def test_every_command_of_a_day(tmp_path: Path) -> None:
     assert max(off.values()) < 4.5
     (untold,) = found["unidentifiable"]
     assert untold["names"] == [f"joint_offset:{joint}.offset" for joint in COMMON]
-    assert "they move the instruments and all that these read alike" in told
+    assert "they move nothing that is read against the instrument that reads it" in told
 
     targets = tmp_path / "targets.csv"
     targets.write_text("".join(plan.read_text().splitlines(keepends=True)[:9]))

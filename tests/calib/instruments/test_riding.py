@@ -108,8 +108,8 @@ def test_a_camera_on_the_head_tells_what_lies_between_it_and_the_hand(tmp_path: 
     assert {name.split(":")[1].split(".")[0] for name in untold.names} == {*COMMON}
     assert len(untold.names) == 6 * len(COMMON)
     assert untold.reason == (
-        "they move the instruments and all that these read alike, so no reading at any pose tells "
-        "them, and errors at targets are without theirs"
+        "they move nothing that is read against the instrument that reads it, so no reading at any "
+        "pose tells them, and errors at targets are without theirs"
     )
     assert cell.unseen_joints == COMMON
     places = [p.id for p in found.model.parameters[:12]]
@@ -179,9 +179,7 @@ def test_a_tracker_tells_of_the_torso_what_the_head_cannot(tmp_path: Path) -> No
 
 def test_a_named_effect_that_moves_all_alike_is_refused(tmp_path: Path) -> None:
     cell = load_cell(written(tmp_path, PLATE, EYE, effects='"base", "tool", "joint_offset:hip"'))
-    with pytest.raises(
-        EffectCannotAct, match="moves the instruments and all that these read alike"
-    ):
+    with pytest.raises(EffectCannotAct, match="moves nothing that is read against the instrument"):
         build(cell)
 
 

@@ -41,6 +41,7 @@ def drawn_readings(
         points, axes = model.tip_points(frames, values, poses), model.placement(values, poses)[0]
         origins = model.under_markers(frames)[1]
         moved = approached(points, origins, visits(poses), arm, rng, axes)
+        moved = model.readout.channels.seats_kept(moved, points)
         exact = model.readings(values, poses, moved)
     readings = exact + noisy
     shape = readings.shape[:-1]

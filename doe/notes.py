@@ -50,6 +50,16 @@ def _common(design: Design) -> Iterator[str]:
         )
 
 
+def _unseen(design: Design) -> Iterator[str]:
+    """That instruments on links do not see what carries them with what they read."""
+    joints = design.problem.cell.unseen_joints
+    if joints:
+        yield (
+            f"no instrument sees an error of {', '.join(joints)}, which carry what reads and what is "
+            "read alike. The expected error at the targets is without them"
+        )
+
+
 def _outside(design: Design) -> Iterator[str]:
     """Plans that were given, with poses beyond the limits."""
     low, high = design.problem.cell.robot.limits.T
@@ -184,6 +194,7 @@ _NOTES = (
     _reapproaches,
     _of_type,
     _common,
+    _unseen,
     _no_targets,
     _weak,
     _outside,

@@ -74,8 +74,11 @@ def _least(J: Array, wanted: Array, reluctant: float) -> Array:
     return np.asarray((Jt @ solved)[..., 0])
 
 
-def turns(robot: Robot, frames: Frames) -> Array:
-    """How the tip turns with the joints, shape (m, 3, n), base axes."""
+def turns(robot: Robot, frames: Frames, frame: int = -1) -> Array:
+    """How a tip turns with the joints, shape (m, 3, n), base axes.
+
+    frame : of the tip; that of ``robot.tip`` without
+    """
     axes = rotate(frames.R[:, 1 : robot.dof + 1], robot.axes)
-    turning = ~robot.prismatic & robot.moving(robot.tip_frame)
+    turning = ~robot.prismatic & robot.moving(frame)
     return np.swapaxes(np.where(turning[:, None], axes, 0.0), -1, -2)

@@ -101,6 +101,8 @@ class Robot:
         per second; NaN where none is given, None where none is at all
     shapes : Shapes; source : Source
     others : tuple of str, links that are tips beside ``tip``
+    loaded : int, frame of the tip on which measured wrenches act and loads hang; that of ``tip``
+        without
     parents : tuple of int, the frame on which each of the frames 1 .. F - 1 hangs, parents first; a
         chain without
     """
@@ -123,6 +125,7 @@ class Robot:
     shapes: Shapes = field(default_factory=Shapes)
     source: Source = field(default_factory=Source)
     others: tuple[str, ...] = ()
+    loaded: int = -1
     parents: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:

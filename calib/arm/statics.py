@@ -18,10 +18,14 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 
 @dataclass(frozen=True)
 class Payload:
-    """A body carried at every pose: mass [kg] and centre of mass in the tip frame [m]."""
+    """A body carried at every pose: mass [kg] and centre of mass in the tip frame [m].
+
+    frame : int, of the tip that carries it; that of ``robot.tip`` without
+    """
 
     mass: float = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    frame: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,7 @@ class Loads:
     mass : ndarray, shape (..., m, F), kg of the bodies that a frame carries (base counts nothing)
     mass_moment : ndarray, shape (..., m, F, 3), kg m, mass times centre of mass, in the frame that
         carries it
-    force, moment : ndarray, shape (..., m, 3), N and N m, at the tip frame's origin, base axes
+    force, moment : ndarray, shape (..., m, 3), N and N m, at the origin of the loaded tip, base axes
     pull : ndarray, shape (m, 3), N, the measured force, base axes
     lever : ndarray, shape (..., m, 3), m, tip axes: how far from the tip's origin ``pull`` acts beyond
         what the measured moment says
@@ -85,9 +89,10 @@ def loads_of(robot: Robot, poses: Poses, payload: Payload, gravity: Array) -> Lo
     mass[...], moment[...], wrench[...] = 0.0, 0.0, poses.wrench
     mass[:, joints] = robot.masses
     moment[:, joints] = robot.masses[:, None] * robot.coms
-    mass[:, -1] = payload.mass + poses.load_mass
-    moment[:, -1] = payload.mass * np.asarray(payload.com)
-    moment[:, -1] += poses.load_mass[:, None] * poses.load_com
+    mass[:, payload.frame] = payload.mass
+    moment[:, payload.frame] = payload.mass * np.asarray(payload.com)
+    mass[:, robot.loaded] += poses.load_mass
+    moment[:, robot.loaded] += poses.load_mass[:, None] * poses.load_com
     pull = wrench[:, :3]
     return Loads(mass, moment, pull, wrench[:, 3:], pull, np.zeros((m, 3)), gravity)
 
@@ -136,11 +141,11 @@ def transmitted(robot: Robot, loads: Loads, frames: Frames, carriers: Array) -> 
     first_moment = _from_tips(robot, moments, -2)
     weight = by_one(mass_beyond[..., None], loads.gravity[None])
     force = at_carriers(robot, loads.force[..., None, :]) + weight
-    tip = frames.o[..., -1:, :]
+    tip = frames.o[..., robot.loaded, None, :]
     arm = first_moment - mass_beyond[..., None] * frames.o
     moment = loads.moment[..., None, :] + cross(tip - frames.o, loads.force[..., None, :])
     if loads.lever.any():
-        moment = moment + cross(_lever(loads, frames), loads.pull)[..., None, :]
+        moment = moment + cross(_lever(robot, loads, frames), loads.pull)[..., None, :]
     moment = at_carriers(robot, moment) + cross(arm, loads.gravity)
     axes = np.swapaxes(frames.R, -1, -2)
     local = np.concatenate(
@@ -149,14 +154,14 @@ def transmitted(robot: Robot, loads: Loads, frames: Frames, carriers: Array) -> 
     return Transmitted(force, moment, local, first_moment, mass_beyond)
 
 
-def _lever(loads: Loads, frames: Frames) -> Array:
+def _lever(robot: Robot, loads: Loads, frames: Frames) -> Array:
     """The lever of the measured force in base axes, shape (..., m, 3), m."""
-    return rotate(frames.R[..., -1, :, :], loads.lever)
+    return rotate(frames.R[..., robot.loaded, :, :], loads.lever)
 
 
 def at_carriers(robot: Robot, of_tip: Array) -> Array:
-    """What the load at the tip does to frames (..., F or 1, k): nothing to those that carry it not."""
-    return of_tip * robot.carries[:, -1:] if robot.branched else of_tip
+    """What the load at a tip does to frames (..., F or 1, k): nothing to those that carry it not."""
+    return of_tip * robot.carries[:, robot.loaded, None] if robot.branched else of_tip
 
 
 def change_beyond(robot: Robot, loads: Loads, frames: Frames, wrench: Transmitted) -> Array:
@@ -166,20 +171,21 @@ def change_beyond(robot: Robot, loads: Loads, frames: Frames, wrench: Transmitte
     keep their direction: (A + phi x c) x w = -[w]x A + [w]x [c]x phi, summed over the weights and the
     force at the tip.
     """
-    pull = double_cross(loads.force[..., None, :], frames.o[..., -1:, :])
+    pull = double_cross(loads.force[..., None, :], frames.o[..., robot.loaded, None, :])
     if loads.lever.any():
-        pull = pull + double_cross(loads.pull, _lever(loads, frames))[..., None, :, :]
-    carrying = robot.carries[:, -1, None, None] if robot.branched else True
+        lever = _lever(robot, loads, frames)
+        pull = pull + double_cross(loads.pull, lever)[..., None, :, :]
+    carrying = robot.carries[:, robot.loaded, None, None] if robot.branched else True
     turn = double_cross(loads.gravity, wrench.first_moment) + pull * carrying
     return np.concatenate([np.broadcast_to(-skew(wrench.force), turn.shape), turn], axis=-1)
 
 
 def wrench_with_load(robot: Robot, gravity: Array, poses: Poses) -> Array:
-    """Wrench on the tip, the hung load included as at the nominal pose, shape (m, 6), N and N m.
+    """Wrench on the loaded tip, the hung load included as at the nominal pose, shape (m, 6), N and N m.
 
     gravity : ndarray, shape (3,), m/s^2, in base axes
     """
-    R_tip = forward(robot, poses.q).R[:, -1]
+    R_tip = forward(robot, poses.q).R[:, robot.loaded]
     force = poses.load_mass[:, None] * gravity
     moment = cross(rotate(R_tip, np.broadcast_to(poses.load_com, force.shape)), force)
     total: Array = poses.wrench + np.concatenate([force, moment], axis=-1)

@@ -95,6 +95,7 @@ class Cell:
     known_distances : tuple of KnownDistance
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
+    seats : dict, link -> slice, the three markers that stand for one on which an instrument rides
     prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     acceptance : Acceptance, or None without a tolerance
@@ -125,6 +126,7 @@ class Cell:
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     known_distances: tuple[KnownDistance, ...] = ()
     bodies: Mapping[str, slice] = field(default_factory=dict)
+    seats: Mapping[str, slice] = field(default_factory=dict)
     prior: Prior | None = None
     prior_file: Path | None = None
     size_prior: SizePrior = "estimated"
@@ -204,6 +206,29 @@ class Cell:
         first = self.robot.dof + 1
         return np.array([first + self.robot.tips.index(link) for link in self.marker_links])
 
+    def link_under(self, instrument: Instrument) -> str | None:
+        """The link on which an instrument rides; None for one in the world, or that is a body."""
+        seats = {own.start: link for link, own in self.seats.items()}
+        return None if instrument.seat is None else seats[instrument.seat.start]
+
+    @property
+    def named_markers(self) -> tuple[str, ...]:
+        """Names of the markers that stand for something on the robot, not for a link alone."""
+        under = {i for own in self.seats.values() for i in range(own.start, own.stop)}
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in under)
+
+    @property
+    def unseen_joints(self) -> tuple[str, ...]:
+        """Joints that carry, of every reading, both what reads and what is read, or neither."""
+        if any(own.seat is None for own in self.instruments):
+            return ()
+        frames, seen = self.marker_frames, np.zeros(self.robot.dof, dtype=bool)
+        for own in self.instruments:
+            under = self.robot.moving(int(frames[own.seat][0]))
+            for frame in np.unique(frames[own.read_of(len(frames))]).tolist():
+                seen |= under != self.robot.moving(frame)
+        return tuple(np.array(self.robot.joints)[~seen].tolist())
+
     @property
     def robot_files(self) -> tuple[Path, ...]:
         """The robot's files, and calibrations of cameras."""
@@ -253,7 +278,7 @@ class Cell:
     @property
     def instrument(self) -> Array | None:
         """Where the tracker stands, shape (3,), m, base frame, or None."""
-        return self.tracker.position
+        return self.tracker.position if self.tracker.seat is None else None
 
     @property
     def scatters(self) -> bool:

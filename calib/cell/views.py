@@ -1,7 +1,8 @@
 """Where a camera sees a board well: configurations that are solved for, as few that are drawn do.
 
 Where the board stands before the camera is drawn evenly among the places at which a detector finds it:
-tilt, turn, distance and place in the image. The tip follows from it, and the joints from the tip.
+tilt, turn, distance and place in the image. The tip follows from it, and the joints from the tip: its
+place in the world, or before the link that carries the other of the two.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from calib.instruments import Camera
 from calib.instruments.camera import ArmCamera
 from calib.instruments.detection import Board
 from calib.instruments.lens import CENTER, FOCAL
+from calib.instruments.riding import frame_of
 
 NUMBERS = 6
 """Even numbers that place a board before a camera."""
@@ -35,13 +37,17 @@ class View:
     """A camera and a board that it sees.
 
     world, tip : ndarray, shape (4, 4), the frame of the one that stands in the world, base axes, and of
-        the one on the tip, tip axes
+        the one on a tip, tip axes
+    frame : int, of that tip; under : int or None, frame of the link that carries the other one, whose
+        axes then are those meant by the base's
     """
 
     camera: Camera
     board: Board
     world: Array
     tip: Array
+    frame: int
+    under: int | None
 
     def tips(self, placed: Array) -> Array:
         """Tip frames (m, 4, 4) in base axes for the board's frames (m, 4, 4) in camera axes."""
@@ -91,12 +97,15 @@ def views_of(cell: Cell) -> tuple[View, ...]:
         read = camera.read_of(len(cell.markers))
         for board, standing in zip(camera.boards, _standing(camera), strict=True):
             T = displacement(standing)
+            first = read[0 if isinstance(camera, ArmCamera) else board.channels.start]
+            frame = int(cell.marker_frames[first])
             if isinstance(camera, ArmCamera):
-                centre, axes = camera.frame(cell.markers[read[: camera.each]])
-                found.append(View(camera, board, T, transform(axes.T, centre)))
+                centre, axes = frame_of(cell.markers[read[: camera.each]])
+                found.append(View(camera, board, T, transform(axes.T, centre), frame, None))
             else:
                 on_tip = fit_rigid(cell.markers[read[board.channels]], board.points)
-                found.append(View(camera, board, inverse(T), on_tip))
+                under = None if camera.seat is None else int(cell.marker_frames[camera.seat][0])
+                found.append(View(camera, board, inverse(T), on_tip, frame, under))
     return tuple(found)
 
 
@@ -117,15 +126,23 @@ def looking(cell: Cell, q: Array, wanted: IntArray, even: Array, free: Mask) -> 
         own = np.flatnonzero(wanted == k)
         if len(own):
             goal = view.tips(view.placed(even[own], cell.robot.reach))
-            missed = partial(_missed, cell.robot, goal)
+            missed = partial(_missed, cell.robot, view, goal)
             q[own] = approached(cell.robot, q[own], free, missed, _RELUCTANT, STEPS)
     return q
 
 
-def _missed(robot: Robot, goal: Array, starts: IntArray, frames: Frames) -> tuple[Array, Array]:
+def _missed(
+    robot: Robot, view: View, goal: Array, starts: IntArray, frames: Frames
+) -> tuple[Array, Array]:
     """Place, and what a turn weighs, of the tip beyond its goal (n, 4, 4)."""
     wanted, length = goal[starts], _TURN * robot.reach
-    R, o = frames.R[:, -1], frames.o[:, -1]
+    R, o = frames.R[:, view.frame], frames.o[:, view.frame]
+    slopes, turning = point_slopes(robot, frames, o, view.frame), turns(robot, frames, view.frame)
+    if view.under is not None:
+        back = np.swapaxes(frames.R[:, view.under], -1, -2)
+        slopes = back @ (slopes - point_slopes(robot, frames, o, view.under))
+        turning = back @ (turning - turns(robot, frames, view.under))
+        R, o = back @ R, rotate(back, o - frames.o[:, view.under])
     turn = so3_log(R @ np.swapaxes(wanted[:, :3, :3], -1, -2))
-    J = np.concatenate([point_slopes(robot, frames, o), length * turns(robot, frames)], axis=1)
+    J = np.concatenate([slopes, length * turning], axis=1)
     return np.concatenate([o - wanted[:, :3, 3], length * turn], axis=1), J

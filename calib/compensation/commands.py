@@ -45,7 +45,7 @@ from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.model import Model
 from calib.model.build import lacking
-from calib.model.covariance import errors_at, working_points
+from calib.model.covariance import at_one_tip, errors_at, read_frames, working_points
 from calib.poses import Poses, hung
 from calib.poses.moves import moves, with_moves
 from calib.result import Result
@@ -157,7 +157,12 @@ class Compensation(Result):
 
 @one_blas_thread
 def compensate(
-    cell: Cell, result: Known, targets: Plan, *, weights: Array | None = None
+    cell: Cell,
+    result: Known,
+    targets: Plan,
+    *,
+    weights: Array | None = None,
+    tip: str | None = None,
 ) -> Compensation:
     """Correct nominal joint commands by what was identified.
 
@@ -166,9 +171,11 @@ def compensate(
         wrench carry the cell's [load]
     weights : ndarray, shape (m,), of the targets in the root mean squares; one by default, or the
         file's own
+    tip : of several tips the one that is to be in place; ``robot.tip`` without. The others go with the
+        joints that they share with it
 
     Raises InputError, CalibError: an unusable file, a result of another robot or one that did not
-    converge, targets outside the limits, an arm without equilibrium.
+    converge, targets outside the limits, a tip of which nothing is read, an arm without equilibrium.
     """
     estimate = _known(cell, result)
     if not estimate.converged:
@@ -179,9 +186,11 @@ def compensate(
     # The targets' own order is none of the session's.
     poses = replace(with_moves(poses), start=estimate.start, order=None)
     model = replace(estimate.model, robot=replace(estimate.model.robot, limits=cell.robot.limits))
+    frame = _tip_frame(model, tip)
+    model = at_one_tip(model, frame)
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
     after, known = cell.design.targets_after or 0.0, replace(estimate, model=model)
-    parts = [_block(known, poses.take(block), after) for block in blocks]
+    parts = [_block(known, poses.take(block), after, frame) for block in blocks]
     by_target = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     limited_by, q = tuple(by_target.pop("limited_by").tolist()), by_target["q"]
     return Compensation(
@@ -189,12 +198,12 @@ def compensate(
         weights=weights,
         at="markers" if len(model.where(Tool)) else "tip",
         **by_target,
-        an_hour_on=estimate.an_hour_on(replace(poses, q=q), after),
+        an_hour_on=known.an_hour_on(replace(poses, q=q), after),
         unexplained=estimate.unexplained,
         rest_of=estimate.rest_of,
         after=cell.design.targets_after,
         limited_by=limited_by,
-        notes=(*estimate.notes, *_notes(estimate, poses, q)),
+        notes=(*estimate.notes, *_notes(estimate, poses, q), *_on_tips(cell, frame)),
     )
 
 
@@ -230,24 +239,43 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
         raise CalibError("the targets have joint values that are no numbers")
     if weights.shape != (len(poses),) or not (weights >= 0.0).all() or not weights.any():
         raise CalibError("weights must be one for each target, at least zero, and not all zero")
-    if len(np.unique(cell.marker_frames)) > 1:
-        raise CalibError(
-            "commands are corrected for one tip, and the markers ride on several: give those of one "
-            "arm a cell of their own"
-        )
     check_targets(cell, poses)
 
 
-def _block(estimate: Estimate, poses: Poses, after: float) -> dict[str, Array]:
-    """Fields of :class:`Compensation` that have one entry for each target, for some of them."""
+def _tip_frame(model: Model, tip: str | None) -> int:
+    """Frame of the tip that is to be in place. Raises CalibError where nothing is read on it."""
+    robot, frames = model.robot, read_frames(model).tolist()
+    read = [robot.tips[frame - robot.dof - 1] for frame in frames]
+    if tip is None:
+        tip = read[0] if len(read) == 1 else robot.tip
+    if tip not in read:
+        raise CalibError(f"nothing is read on {tip}; commands are corrected for {', '.join(read)}")
+    return int(frames[read.index(tip)])
+
+
+def _on_tips(cell: Cell, frame: int) -> Iterable[str]:
+    """Of a robot with several tips, which one is in place, and what no instrument saw of it."""
+    robot, unseen = cell.robot, cell.unseen_joints
+    if unseen:
+        yield f"no instrument saw an error of {', '.join(unseen)}: they count as nominal"
+    if robot.branched:
+        tip = robot.tips[frame - robot.dof - 1]
+        yield f"commands are corrected for {tip}: other tips go with the joints that they share with it"
+
+
+def _block(estimate: Estimate, poses: Poses, after: float, tip: int) -> dict[str, Array]:
+    """Fields of :class:`Compensation` that have one entry for each target, for some of them.
+
+    tip : frame of the tip that is to be in place
+    """
     model, values = estimate.model, estimate.values
     working = working_points(model)
     points = working.marker_positions(values)
     points = points[working.instruments[0].read_of(len(points))]
     nominal, now = forward(model.robot, poses.q), tip_of(model, values, poses)
-    R, o = nominal.R[:, -1], nominal.o[:, -1]
-    found = reach(model, values, poses, Goal(R, o, points))
-    before, turn_before = _distance(R, o, now.R[:, -1], now.o[:, -1], points)
+    R, o = nominal.R[:, tip], nominal.o[:, tip]
+    found = reach(model, values, poses, Goal(R, o, points, tip))
+    before, turn_before = _distance(R, o, now.R[:, tip], now.o[:, tip], points)
     left, turn_left = _distance(R, o, found.R, found.o, points)
     there = replace(poses, q=found.q)
     scatter, unfollowed = (

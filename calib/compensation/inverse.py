@@ -59,11 +59,13 @@ class Goal:
 
     R, o : ndarray, shapes (m, 3, 3) and (m, 3), m
     points : ndarray, shape (k, 3), m, tip frame
+    tip : int, frame of that tip; that of ``robot.tip`` without
     """
 
     R: Array
     o: Array
     points: Array
+    tip: int = -1
 
     @property
     def centre(self) -> Array:
@@ -78,7 +80,7 @@ class Goal:
 
     def take(self, index: IntArray) -> Goal:
         """The goals of some targets."""
-        return Goal(self.R[index], self.o[index], self.points)
+        return Goal(self.R[index], self.o[index], self.points, self.tip)
 
 
 def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
@@ -108,14 +110,15 @@ def reach(model: Model, values: Array, poses: Poses, goal: Goal) -> Reached:
         _put(found, again, _descend(model, values, poses.take(again), goal.take(again), swing))
     again = _astray(model, found, poses)
     if len(again):
-        _put(found, again, _unmoved(model, values, poses.take(again)))
+        _put(found, again, _unmoved(model, values, poses.take(again), goal.tip))
     return found
 
 
-def _unmoved(model: Model, values: Array, poses: Poses) -> Reached:
+def _unmoved(model: Model, values: Array, poses: Poses, tip: int) -> Reached:
     arm, none = tip_of(model, values, poses), np.zeros(poses.q.shape, dtype=bool)
     never = np.zeros(len(poses), dtype=bool)
-    return Reached(poses.q, arm.R[:, -1], arm.o[:, -1], none, np.zeros(len(poses), int), never)
+    lost = np.zeros(len(poses), int)
+    return Reached(poses.q, arm.R[:, tip], arm.o[:, tip], none, lost, never)
 
 
 def _put(found: Reached, where: IntArray, others: Reached) -> None:
@@ -161,7 +164,8 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         rank[renewed], size[renewed] = -1, np.inf
     arm = tip_of(model, values, replace(poses, q=q))
     lost = np.minimum(6, robot.free.sum() - held.sum(axis=1)) - rank
-    return Reached(q, arm.R[:, -1].copy(), arm.o[:, -1].copy(), held, lost, size < _STILL)
+    R, o = arm.R[:, goal.tip].copy(), arm.o[:, goal.tip].copy()
+    return Reached(q, R, o, held, lost, size < _STILL)
 
 
 def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
@@ -169,11 +173,12 @@ def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
 
     Returns J (m, 6, n) and the error (m, 6), both of the mean of the points, base axes, m.
     """
-    length, R = goal.length(robot), arm.R[:, -1]
-    there = arm.o[:, -1] + rotate(R, goal.centre)
+    length, R = goal.length(robot), arm.R[:, goal.tip]
+    there = arm.o[:, goal.tip] + rotate(R, goal.centre)
     wanted = goal.o + rotate(goal.R, goal.centre)
     turn = so3_log(goal.R @ np.swapaxes(R, -1, -2))
-    J = np.concatenate([point_slopes(robot, arm, there), length * turns(robot, arm)], axis=1)
+    slopes, turning = point_slopes(robot, arm, there, goal.tip), turns(robot, arm, goal.tip)
+    J = np.concatenate([slopes, length * turning], axis=1)
     J = J @ robot.ties.matrix
     return J, np.concatenate([wanted - there, length * turn], axis=1)
 

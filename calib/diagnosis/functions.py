@@ -137,7 +137,8 @@ class Pull(PoseVariable):
     statics: Statics
 
     def at(self, poses: Poses) -> Array:
-        return np.asarray(np.linalg.norm(self.statics.wrench(poses)[:, -1, :3], axis=-1))
+        force = self.statics.wrench(poses)[:, self.statics.robot.loaded, :3]
+        return np.asarray(np.linalg.norm(force, axis=-1))
 
 
 _LENGTH = 0.5  # of a variable's range, over which a function forgets its value

@@ -61,10 +61,10 @@ def _standing(context: Context) -> list[Base]:
     for instrument in context.instruments:
         if not instrument.unknowns:
             continue
-        if not instrument.stationed:
+        if not instrument.has_stations:
             found += [Base(name, None, instrument) for name in instrument.names]
             continue
-        first = not any(base.of.stationed for base in found)
+        first = not any(base.of.has_stations for base in found)
         before = "" if first else f"{instrument.name}:"
         found += [Base(f"{before}{name}", i, instrument) for i, name in enumerate(stations)]
     return found

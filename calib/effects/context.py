@@ -60,7 +60,8 @@ class Context:
     clock_unit : str, of the session's clock, "s" or "reading"
     gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
     instruments : tuple of Instrument
-    bodies : dict, name -> position of the first of three markers that stand for it
+    bodies : dict, name -> slice, the markers that are points of it
+    seats : dict, link -> slice, three that stand for one on which an instrument rides
     """
 
     robot: Robot
@@ -77,6 +78,7 @@ class Context:
     gear_ratios: Mapping[str, float] = field(default_factory=dict)
     instruments: tuple[Instrument, ...] = (TRACKER,)
     bodies: Mapping[str, slice] = field(default_factory=dict)
+    seats: Mapping[str, slice] = field(default_factory=dict)
 
     @property
     def parts(self) -> Mapping[str, MovablePart]:
@@ -96,7 +98,11 @@ class Context:
     @property
     def single_markers(self) -> tuple[str, ...]:
         """Names of the markers that are markers of their own."""
-        part = {i for own in self.bodies.values() for i in range(own.start, own.stop)}
+        part = {
+            i
+            for own in (*self.bodies.values(), *self.seats.values())
+            for i in range(own.start, own.stop)
+        }
         return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
 
 

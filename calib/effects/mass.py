@@ -69,10 +69,12 @@ class PayloadError(WeightEffect):
     point that the cell gives. Its centre cannot be corrected then. All are corrections to first order.
 
     given : Payload; measured : bool, whether the load of the poses is meant in its place
+    frame : int, of the tip that carries what is meant
     """
 
     given: Payload
     measured: bool
+    frame: int = -1
     kind: ClassVar[str] = "payload"
 
     @classmethod
@@ -81,7 +83,9 @@ class PayloadError(WeightEffect):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        return cls(where, context.payload, context.payload.mass == 0.0 and context.measured_load)
+        given = context.payload
+        measured = given.mass == 0.0 and context.measured_load
+        return cls(where, given, measured, context.robot.loaded if measured else given.frame)
 
     @classmethod
     def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
@@ -99,14 +103,14 @@ class PayloadError(WeightEffect):
     def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:
         size, *shifts = [loads.nothing() for _ in self.parameters]
         if self.measured:
-            size.mass[:, -1] = poses.load_mass
-            size.mass_moment[:, -1] = poses.load_mass[:, None] * poses.load_com
+            size.mass[:, self.frame] = poses.load_mass
+            size.mass_moment[:, self.frame] = poses.load_mass[:, None] * poses.load_com
             size.force[:], size.moment[:] = loads.force, loads.moment
         else:
-            size.mass[:, -1] = 1.0
-            size.mass_moment[:, -1] = self.given.com
+            size.mass[:, self.frame] = 1.0
+            size.mass_moment[:, self.frame] = self.given.com
         for shift, axis in zip(shifts, np.eye(3), strict=False):
             body = poses.load_mass if self.measured else np.full(len(poses), self.given.mass)
-            shift.mass_moment[:, -1] = body[:, None] * axis
+            shift.mass_moment[:, self.frame] = body[:, None] * axis
             shift.lever[:] = axis * self.measured
         return (size, *shifts)

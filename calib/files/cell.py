@@ -29,6 +29,7 @@ from calib.files.schema import (
 )
 from calib.files.tables import load_targets
 from calib.files.values import MM, URAD
+from calib.instruments.protocol import TIP
 from calib.model.build import context_of, parse_effect, parse_excluded
 
 _HOUR = 3600.0
@@ -102,11 +103,11 @@ def load_cell(path: str | Path) -> Cell:
     path = Path(path)
     table, lenses = with_lenses(path, cell_table(path))
     own, file = table.robot, path.parent / table.robot.file
-    links = [table.link_of(name) for name in table.markers_mm]
-    others = tuple(link for link in dict.fromkeys(links) if link != own.tip)
-    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, others)
+    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, table.links)
     _check_joints(path, robot, table)
     robot = coupled(path, robot, own.coupled)
+    if table.load is not None:
+        robot = replace(robot, loaded=_frame(robot, table.load.on))
     for text in table.model.effects:
         try:
             parse_effect(text)
@@ -129,9 +130,9 @@ def load_cell(path: str | Path) -> Cell:
         markers=np.concatenate([positions * MM, bodies.markers]),
         marker_normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         marker_acceptance=np.radians([m.acceptance_deg or math.nan for m in every]),
-        instruments=instruments_of(table, bodies),
+        instruments=instruments_of(path, table, bodies),
         gravity=np.array(table.gravity.m_s2),
-        payload=Payload(table.payload.mass_kg, _metres(table.payload.com_mm)),
+        payload=_payload(table, robot),
         load=None
         if load is None
         else Load(load.mass_kg, _metres(load.com_mm), math.radians(load.max_tilt_deg)),
@@ -146,10 +147,11 @@ def load_cell(path: str | Path) -> Cell:
         gear_ratios=dict(own.gear_ratio),
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
+        seats=bodies.seats,
         acceptance=tolerance and Acceptance(tolerance.tolerance_mm * MM, tolerance.rule),
         size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
-        marker_links=(*links, *len(bodies.names) * (own.tip,)) if others else (),
+        marker_links=(*map(table.link_of, table.markers_mm), *bodies.links) if table.links else (),
     )
     try:
         context = context_of(cell, None)
@@ -164,6 +166,16 @@ def load_cell(path: str | Path) -> Cell:
 
     source = path.parent / table.model.prior.file
     return replace(cell, prior=load_prior(source, cell), prior_file=source)
+
+
+def _payload(table: CellFile, robot: Robot) -> Payload:
+    own = table.payload
+    return Payload(own.mass_kg, _metres(own.com_mm), _frame(robot, own.on))
+
+
+def _frame(robot: Robot, on: str) -> int:
+    """Frame of the tip that is named so."""
+    return -1 if on == TIP else robot.dof + 1 + robot.tips.index(on)
 
 
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:

@@ -26,7 +26,7 @@ _SAME = 0.01  # of the weight
 def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
     """Refuse readings that bear the cell's payload as their wrench. Raises InputError."""
     loaded = poses.take(poses.wrench.any(axis=1))
-    if not cell.payload.mass or not len(loaded):
+    if not cell.payload.mass or cell.payload.frame != cell.robot.loaded or not len(loaded):
         return
     free = replace(loaded, wrench=np.zeros_like(loaded.wrench))
     carried = hung(free, cell.payload.mass, cell.payload.com)

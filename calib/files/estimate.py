@@ -144,7 +144,7 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
 
 def _stations(cell: Cell, keys: list[Key]) -> tuple[str, ...]:
     """The stations of the data behind the result."""
-    still = {instrument.name for instrument in cell.instruments if not instrument.stationed}
+    still = {instrument.name for instrument in cell.instruments if not instrument.has_stations}
     placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
     return tuple(dict.fromkeys(placed)) or ("base",)
 

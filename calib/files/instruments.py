@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
 from calib.instruments.camera_table import CameraTable
-from calib.instruments.pose import CORNERS, corners_of
+from calib.instruments.protocol import WORLD, KeysTable
+from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 
 _LARGEST_BOARD = 50.0  # m
@@ -22,46 +26,89 @@ _LARGEST_BOARD = 50.0  # m
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a cell as markers that follow its own: frames, boards and cameras on the tip.
+    """The bodies of a cell as markers that follow its own: frames, boards and cameras on links.
 
     parts : dict, name -> slice, positions of its points; names : tuple of str, of all of these markers
-    markers : ndarray, shape (k, 3), m, tip frame
+    seats : dict, link -> slice, the three points that stand for one on which an instrument rides
+    markers : ndarray, shape (k, 3), m, each in the frame of its link; links : tuple of str, these
     shapes : dict, board -> names and points (n, 3), m, in its frame, of those on the tip and others
     """
 
     parts: Mapping[str, slice]
+    seats: Mapping[str, slice]
     names: tuple[str, ...]
     markers: Array
+    links: tuple[str, ...]
     shapes: Mapping[str, tuple[tuple[str, ...], Array]]
 
 
 def bodies_of(path: Path, table: CellFile) -> Bodies:
-    """The bodies after the markers; one of which nothing is said is guessed at the tip frame.
+    """The bodies after the markers; one of which nothing is said is guessed at its link's frame.
 
     Raises InputError for a board of which no point can be.
     """
     shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
-    frames: dict[str, BodyTable] = dict(table.bodies)
-    frames |= {
+    bodies, seats = [*_frames(table), *_boards(table, shapes)], _seats(table)
+    every = [*bodies, *seats]
+    ends = np.cumsum([len(table.markers_mm), *(len(own.names) for own in every)]).tolist()
+    places = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    return Bodies(
+        {own.of: place for own, place in zip(bodies, places, strict=False)},
+        {own.of: place for own, place in zip(seats, places[len(bodies) :], strict=True)},
+        tuple(name for own in every for name in own.names),
+        np.concatenate([np.zeros((0, 3)), *(own.points for own in every)]),
+        tuple(own.link for own in every for _ in own.names),
+        shapes,
+    )
+
+
+class _Riding(NamedTuple):
+    """Points that ride on a link: of what, their names, and where (k, 3), m, in the link's frame."""
+
+    of: str
+    names: tuple[str, ...]
+    points: Array
+    link: str
+
+
+def _frames(table: CellFile) -> Iterator[_Riding]:
+    """Frames that are read as poses, and cameras that ride before boards in the world."""
+    frames: dict[str, BodyTable] = {**table.bodies, **_cameras_as_bodies(table)}
+    for name, own in frames.items():
+        T, names = own.frame, (name, f"{name}:x", f"{name}:y")
+        yield _Riding(name, names, corners_of(T[:3, :3], T[:3, 3]), table.link(own.on))
+
+
+def _boards(
+    table: CellFile, shapes: Mapping[str, tuple[tuple[str, ...], Array]]
+) -> Iterator[_Riding]:
+    for name, board in table.boards.items():
+        if board.on != WORLD:
+            names, shape = shapes[name]
+            yield _Riding(name, names, transformed(board.frame, shape), table.link(board.on))
+
+
+def _seats(table: CellFile) -> list[_Riding]:
+    """Links under instruments, each once."""
+    links = dict.fromkeys(table.link(own.on) for own in _seated(table).values())
+    corners = corners_of(np.eye(3), np.zeros(3))
+    return [_Riding(link, tuple(f"{link}:{end}" for end in "oxy"), corners, link) for link in links]
+
+
+def _cameras_as_bodies(table: CellFile) -> dict[str, CameraTable]:
+    """Cameras on links before boards in the world: what is found of them is where they ride."""
+    return {
         name: own
         for name, own in table.instruments.items()
-        if isinstance(own, CameraTable) and own.on == "tip"
+        if isinstance(own, CameraTable) and own.rides_before(own.seen(table.boards))
     }
-    parts: dict[str, slice] = {}
-    names: list[str] = []
-    points: list[Array] = [np.zeros((0, 3))]
-    first = len(table.markers_mm)
-    for name, body in frames.items():
-        parts[name] = slice(first + len(names), first + len(names) + CORNERS)
-        names += [name + end for end in ("", ":x", ":y")]
-        points.append(corners_of(body.frame[:3, :3], body.frame[:3, 3]))
-    for name, board in table.boards.items():
-        if board.on == "tip":
-            own, shape = shapes[name]
-            parts[name] = slice(first + len(names), first + len(names) + len(own))
-            names += own
-            points.append(shape @ board.frame[:3, :3].T + board.frame[:3, 3])
-    return Bodies(parts, tuple(names), np.concatenate(points), shapes)
+
+
+def _seated(table: CellFile) -> dict[str, KeysTable]:
+    """All other instruments that ride on links."""
+    bodies = _cameras_as_bodies(table)
+    every = table.instruments.items()
+    return {name: own for name, own in every if own.on != WORLD and name not in bodies}
 
 
 def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:
@@ -79,18 +126,27 @@ def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], A
     return tuple(f"{name}:{point}" for point in kept), points[near]
 
 
-def instruments_of(table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
-    """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time."""
+def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
+    """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time.
+
+    Raises InputError for one on a link that carries all that it could read.
+    """
     if table.instrument is not None:
         return (table.instrument.tracker("instrument", None),)
     cell = CellParts(
-        markers=len(table.markers_mm),
-        parts=bodies.parts,
-        read_as_poses=tuple(table.bodies),
+        links=tuple(table.on_of(name) for name in table.markers_mm),
+        parts={**bodies.parts, **bodies.seats},
+        read_as_poses={name: own.on for name, own in table.bodies.items()},
         boards={name: (table.boards[name], *shape) for name, shape in bodies.shapes.items()},
         placed="base" in table.model.effects,
     )
-    return joined_sockets([own.instrument(name, cell) for name, own in table.instruments.items()])
+    made = {name: own.instrument(name, cell) for name, own in table.instruments.items()}
+    for name, own in _seated(table).items():
+        if made[name].markers == ():
+            what = f"rides on {own.on} as all does that it reads"
+            raise InputError(path, f"instruments.{name}.on", what, "name another link")
+        made[name] = replace(made[name], seat=bodies.seats[table.link(own.on)])
+    return joined_sockets([*made.values()])
 
 
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:

@@ -1,9 +1,9 @@
-"""Read an MJCF through MuJoCo itself: the serial chain from a body to a body or site."""
+"""Read an MJCF through MuJoCo itself: the joints from a body to bodies or sites, a chain or a tree."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,60 +70,56 @@ class MjcfJoint:
 
 @dataclass(frozen=True, eq=False)
 class MjcfBody:
-    """A body of the chain as compiled.
+    """A body on the way to a tip as compiled.
 
     element : Element, as it stands in the file
+    parent : int, position among these of the one that carries it, -1 for the base
     T : ndarray, shape (4, 4), T_parent_body
     joints : list of MjcfJoint, the first one moves the others
     """
 
     element: Element
+    parent: int
     T: Array
     joints: list[MjcfJoint]
 
 
 @dataclass(frozen=True, eq=False)
 class MjcfChain:
-    """What lies between base and tip, as compiled.
+    """What lies between base and tips, as compiled.
 
-    T_tip : ndarray, shape (4, 4), the tip in the frame of the last body
+    tips : dict, name -> position of the body that is or holds the tip, -1 for the base, and its frame
+        (4, 4) there; the tip first
     frames : dict, <frame> of the file -> ndarray, shape (4, 4), in its body
     weights : list of place, mass [kg] and centre of mass (3,), m, of every body that the chain moves
     """
 
     tree: Chain
     bodies: list[MjcfBody]
-    T_tip: Array
+    tips: dict[str, tuple[int, Array]]
     frames: dict[Element, Array]
     weights: list[tuple[Place, float, Array]]
 
 
-def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
-    """Read the serial chain from body ``base``, or ``world``, to the body or site ``tip``.
+def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
+    """Read the joints from body ``base``, or ``world``, to body or site ``tip``, and to other tips.
 
     Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies that hang on
     a moving one give it their masses, as they are drawn where joints beside the chain move them.
 
-    Raises InputError for what is not well-formed, not a serial chain of hinge and slide joints, or
-    refused by MuJoCo, and where MuJoCo is not installed.
+    Raises InputError for what is not well-formed, no way of hinge and slide joints, or refused by
+    MuJoCo, and where MuJoCo is not installed.
     """
     path = Path(path)
     root, _ = read_mjcf(path)
-    chain = compiled(path, root, base, tip)
+    chain = compiled(path, root, base, tip, others)
     joints = [joint for body in chain.bodies for joint in body.joints]
-    origins = [np.eye(4)]
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-        for body in chain.bodies:
-            origins[-1] = origins[-1] @ body.T
-            for joint in body.joints:
-                origins[-1] = origins[-1] @ joint.origin
-                origins.append(shifted(-joint.anchor))
-        origins[-1] = origins[-1] @ chain.T_tip
+        hung = _hung(chain, (*others, tip))
+        origins = [T for _, T in hung]
         masses, coms = weights_of(len(joints), chain.weights)
     if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
-        raise InputError(
-            path, "", "holds numbers that are not finite", "check what leads to the tip"
-        )
+        raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
     return Robot(
         name=root.get("model", path.stem),
         base=base,
@@ -136,7 +132,26 @@ def load_mjcf(path: str | Path, base: str, tip: str) -> Robot:
         efforts=np.array([joint.effort for joint in joints]),
         masses=masses,
         coms=coms,
+        others=tuple(others),
+        parents=tuple(k for k, _ in hung),
     )
+
+
+def _hung(chain: MjcfChain, tips: Sequence[str]) -> list[Place]:
+    """Where each joint's frame, and then each tip's, hangs on the joint before it."""
+    found: list[Place] = []
+    carried: list[Place] = [(0, np.eye(4))]  # of the base, then of the bodies
+    for body in chain.bodies:
+        k, T = carried[body.parent + 1]
+        T = T @ body.T
+        for joint in body.joints:
+            found.append((k, T @ joint.origin))
+            k, T = len(found), shifted(-joint.anchor)
+        carried.append((k, T))
+    for body_of_tip, T_tip in (chain.tips[tip] for tip in tips):
+        k, T = carried[body_of_tip + 1]
+        found.append((k, T @ T_tip))
+    return found
 
 
 def mjcf_files(path: Path) -> tuple[Path, ...]:
@@ -145,9 +160,11 @@ def mjcf_files(path: Path) -> tuple[Path, ...]:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # load_mjcf refuses what is not finite
-def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
-    """The chain of a file, which stays as it is. Raises InputError."""
-    tree = chain_of(path, root, base, tip)
+def compiled(
+    path: Path, root: Element, base: str, tip: str, others: Sequence[str] = ()
+) -> MjcfChain:
+    """The chain, or tree, of a file, which stays as it is. Raises InputError."""
+    tree = chain_of(path, root, base, tip, others)
     part = part_of(path, tree)
     with mujoco_for(path) as mujoco:
         text = ElementTree.tostring(part.root, encoding="unicode")
@@ -155,9 +172,11 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     if not any(joints_of(body) for body in tree.bodies):
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
     own = [int(model.body(part.names[body]).id) for body in tree.bodies]
+    at = {b: i for i, b in enumerate(own)}
     bodies = [
         MjcfBody(
             element,
+            at.get(int(model.body_parentid[b]), -1),
             placed(model.body_pos[b], model.body_quat[b]),
             [_joint(path, element, model, int(j)) for j in np.flatnonzero(model.jnt_bodyid == b)],
         )
@@ -165,27 +184,30 @@ def compiled(path: Path, root: Element, base: str, tip: str) -> MjcfChain:
     ]
     sites = {e: model.site(name) for e, name in part.names.items() if e.tag == "frame"}
     frames = {frame: placed(site.pos, site.quat) for frame, site in sites.items()}
-    T_tip = np.eye(4)
-    if tree.site is not None:
-        T_tip = placed(model.site(tip).pos, model.site(tip).quat)
+    tips: dict[str, tuple[int, Array]] = {}
+    for name, end in tree.tips.items():
+        body = -1 if end.body is None else tree.bodies.index(end.body)
+        site = None if end.site is None else model.site(name)
+        tips[name] = body, np.eye(4) if site is None else placed(site.pos, site.quat)
     places = places_of(model, 0 if base == WORLD else int(model.body(base).id), own)
     return MjcfChain(
         tree,
         bodies,
-        T_tip,
+        tips,
         frames,
         [(place, float(model.body_mass[i]), model.body_ipos[i]) for i, place in places.items()],
     )
 
 
 def places_of(model: Any, first: int, chain: list[int]) -> dict[int, Place]:
-    """Where every body of the arm is, of a compiled model whose chain has these bodies.
+    """Where every body of the arm is, of a compiled model whose ways to tips have these bodies.
 
     Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
 
     first : the base, 0 for the world
     """
     found: dict[int, Place] = {first: (0, np.eye(4))}
+    last = dict(zip(chain, np.cumsum(model.body_jntnum[chain]).tolist(), strict=True))
     for i in range(1, model.nbody):  # parents come first
         parent = int(model.body_parentid[i])
         if i == first or parent not in found or (i not in chain and parent == 0):
@@ -194,7 +216,7 @@ def places_of(model: Any, first: int, chain: list[int]) -> dict[int, Place]:
         T = T @ placed(model.body_pos[i], model.body_quat[i])
         joints = np.flatnonzero(model.jnt_bodyid == i)
         if len(joints) and i in chain:
-            k, T = k + len(joints), shifted(-model.jnt_pos[joints[-1]])
+            k, T = last[i], shifted(-model.jnt_pos[joints[-1]])
         found[i] = k, T
     return {body: place for body, place in found.items() if body}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from functools import reduce
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,7 +15,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, inverse, rotate, transformed
 from calib.arrays import Array
-from calib.files.mjcf import MjcfBody, compiled, mujoco_for
+from calib.files.mjcf import MjcfBody, MjcfChain, compiled, mujoco_for
 from calib.files.mjcf_tree import compiler_settings, joints_of, read_mjcf
 from calib.files.urdf_out import MARKER
 
@@ -23,22 +24,28 @@ _FOLDERS = ("meshdir", "texturedir")
 
 
 def corrected_mjcf(
-    source: str | Path, robot: Robot, corrections: Array, markers: dict[str, Array], target: Path
+    source: str | Path,
+    robot: Robot,
+    corrections: Array,
+    markers: dict[str, Array],
+    target: Path,
+    links: Mapping[str, str] | None = None,
 ) -> str:
     """The text of an MJCF whose bodies carry the identified geometry; all else stays.
 
     source : path of the nominal MJCF; what it includes is written in place
-    corrections : ndarray, shape (n + 2, 6), m and rad, displacement of each frame as in
+    corrections : ndarray, shape (F, 6), m and rad, displacement of each frame as in
         :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as sites ``marker_<name>``
+    links : dict, marker -> the tip on which it rides; ``robot.tip`` without
     target : Path, where the text is to be written; folders of meshes are named as seen from there
 
-    The tip's displacement goes into the tip where it is a site or a body without joints, else into
-    the markers.
+    A tip's displacement goes into the tip where it is a site, or a body without joints that carries no
+    other way, else into the markers.
     """
     path = Path(source)
     root, _ = read_mjcf(path)
-    chain = compiled(path, root, robot.base, robot.tip)
+    chain = compiled(path, root, robot.base, robot.tip, robot.others)
     parents = {child: parent for parent in root.iter() for child in parent}
     in_frame = {e: inverse(chain.frames[p]) for e, p in parents.items() if p in chain.frames}
     frame = 0
@@ -47,17 +54,30 @@ def corrected_mjcf(
         frame += len(body.joints)
         if own.any():
             _correct_body(body, own, in_frame)
-    last, own = chain.bodies[-1], corrections[robot.tip_frame]
-    T_tip = chain.T_tip @ displacement(own)
-    if chain.tree.site is None and not last.joints:
-        T_tip = np.eye(4)
-        if own.any():
-            _write_pose(last.element, last.T @ displacement(own), in_frame)
-    elif chain.tree.site is not None and own.any():
-        _write_pose(chain.tree.site, T_tip, in_frame)
-    _write_markers(last.element, parents, markers, T_tip)
+    _remove_markers(parents, markers)
+    for number, tip in enumerate(robot.tips, robot.dof + 1):
+        at, T_tip = _correct_tip(chain, tip, corrections[number], in_frame)
+        riding = {n: p for n, p in markers.items() if (links or {}).get(n, robot.tip) == tip}
+        _write_markers(at, riding, T_tip)
     _name_folders(root, path.parent, target.parent)
     return _head(path) + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _correct_tip(
+    chain: MjcfChain, tip: str, own: Array, in_frame: dict[Element, Array]
+) -> tuple[Element, Array]:
+    """Displace a tip; returns the body that holds it and its frame (4, 4) there as it then is."""
+    at, T = chain.tips[tip]
+    last, site = chain.bodies[at], chain.tree.tips[tip].site
+    T_tip = T @ displacement(own)
+    if site is not None:
+        if own.any():
+            _write_pose(site, T_tip, in_frame)
+    elif not last.joints and all(body.parent != at for body in chain.bodies):
+        if own.any():
+            _write_pose(last.element, last.T @ displacement(own), in_frame)
+        return last.element, np.eye(4)
+    return last.element, T_tip
 
 
 def _correct_body(body: MjcfBody, own: Array, in_frame: dict[Element, Array]) -> None:
@@ -94,15 +114,17 @@ def _write_pose(element: Element, T: Array, in_frame: dict[Element, Array]) -> N
     element.set("quat", _words(quaternion))
 
 
-def _write_markers(
-    tip: Element, parents: dict[Element, Element], markers: dict[str, Array], T_tip: Array
-) -> None:
-    names = {MARKER + name: p for name, p in markers.items()}
+def _remove_markers(parents: dict[Element, Element], markers: dict[str, Array]) -> None:
+    """Those of an earlier correction."""
+    names = {MARKER + name for name in markers}
     for element, parent in parents.items():
         if element.tag == "site" and element.get("name") in names:
-            parent.remove(element)  # of an earlier correction
-    for name, position in reversed(names.items()):
-        site = Element("site", name=name, pos=_words(transformed(T_tip, position)))
+            parent.remove(element)
+
+
+def _write_markers(tip: Element, markers: dict[str, Array], T_tip: Array) -> None:
+    for name, position in reversed(markers.items()):
+        site = Element("site", name=MARKER + name, pos=_words(transformed(T_tip, position)))
         site.tail = tip.text
         tip.insert(0, site)
 

@@ -1,8 +1,8 @@
-"""The XML of an MJCF: its includes, the chain of bodies, and what of it is given to MuJoCo."""
+"""The XML of an MJCF: its includes, the bodies on the ways to tips, and what of it MuJoCo is given."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -18,18 +18,26 @@ _WRITE_DOWN = "write its bodies down, as MuJoCo does when it saves the model"
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The bodies below the base up to the tip, as they stand in the file.
+    """The bodies below the base up to the tips, as they stand in the file.
 
     root : Element, the file with its includes in place
-    bodies : list of Element, none of them the base
-    site : Element, the tip where it is no body
-    path : set of Element, everything that the tip stands in, and itself
+    bodies : list of Element, none of them the base: those on the way to the tip, then to the others
+    tips : dict, name -> Tip, the tip first
+    path : set of Element, everything that tips stand in, and themselves
     """
 
     root: Element
     bodies: list[Element]
-    site: Element | None
+    tips: dict[str, Tip]
     path: set[Element]
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """The body, None for the base, that is a tip or holds it; and the site, where it is one."""
+
+    body: Element | None
+    site: Element | None
 
 
 def inside(element: Element) -> Iterator[Element]:
@@ -103,8 +111,30 @@ def _included(files: list[Path], here: Path, name: str) -> Path:
     return file
 
 
-def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
-    """The bodies from body ``base``, or the world, to body or site ``tip``. Raises InputError."""
+def chain_of(path: Path, root: Element, base: str, tip: str, others: Sequence[str] = ()) -> Chain:
+    """The bodies from body ``base``, or the world, to body or site ``tip``, and to other tips.
+
+    Raises InputError.
+    """
+    keys = {tip: "[robot] tip"} | dict.fromkeys(others, "'on' of what it carries")
+    bodies: dict[Element, None] = {}
+    tips: dict[str, Tip] = {}
+    on_path: set[Element] = set()
+    for name, key in keys.items():
+        way, site, own = _way(path, root, base, name, key)
+        bodies |= dict.fromkeys(way)
+        tips[name] = Tip(way[-1] if way else None, site)
+        on_path |= own
+    return Chain(root, [*bodies], tips, on_path)
+
+
+def _way(
+    path: Path, root: Element, base: str, tip: str, key: str
+) -> tuple[list[Element], Element | None, set[Element]]:
+    """Bodies on the way to one tip, the site that it is, and all that it stands in.
+
+    key : of the cell, by which it is named
+    """
     parents = {child: parent for parent in root.iter() for child in parent}
     worlds = root.findall("worldbody")
     bodies = [body for world in worlds for body in world.iter("body")]
@@ -116,7 +146,7 @@ def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
     here = next((e for e in [*bodies, *sites] if e.get("name") == tip), None)
     if here is None:
         known = ", ".join(named[:12]) or "none"
-        remedy = f"set [robot] tip to a site, or to one of: {known}"
+        remedy = f"set {key} to a site, or to one of: {known}"
         raise InputError(path, "", f"has no body or site {tip!r}", remedy)
     site = here if here.tag == "site" else None
     chain: list[Element] = []
@@ -135,7 +165,7 @@ def chain_of(path: Path, root: Element, base: str, tip: str) -> Chain:
         if element.tag not in ("frame", "body"):
             what = f"stands in <{element.tag}>, which is not supported"
             raise InputError(path, f"tip {tip!r}", what, _WRITE_DOWN)
-    return Chain(root, chain[::-1], site, on_path)
+    return chain[::-1], site, on_path
 
 
 _DEFAULTS = ("default", "joint", "geom", "site", "mesh")

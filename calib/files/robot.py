@@ -31,15 +31,13 @@ def load_robot(
     """The arm from ``base`` to ``tip`` of a file, with its shapes; a DH table has none.
 
     convention : of a DH table, whose ends have no names but these words
-    others : links that are tips as well, of a URDF
+    others : links that are tips as well, of a URDF or MJCF
 
     Raises InputError.
     """
-    if others and form != "urdf":
-        what = f"has one tip, and {others[0]!r} is another"
-        raise InputError(
-            path, "", what, "write the robot as a URDF to have markers on several links"
-        )
+    if others and form not in _SHAPES:
+        what, remedy = f"has one tip, and {others[0]!r} is another", "write the robot as a URDF"
+        raise InputError(path, "", what, f"{remedy} or MJCF to have things on several links")
     more = (others,) if others else ()
     if convention is not None:
         robot = load_dh(path, convention, base or "base", tip or "tip")

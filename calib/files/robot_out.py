@@ -67,9 +67,10 @@ def corrected_robot(
     for an arm whose maker has no kinematics file.
     """
     lacks = []
-    if cell.robot.branched and form != "urdf":
-        what, tips = f"a {Source(form)} written here has one tip", ", ".join(cell.robot.tips)
-        raise InputError(target, "", f"{what}, and this robot has {tips}", "write a URDF")
+    if cell.robot.branched and form != cell.robot.source.form:
+        what, tips = f"a {Source(form)} made anew has one tip", ", ".join(cell.robot.tips)
+        remedy = f"write it as the robot's own form, {cell.robot.source}"
+        raise InputError(target, "", f"{what}, and this robot has {tips}", remedy)
     if form != cell.robot.source.form:
         lacks.append(f"is made anew from the {cell.robot.source}: {LACKS[form]}")
         lacks += [f"{_MIMICS[form]}: {m.joint} by {m.master}" for m in cell.robot.mimics]
@@ -87,10 +88,10 @@ def corrected_robot(
         )
         return Written(text, (*lacks, *kinematics_lacks(cell.robot, corrections, own)))
     source, robot = cell.robot_files[0], cell.robot
+    links = dict(zip(cell.marker_names, cell.marker_links, strict=False))
     if form == robot.source.form == "mjcf":
-        return Written(corrected_mjcf(source, robot, corrections, markers, target), ())
+        return Written(corrected_mjcf(source, robot, corrections, markers, target, links), ())
     if robot.source.form == "urdf":
-        links = dict(zip(cell.marker_names, cell.marker_links, strict=False))
         text = corrected_urdf(source, robot, corrections, markers, links)
     elif robot.source.form == "mjcf":  # limits as in the file
         whole = load_robot("mjcf", source, robot.base, robot.tip)

@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from calib.arm.robot import FORMS, Form
+from calib.files.looking import before_markers, check_boards
 from calib.files.values import (
     BoardTable,
     BodyTable,
@@ -28,6 +29,7 @@ from calib.files.values import (
     Number,
     Positive,
     Range,
+    RidingTable,
     TomlTable,
     Vector,
     form_of,
@@ -36,7 +38,7 @@ from calib.files.values import (
 from calib.instruments import KINDS
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.points import TrackerTable
-from calib.instruments.protocol import KeysTable
+from calib.instruments.protocol import TIP, WORLD, KeysTable
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = KeysTable
@@ -151,12 +153,12 @@ class GravityTable(TomlTable):
     m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
 
 
-class PayloadTable(TomlTable):
+class PayloadTable(RidingTable):
     mass_kg: Mass = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
 
 
-class LoadTable(TomlTable):
+class LoadTable(RidingTable):
     mass_kg: Mass
     com_mm: Vector
     max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
@@ -307,15 +309,46 @@ class CellFile(TomlTable):
     report: dict[Name, Told] = {}
     model: ModelTable
 
+    def on_of(self, marker: str) -> str:
+        """Where a marker rides: a link, or the tip."""
+        own = self.markers_mm[marker]
+        return (own.on if isinstance(own, MarkerTable) else None) or TIP
+
+    def link(self, on: str) -> str:
+        """The link that is named so."""
+        return self.robot.tip if on == TIP else on
+
     def link_of(self, marker: str) -> str:
         """The link on which a marker rides."""
-        own = self.markers_mm[marker]
-        return (own.on if isinstance(own, MarkerTable) else None) or self.robot.tip
+        return self.link(self.on_of(marker))
+
+    @property
+    def _riding(self) -> list[RidingTable]:
+        """All but markers that may ride on a link."""
+        found: list[RidingTable] = [*self.bodies.values(), *self.boards.values(), self.payload]
+        found += self.instruments.values()
+        return found if self.load is None else [*found, self.load]
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Links beside the tip on which anything rides."""
+        every = [*map(self.on_of, self.markers_mm), *(own.on for own in self._riding)]
+        return tuple(link for link in dict.fromkeys(every) if link not in (TIP, WORLD))
+
+    @model_validator(mode="after")
+    def _tip_by_one_name(self) -> Self:
+        markers = [own for own in self.markers_mm.values() if isinstance(own, MarkerTable)]
+        every: list[MarkerTable | RidingTable] = [*markers, *self._riding]
+        for own in every:
+            if own.on == self.robot.tip:
+                own.on = TIP
+        return self
 
     @model_validator(mode="after")
     def _load_once(self) -> Self:
         own, load = self.payload, self.load
-        if load is None or not own.mass_kg or own.com_mm != load.com_mm:
+        apart = load is None or (own.com_mm, own.on) != (load.com_mm, load.on)
+        if load is None or apart or not own.mass_kg:
             return self
         if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):
             raise ValueError(
@@ -344,36 +377,14 @@ class CellFile(TomlTable):
             raise ValueError(f"reads {min(facing)} and has no [bodies]; add what is read")
         if self.bodies and not facing:
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        if self.markers_mm and not touching and not self._cameras("world"):
+        cameras = {n: own for n, own in self.instruments.items() if isinstance(own, CameraTable)}
+        links = frozenset(map(self.on_of, self.markers_mm))
+        if not touching and links and not any(before_markers(cameras, self.boards, links)):
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        self._check_boards()
-        return self
-
-    def _cameras(self, on: str) -> list[str]:
-        tables = self.instruments.items()
-        return [name for name, own in tables if isinstance(own, CameraTable) and own.on == on]
-
-    def _check_boards(self) -> None:
-        """Each camera sees what stands on the other side, and each board is seen."""
-        boards = {
-            on: [n for n, own in self.boards.items() if own.on == on] for on in ("tip", "world")
-        }
-        if (seeing := self._cameras("world")) and not boards["tip"] and not self.markers_mm:
-            raise ValueError(
-                f"has camera {seeing[0]} in the world and nothing on the tip; add [boards.NAME] with "
-                "on = 'tip', or [markers_mm]"
-            )
-        if (seeing := self._cameras("tip")) and not boards["world"]:
-            raise ValueError(
-                f"has camera {seeing[0]} on the tip and nothing in the world; add [boards.NAME] with "
-                "on = 'world'"
-            )
-        for on, other in (("tip", "world"), ("world", "tip")):
-            if boards[on] and not self._cameras(other):
-                raise ValueError(
-                    f"has board {boards[on][0]} on the {on} and no camera on the {other} that sees it"
-                )
-        named = [*self.markers_mm, *self.bodies, *self.boards, *self._cameras("tip")]
+        check_boards(cameras, self.boards, links)
+        bodies = [n for n, own in cameras.items() if own.rides_before(own.seen(self.boards))]
+        named = [*self.markers_mm, *self.bodies, *self.boards, *bodies]
         if len(named) > len(set(named)):
             twice = next(name for name in named if named.count(name) > 1)
             raise ValueError(f"{twice!r} names two things; rename one")
+        return self

@@ -126,7 +126,7 @@ def _mesh_file(path: Path, name: str) -> Path:
     return path.parent / rest
 
 
-def mjcf_shapes(path: Path, base: str, tip: str) -> Shapes:
+def mjcf_shapes(path: Path, base: str, tip: str, others: Sequence[str] = ()) -> Shapes:
     """The same of an MJCF.
 
     A geom that touches nothing (``contype`` and ``conaffinity`` zero) is a picture and left out. Bodies
@@ -139,14 +139,7 @@ def mjcf_shapes(path: Path, base: str, tip: str) -> Shapes:
     except InputError as error:
         return Shapes({}, (f"its geoms ({error.what})",))
     first = 0 if base == WORLD else model.body(base).id
-    try:
-        body = int(model.body(tip).id)
-    except KeyError:
-        body = int(model.site_bodyid[model.site(tip).id])
-    chain: list[int] = []
-    while body != first:
-        chain.insert(0, body)
-        body = int(model.body_parentid[body])
+    chain = list(dict.fromkeys(b for end in (tip, *others) for b in _way_to(model, first, end)))
     places, unread = places_of(model, first, chain), []
 
     def spans() -> Iterator[tuple[Place, Array, float]]:
@@ -164,6 +157,19 @@ def mjcf_shapes(path: Path, base: str, tip: str) -> Shapes:
 
     joints = [model.joint(j).name for b in chain for j in np.flatnonzero(model.jnt_bodyid == b)]
     return shapes_of(joints, spans(), unread)
+
+
+def _way_to(model: Any, first: int, tip: str) -> list[int]:
+    """Bodies from below the first one to a body or the body of a site."""
+    try:
+        body = int(model.body(tip).id)
+    except KeyError:
+        body = int(model.site_bodyid[model.site(tip).id])
+    way: list[int] = []
+    while body != first:
+        way.insert(0, body)
+        body = int(model.body_parentid[body])
+    return way
 
 
 def _spanned_by_geom(mujoco: Any, model: Any, g: int) -> tuple[Array, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
@@ -74,7 +74,13 @@ class TomlTable(BaseModel):
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
 
-class BodyTable(TomlTable):
+class RidingTable(TomlTable):
+    """The table of something that may ride on a link of the robot."""
+
+    on: Name = "tip"
+
+
+class BodyTable(RidingTable):
     position_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
@@ -94,7 +100,7 @@ Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 
 
 class BoardTable(BodyTable):
-    on: Literal["tip", "world"]
+    on: Name
     points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
     squares: tuple[Count, Count] | None = None
     pitch_mm: Positive | None = None

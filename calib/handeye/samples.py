@@ -15,8 +15,9 @@ from calib.cell import Cell
 from calib.effects.tool import Body
 from calib.errors import CalibError
 from calib.instruments import ArmCamera, FixedCamera, Instrument, Pose
-from calib.instruments.pose import CORNERS, rotation_of
+from calib.instruments.pose import rotation_of
 from calib.instruments.posit import refined
+from calib.instruments.riding import CORNERS
 from calib.model import Model
 from calib.poses import Measurements, Poses
 
@@ -135,8 +136,13 @@ def pairs_of(cell: Cell, data: Measurements, eye: Eye | None) -> tuple[Pair, ...
 
     eye : where the camera is, of instruments that read whole poses; in the hand by default
 
-    Raises CalibError where there is none, or an instrument stands at several stations.
+    Raises CalibError where there is none, an instrument stands at several stations, or the robot has
+    several tips.
     """
+    if cell.robot.branched:
+        raise CalibError(
+            "a hand-eye calibration is of one arm, and here things ride on several links; use identify"
+        )
     found = [
         pair
         for instrument, part in cell.channels.blocks

@@ -28,6 +28,10 @@ from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom
 Status = Literal["converged", "not_converged", "rank_deficient"]
 
 _SHOWN = 6  # poses named in a warning
+_UNSEEN = (
+    "they move nothing that is read against the instrument that reads it, so no reading at any pose "
+    "tells them, and errors at targets are without theirs"
+)
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
 ADVICE: dict[Status, str] = {
@@ -100,8 +104,10 @@ class Identification(Result, Estimation):
 
     @property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
-        """Parameters that the poses do not determine, and why."""
-        return self.choice.unidentifiable
+        """Parameters that the poses, or the instruments at any poses, do not determine, and why."""
+        unseen = tuple(own.id for own in self.absorbed if not own.absorbed_by)
+        lost = self.choice.unidentifiable
+        return (*lost, Unidentifiable(unseen, _UNSEEN)) if unseen else lost
 
     @property
     def iterations(self) -> int:
@@ -302,7 +308,7 @@ class Identification(Result, Estimation):
         return {
             effect.where: self.values[part]
             for effect, part in zip(self.model.effects, self.model.slices, strict=True)
-            if isinstance(effect, Base) and effect.of.stationed
+            if isinstance(effect, Base) and effect.of.has_stations
         }
 
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.kinematics import forward
+from calib.arm.kinematics import Frames, forward
+from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
@@ -50,7 +51,10 @@ def initial_values(model: Model, data: Measurements) -> Array:
                 own.readings[:, part, : instrument.rows],
                 own.seen[:, part] & (on == tip),
                 Nominal(
-                    frames.R[here, tip], frames.o[here, tip], markers[read], free[read], not bases
+                    *_tip_before(model, instrument, frames, tip, here),
+                    markers[read],
+                    free[read],
+                    not bases,
                 ),
             )
             told = _of_room(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
@@ -66,6 +70,18 @@ def initial_values(model: Model, data: Measurements) -> Array:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
+
+
+def _tip_before(
+    model: Model, instrument: Instrument, frames: Frames, tip: int, here: Mask
+) -> tuple[Array, Array]:
+    """Axes (m, 3, 3) and origins (m, 3), m, of a tip, by the base or the link under an instrument."""
+    R, o = frames.R[here, tip], frames.o[here, tip]
+    if instrument.seat is None:
+        return R, o
+    under = model.marker_frames[instrument.seat.start]
+    back = np.swapaxes(frames.R[here, under], -1, -2)
+    return back @ R, rotate(back, o - frames.o[here, under])
 
 
 def missed_by(model: Model, data: Measurements, values: Array) -> Array:
@@ -113,7 +129,7 @@ def _sessions(
     places: list[tuple[int | str | None, Mask]] = [(None, every)]
     if sites := instrument.sites:
         places = [(name, data.poses.touching(name, sites)) for name in sites]
-    elif instrument.stationed:
+    elif instrument.has_stations:
         places = [(s, data.poses.station == s) for s in range(len(data.poses.stations))]
     found = [
         (place, tip, here & seen[:, on == tip].any(axis=1))
@@ -169,7 +185,10 @@ def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     # How many numbers say where the markers and bodies are on their tips.
     bodies = [e for e in model.effects if isinstance(e, Body)]
     rigid = coordinates = 0
-    for _, markers in model.by_tip:
+    channels = model.readout.channels
+    read = np.concatenate([i.read_of(len(model.markers)) for i in channels.instruments])
+    for _, riding in model.by_tip:
+        markers = np.intersect1d(riding, read)
         own = sum(body.marker in markers for body in bodies)
         numbers = 3 * (len(markers) - 3 * own) + 6 * own
         rigid += {3: 3, 6: 5}.get(numbers, 6) if len(markers) < 3 else 6
@@ -177,9 +196,9 @@ def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     shape = coordinates - rigid if len(model.where(Tool)) else 0
     measured = int(data.seen.any(axis=1).sum())
     placed = sum(
-        len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.stationed
+        len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.has_stations
     )
-    numbers = int((data.seen * model.readout.channels.rows).sum())
+    numbers = int((data.seen * channels.rows).sum())
     known = model.prior_rows
     equations = min(numbers, rigid * measured + shape + placed) + known
     return equations, rigid, shape + known

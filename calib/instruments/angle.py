@@ -121,4 +121,4 @@ class AngleTable(KeysTable):
     sigma_urad: Positive
 
     def instrument(self, name: str, cell: CellParts) -> Angle:
-        return Angle(name=name, markers=cell.own, sigma=self.sigma_urad * URAD)
+        return Angle(name=name, markers=cell.read_from(self.on), sigma=self.sigma_urad * URAD)

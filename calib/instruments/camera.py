@@ -10,7 +10,6 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arm.se3 import (
-    cross,
     moved_as_one,
     rotate,
     so3_exp,
@@ -20,7 +19,6 @@ from calib.arrays import Array, IntArray, Mask
 from calib.instruments.detection import Board, Detection
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.instruments.points import Tracker
-from calib.instruments.pose import CORNERS, DIFFERENCES, corners_of
 from calib.instruments.protocol import (
     MOTION,
     Instrument,
@@ -32,6 +30,7 @@ from calib.instruments.protocol import (
     Unknown,
 )
 from calib.instruments.resection import Mounted, Ridden, on_tip, resected
+from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of
 
 _BEFORE = 2e-3  # m
 _SINGULAR = 1e-9  # of a variance: a lens of one focal length was found with fx and fy as one
@@ -316,15 +315,9 @@ class ArmCamera(Camera):
         lifted = board.points[point] - np.array([0.0, 0.0, _BEFORE if board.printed else 0.0])
         return np.asarray(so3_exp(place[3:]) @ lifted + place[:3])
 
-    def frame(self, corners: Array) -> tuple[Array, Array]:
-        """The centre (..., 3) and the axes (..., 3, 3), by rows, of the camera in base axes."""
-        frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
-        x, y = frame[..., 1, :], frame[..., 2, :]
-        return frame[..., 0, :], np.stack([x, y, cross(x, y)], axis=-2)
-
     def _seen_at(self, points: Array) -> tuple[Array, Array]:
-        """The same (..., 1, 3) and (..., 1, 3, 3) of points (..., C, 9), which are alike."""
-        return self.frame(points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3)))
+        """Its centre (..., 1, 3) and axes (..., 1, 3, 3), by rows, of points (..., C, 9), all alike."""
+        return frame_of(points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3)))
 
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
@@ -365,18 +358,13 @@ class ArmCamera(Camera):
         rows, by_viewed, by_lens = lens.linearise(viewed)
         by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
         by_target = by_own @ axes
-        x, y = axes[..., 0, :], axes[..., 1, :]
-        none = np.zeros_like(ray)
-        by_x = np.stack([ray, none, cross(y, ray)], axis=-2)  # of (x, y, x cross y) . ray
-        by_y = np.stack([none, ray, cross(ray, x)], axis=-2)
-        by_corners = np.concatenate([-axes - by_x - by_y, by_x, by_y], axis=-1)
         parts = [
             by_target @ by_board[..., None, :, :, :],
             by_lens[..., self.free],
             by_viewed @ by_motion,
             by_target @ by_part[..., None, :, :, :],
         ]
-        return Linear(rows, by_own @ by_corners, np.concatenate(parts, axis=-1))
+        return Linear(rows, by_own @ by_corners(axes, ray), np.concatenate(parts, axis=-1))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet the boards: the arm carries the camera, seen from it the
@@ -388,13 +376,12 @@ class ArmCamera(Camera):
             Ridden(board.channels, board.points, so3_exp(own[3:]), own[:3], known)
             for board, own in zip(self.boards, guess.reshape(-1, 6), strict=True)
         )
-        frame = np.einsum("ab,bi->ai", DIFFERENCES, arm.markers[:CORNERS])
-        axes = np.stack([frame[1], frame[2], np.cross(frame[1], frame[2])])
+        centre, axes = frame_of(arm.markers[:CORNERS])
         back = np.swapaxes(arm.R_tip, -1, -2)
         mounted = Mounted(
             (back, -rotate(back, arm.p_tip)),
             bodies,
-            (axes, -axes @ frame[0]),
+            (axes, -axes @ centre),
             not arm.free[:CORNERS].any(),
         )
         found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -16,6 +16,7 @@ from calib.files.values import (
     BoardTable,
     BodyTable,
     Count,
+    Name,
     NotNegative,
     Number,
     Positive,
@@ -25,7 +26,7 @@ from calib.files.values import (
 from calib.instruments.camera import FREE, ArmCamera, Camera, FixedCamera
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
 from calib.instruments.lens import Fisheye, Lens
-from calib.instruments.protocol import CellParts, KeysTable
+from calib.instruments.protocol import WORLD, CellParts, KeysTable
 
 _OF_FISHEYE = 4  # coefficients
 _ROUNDED = 1e-10  # of a correlation
@@ -48,7 +49,8 @@ class CameraTable(BodyTable, KeysTable):
 
     reads = "boards"
     kind: Literal["camera"]
-    on: Literal["world", "tip"] = "world"
+    on: Name = WORLD
+    boards: Annotated[list[Name], Field(min_length=1)] | None = None  # else all it may see
     calibration: str | None = None  # a file in place of the next three
     focal_px: Positive | Pixels = 1.0
     center_px: tuple[Number, Number] = (0.0, 0.0)
@@ -89,20 +91,31 @@ class CameraTable(BodyTable, KeysTable):
                 raise ValueError(f"lacks {key}; add it, or calibration = a YAML of OpenCV or ROS")
         return self
 
+    def seen(self, boards: Mapping[str, BoardTable]) -> dict[str, BoardTable]:
+        """The boards that it looks at: those that it names, else all that do not ride with it."""
+        named = [*boards] if self.boards is None else self.boards
+        return {n: boards[n] for n in named if n in boards and boards[n].on != self.on}
+
+    def rides_before(self, seen: Mapping[str, BoardTable]) -> bool:
+        """Whether it rides on a link and the boards that it sees stand in the world."""
+        return self.on != WORLD and any(board.on == WORLD for board in seen.values())
+
     def instrument(self, name: str, cell: CellParts) -> Camera:
-        """One that sees all boards on the other side, one in the world the markers too."""
-        on_tip = self.on == "tip"
+        """One of boards in the world, that it rides before, or of what rides elsewhere than itself."""
+        seen = self.seen({own: table for own, (table, *_) in cell.boards.items()})
+        carried = self.rides_before(seen)
         boards: list[Board] = []
-        reads = [] if on_tip else list(range(cell.markers))
+        reads = [] if carried else [j for j, on in enumerate(cell.links) if on != self.on]
+        beside = len(reads)
         targets: list[str] = []
-        for own, (table, points_named, points) in cell.boards.items():
-            if table.on != self.on:
-                first = len(targets) + (0 if on_tip else cell.markers)
-                boards.append(_board(own, table, slice(first, first + len(points)), points))
-                targets += points_named
-                if not on_tip:
-                    reads += range(cell.parts[own].start, cell.parts[own].stop)
-        if on_tip:
+        for own, table in seen.items():
+            _, points_named, points = cell.boards[own]
+            first = beside + len(targets)
+            boards.append(_board(own, table, slice(first, first + len(points)), points))
+            targets += points_named
+            if not carried:
+                reads += range(cell.parts[own].start, cell.parts[own].stop)
+        if carried:
             reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
         lens = self._lens()
         covariance = self._covariance(len(lens.values))
@@ -113,10 +126,10 @@ class CameraTable(BodyTable, KeysTable):
         free = np.isfinite(believed)
         for part in self.free:
             free[FREE[part]] = True
-        return (ArmCamera if on_tip else FixedCamera)(
+        return (ArmCamera if carried else FixedCamera)(
             name=name,
             markers=tuple(reads),
-            targets=tuple(targets) if on_tip else (),
+            targets=tuple(targets) if carried else (),
             lens=lens,
             sigma=self.sigma_px,
             image=None if self.image_px is None else np.array(self.image_px),
@@ -131,7 +144,7 @@ class CameraTable(BodyTable, KeysTable):
                 self.min_points,
                 (self.focus_mm[0] * MM, self.focus_mm[1] * MM),
             ),
-            standing=self._standing([cell.boards[board.name][0] for board in boards]),
+            standing=self._standing([*seen.values()], carried),
         )
 
     def _covariance(self, count: int) -> Array | None:
@@ -147,12 +160,12 @@ class CameraTable(BodyTable, KeysTable):
             return Fisheye(np.array([*focal, *self.center_px, *self.distortion[:_OF_FISHEYE]]))
         return Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]]))
 
-    def _standing(self, boards: Sequence[BodyTable]) -> Array | None:
-        """The place of a camera in the world, or of the boards that one on the tip sees, if given."""
-        in_world = boards if self.on == "tip" else [self]
-        if not all(own.stated for own in in_world):
+    def _standing(self, boards: Sequence[BodyTable], carried: bool) -> Array | None:
+        """The place of the camera, or of the boards before which it is carried, if given."""
+        still = boards if carried else [self]
+        if not all(own.stated for own in still):
             return None
-        places = [own.frame if self.on == "tip" else inverse(own.frame) for own in in_world]
+        places = [own.frame if carried else inverse(own.frame) for own in still]
         return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
 
 

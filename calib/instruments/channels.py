@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import IntArray, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.instruments.protocol import Instrument, Number
 
 
@@ -41,6 +41,23 @@ class Channels:
     def marker(self) -> IntArray:
         """Position of the marker that each channel reads, of several the first, shape (C,)."""
         return np.concatenate([i.read_of(self.markers)[:: i.each] for i in self.instruments])
+
+    @property
+    def seats(self) -> list[slice]:
+        """The markers that stand for links under instruments."""
+        return [i.seat for i in self.instruments if i.seat is not None]
+
+    def seats_kept(self, moved: Array, points: Array) -> Array:
+        """Points (..., m, M, 3) that moved, those under instruments where they were: (m, M, 3).
+
+        What is stated of how things scatter is how they do before whatever reads them.
+        """
+        if not self.seats:
+            return moved
+        kept = moved.copy()
+        for seat in self.seats:
+            kept[..., seat, :] = points[..., seat, :]
+        return kept
 
     def names(self, markers: Sequence[str]) -> tuple[str, ...]:
         """What a table calls the reading of each channel, from the names of the markers."""

@@ -136,7 +136,7 @@ class DistanceTable(KeysTable):
         nearest, farthest = self.reach_mm or (0.0, np.inf)
         return Distance(
             name=name,
-            markers=cell.own,
+            markers=cell.read_from(self.on),
             sigma=self.sigma_mm * MM,
             anchor=anchor,
             known=anchor is not None and not cell.placed,

@@ -111,6 +111,7 @@ def _tilt(normal: Array) -> tuple[float, float]:
 class PlaneTable(KeysTable):
     """A plane: its keys in a cell."""
 
+    rides = False
     kind: Literal["plane"]
     sigma_mm: Positive
     position_mm: Vector | None = None
@@ -127,4 +128,4 @@ class PlaneTable(KeysTable):
         if self.position_mm is not None and self.normal is not None:
             standing = place_of(np.array(self.position_mm) * MM, np.array(self.normal))[None]
         sigma = self.sigma_mm * MM
-        return Plane(name=name, markers=cell.own, sigma=sigma, standing=standing)
+        return Plane(name=name, markers=cell.read_from(self.on), sigma=sigma, standing=standing)

@@ -14,6 +14,7 @@ from calib.files.values import MM, NotNegative, Positive, TomlTable, Vector
 from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
+    WORLD,
     CellParts,
     Instrument,
     KeysTable,
@@ -182,8 +183,14 @@ class PointsTable(TrackerTable, KeysTable):
 
     kind: Literal["points"]
 
+    @model_validator(mode="after")
+    def _keeps_sight_in_the_world(self) -> Self:
+        if self.keep_sight and self.on != WORLD:
+            raise ValueError(f"keeps sight in the world, not on {self.on}; take out keep_sight")
+        return self
+
     def instrument(self, name: str, cell: CellParts) -> Tracker:
-        return self.tracker(name, cell.own)
+        return self.tracker(name, cell.read_from(self.on))
 
 
 def _noise(sigma: Sigma) -> Noise:

@@ -29,13 +29,10 @@ from calib.instruments.protocol import (
     ReadingColumn,
     Start,
 )
+from calib.instruments.riding import CORNERS, DIFFERENCES
 from calib.noise import Noise
 
 _OFF_UNIT = 0.01  # that a quaternion's length may be off by, from rounding
-_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-
-CORNERS = 3
-"""Points that stand for a body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,15 +156,6 @@ class Pose(Tracker):
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
 
 
-DIFFERENCES = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
-"""Origin and two axes of the three points of a body."""
-
-
-def corners_of(R: Array, p: Array) -> Array:
-    """The three points (3, 3) of a body that stands at R (3, 3), p (3,)."""
-    return np.asarray(_CORNERS @ R.T + p)
-
-
 def _frame(points: Array) -> Array:
     """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
     corners = points.reshape((*points.shape[:-1], CORNERS, 3))
@@ -223,7 +211,7 @@ class PoseTable(KeysTable):
         return self
 
     def instrument(self, name: str, cell: CellParts) -> Pose:
-        parts = [cell.parts[body] for body in cell.read_as_poses]
+        parts = [cell.parts[body] for body, on in cell.read_as_poses.items() if on != self.on]
         units = np.repeat([MM, URAD], 3)
         if self.covariance is not None:
             covariance = np.array(self.covariance) * np.outer(units, units)

@@ -26,9 +26,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from calib.arrays import Array, IntArray, Mask
-from calib.files.values import BoardTable, TomlTable
+from calib.files.values import BoardTable, Name, RidingTable
+
+WORLD, TIP = "world", "tip"
+"""Where things stand that ride on no link, and what a cell calls the robot's last one."""
 
 
 class Unknown(NamedTuple):
@@ -82,7 +86,8 @@ class Linear(NamedTuple):
 class Nominal(NamedTuple):
     """The arm before anything is known of it, at m poses.
 
-    R_tip, p_tip : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
+    R_tip, p_tip : ndarray, shapes (m, 3, 3) and (m, 3), m, frame of the tip that carries what is read,
+        in the axes of the base, or of the link under the instrument
     markers : ndarray, shape (C k, 3), m, that the instrument reads, in the tip frame; free : ndarray of
         bool, of the same shape, components of which nothing is known yet
     placed : whether the instrument's place is known: all zero
@@ -113,6 +118,8 @@ class Instrument(ABC):
     sites : tuple of str, names of the cell where several are one that stands elsewhere from pose to
         pose, at one of them each time; none where it is one
     targets : tuple of str, what a table calls each reading, where that is not the marker's name
+    seat : slice or None, the three markers that stand for the link on which it rides: whatever is said
+        of the base's axes then goes for that link's (:mod:`calib.instruments.riding`)
     rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
     sought : whether its place is unknown even where the model has no base: nothing else tells it
@@ -123,6 +130,7 @@ class Instrument(ABC):
     markers: tuple[int, ...] | None = None
     sites: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
+    seat: slice | None = None
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
@@ -130,6 +138,11 @@ class Instrument(ABC):
     stationed: ClassVar[bool] = False
     sought: ClassVar[bool] = False
     touches: ClassVar[bool] = False
+
+    @property
+    def has_stations(self) -> bool:
+        """Whether it stands elsewhere from station to station."""
+        return self.stationed and self.seat is None
 
     @property
     @abstractmethod
@@ -267,29 +280,41 @@ class Instrument(ABC):
 class CellParts:
     """What of a cell an instrument may read or stand by.
 
-    markers : int, of the cell's own; parts : dict, body -> slice, its points among all markers
-    read_as_poses : tuple of str, the bodies that are frames
+    links : tuple of str, on which the cell's own markers ride, in their order
+    parts : dict, body -> slice, its points among all markers
+    read_as_poses : dict, body that is a frame -> the link on which it rides
     boards : dict, board -> its table, the names of its points, and these points (n, 3), m, in its frame
     placed : whether the model has places of instruments: what a cell gives of them is a guess
     """
 
-    markers: int
+    links: tuple[str, ...]
     parts: Mapping[str, slice]
-    read_as_poses: tuple[str, ...]
+    read_as_poses: Mapping[str, str]
     boards: Mapping[str, tuple[BoardTable, tuple[str, ...], Array]]
     placed: bool
 
-    @property
-    def own(self) -> tuple[int, ...] | None:
-        """Positions of the cell's own markers among all, None where there are no others."""
-        return tuple(range(self.markers)) if self.parts else None
+    def read_from(self, link: str) -> tuple[int, ...] | None:
+        """Positions among all markers of the cell's own that ride elsewhere; None for all there are."""
+        own = tuple(j for j, on in enumerate(self.links) if on != link)
+        return own if self.parts or len(own) < len(self.links) else None
 
 
-class KeysTable(TomlTable, ABC):
-    """The table ``[instruments.NAME]`` of one kind, in the units of its keys."""
+class KeysTable(RidingTable, ABC):
+    """The table ``[instruments.NAME]`` of one kind, in the units of its keys.
+
+    rides : whether one may stand on a link of the robot
+    """
 
     reads: ClassVar[Literal["markers", "bodies", "boards"]] = "markers"
+    rides: ClassVar[bool] = True
     kind: str
+    on: Name = WORLD
+
+    @model_validator(mode="after")
+    def _rides(self) -> Self:
+        if self.on != WORLD and not self.rides:
+            raise ValueError(f"a {self.kind} rides on no link; take out on = {self.on!r}")
+        return self
 
     @abstractmethod
     def instrument(self, name: str, cell: CellParts) -> Instrument:

@@ -74,13 +74,16 @@ _SINGULAR = 0.05  # of the largest lever: below, a nominal arm's error would loo
 class SocketTable(KeysTable):
     """A socket: its keys in a cell."""
 
+    rides = False
     kind: Literal["socket"]
     sigma_mm: Positive
     position_mm: Vector | None = None
 
     def instrument(self, name: str, cell: CellParts) -> Socket:
         standing = None if self.position_mm is None else np.array(self.position_mm)[None] * MM
-        return Socket(name=name, markers=cell.own, sigma=self.sigma_mm * MM, standing=standing)
+        return Socket(
+            name=name, markers=cell.read_from(self.on), sigma=self.sigma_mm * MM, standing=standing
+        )
 
 
 def joined_sockets(instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:

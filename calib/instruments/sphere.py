@@ -78,6 +78,7 @@ class Sphere(Surface):
 class SphereTable(KeysTable):
     """A sphere: its keys in a cell."""
 
+    rides = False
     kind: Literal["sphere"]
     sigma_mm: Positive
     radius_mm: Positive | None = None
@@ -99,7 +100,7 @@ class SphereTable(KeysTable):
             standing = np.array([[*self.position_mm, *about]]) * MM
         return Sphere(
             name=name,
-            markers=cell.own,
+            markers=cell.read_from(self.on),
             sigma=self.sigma_mm * MM,
             radius=None if self.radius_mm is None else self.radius_mm * MM,
             standing=standing,

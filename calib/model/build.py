@@ -175,6 +175,7 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
         dict(cell.gear_ratios),
         cell.instruments,
         dict(cell.bodies),
+        dict(cell.seats),
     )
 
 
@@ -294,6 +295,12 @@ def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) ->
     for (kind, where), ids in ids_of.items():
         if (kind, where) in placed and all(i in absorbed for i in ids):
             others = list(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
+            if not others:
+                raise EffectCannotAct(
+                    f"{kind}:{where}" if where else kind,
+                    "it moves nothing that is read against the instrument that reads it",
+                    "take it out of [model] effects, or read it from the world",
+                )
             more = len(others) - _MOST_NAMED
             named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
             raise EffectCannotAct(

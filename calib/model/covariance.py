@@ -73,7 +73,7 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
         reason = (
             f"at these poses it moves the markers as {', '.join(named)} do together"
             if named
-            else "it moves no marker at these poses"
+            else "no reading changes with it at these poses"
         )
         lost.append(Unidentifiable((ids[position],), reason))
     return Identifiable(np.sort(order[:rank]), rank, tuple(lost))
@@ -189,13 +189,24 @@ def working_points(model: Model) -> Model:
 
 def at_tip(model: Model) -> Model:
     """The model with the tip's origin in place of its markers, read by a tracker."""
-    model = replace(
-        model,
-        marker_names=("tip",),
-        markers=np.zeros((1, 3)),
-        marker_frames=model.robot.on_tip(1),
-    )
+    frames = read_frames(model)
+    frame = frames if len(frames) == 1 else model.robot.on_tip(1)
+    model = replace(model, marker_names=("tip",), markers=np.zeros((1, 3)), marker_frames=frame)
     return model if _plain(model) else replace(model, instruments=(_tracker(model, None),))
+
+
+def read_frames(model: Model) -> IntArray:
+    """Frames of the tips on which anything is read, ascending."""
+    return np.unique(model.marker_frames[model.readout.channels.marker])
+
+
+def at_one_tip(model: Model, frame: int) -> Model:
+    """The model with a tracker on what is read of one tip; itself where nothing is read elsewhere."""
+    if len(read_frames(model)) == 1:
+        return model
+    read = np.unique(model.readout.channels.marker)
+    own = tuple(read[model.marker_frames[read] == frame].tolist())
+    return replace(model, instruments=(_tracker(model, own),))
 
 
 def at_points_read(model: Model) -> Model:
@@ -217,7 +228,8 @@ def _plain(model: Model) -> bool:
 
 def _tracker(model: Model, read: tuple[int, ...] | None) -> Tracker:
     """In the frame of the first that is one, or in base axes where there is none."""
-    name = next((i.name for i in model.instruments if isinstance(i, Tracker)), "")
+    standing = (i.name for i in model.instruments if isinstance(i, Tracker) and i.seat is None)
+    name = next(standing, "")
     return Tracker(name=name, markers=read)
 
 

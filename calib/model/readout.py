@@ -13,6 +13,7 @@ from calib.effects.base import Base
 from calib.effects.readings import PartEffect, ReadingEffect
 from calib.instruments import Channels, Instrument, Tracker
 from calib.instruments.protocol import Linear
+from calib.instruments.riding import moves_seen, seen_from
 from calib.poses import Poses
 
 
@@ -69,7 +70,7 @@ class Readout:
             place, each = _pose_by_pose(stand.place, points, apart[0])
             return (instrument.read(place, each)[..., 0, :, :],)
 
-        given = [(_of(instrument, points, -2), -3)]
+        given = [(_of(instrument, seen_from(instrument, points), -2), -3)]
         given += [(own, -2) for own in self._apart(instrument, values, poses)[:1]]
         (rows,) = self._at_stands(instrument, values, poses, read, given, [-3])
         for effect, part in self._disturbing(instrument):
@@ -106,6 +107,7 @@ class Readout:
                 J[..., own] = found.by_place[..., known:] @ apart[1][..., None, :, :]
             return found.rows, J
 
+        J, points = moves_seen(instrument, points, J), seen_from(instrument, points)
         own = _of(instrument, J, -3)
         own = own.copy() if len(self.instruments) > 1 and own is J else own
         given = [(_of(instrument, points, -2), -3), (own, -4)]
@@ -125,7 +127,8 @@ class Readout:
                 by_points = instrument.linearise(stand.place, points).by_points
                 return (moved if by_points is None else _followed(by_points, moved),)
 
-            given = [(_of(instrument, points, -2), -3), (_of(instrument, moved, -3), -4)]
+            own, by = seen_from(instrument, points), moves_seen(instrument, points, moved)
+            given = [(_of(instrument, own, -2), -3), (_of(instrument, by, -3), -4)]
             return self._at_stands(instrument, values, poses, follow, given, [-4])[0]
 
         return self._side_by_side(map(one, self.instruments), -2)
@@ -135,7 +138,9 @@ class Readout:
 
         points : ndarray, shape (m, M, 3), m, base axes; seen : ndarray of bool, shape (m, C)
         """
-        moved = np.broadcast_to(np.eye(3), (*points.shape, 3))
+        moved = np.broadcast_to(np.eye(3), (*points.shape, 3)).copy()
+        for seat in self.channels.seats:
+            moved[:, seat] = 0.0  # what looks on stays where it is
         squares = (self.follow(values, poses, points, moved)[seen] ** 2).sum(axis=(-1, -2))
         mean = float(squares.mean()) / self.channels.width
         return 1.0 / float(np.sqrt(mean)) if mean else 1.0  # what sees turns alone: at a metre

@@ -21,7 +21,7 @@ from calib.effects.base import Base
 from calib.effects.instrument_scale import TrackerScale
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
-from calib.instruments import TRACKER, Tracker
+from calib.instruments import TRACKER, Instrument, Tracker
 from calib.model import Model
 from calib.population.prior import Key
 from calib.poses import Poses, poses_at
@@ -49,7 +49,8 @@ class Dropped:
     """A parameter left out because others move the markers in the same way.
 
     id : str
-    absorbed_by : tuple of (id, coefficient): this much of each other parameter per unit, SI
+    absorbed_by : tuple of (id, coefficient): this much of each other parameter per unit, SI; empty
+        where it changes no reading at all
     """
 
     id: str
@@ -124,17 +125,36 @@ def _as_tracked(model: Model) -> Model:
     where no length is known.
     """
     effects = [e for e in model.effects if _is_constant(e)]
-    trackers = tuple(i for i in model.instruments if isinstance(i, Tracker))
-    if len(trackers) == len(model.instruments):
+    if all(isinstance(i, Tracker) for i in model.instruments):
         return model.with_effects(tuple(e for e in effects if not _moved_on(e)))
     sought = {e.of.name for e in effects if isinstance(e, Base) and not e.of.anchored}
-    adrift = all(i.name in sought for i in model.instruments)
-    stands: list[Effect] = [Base("base", None, TRACKER)] if adrift else []
+    stood_for = _trackers(model)
+    stands: list[Effect] = [
+        Base("base" if tracker.seat is None else tracker.name, None, tracker)
+        for tracker, those in stood_for
+        if all(i.name in sought for i in those)
+    ]
     if model.scaleless:
         stands.append(TrackerScale(_SCALE))
     effects = [*stands, *(e for e in effects if not isinstance(e, Base))]
-    tracked = replace(model, instruments=(TRACKER,), lengths=())
+    tracked = replace(model, instruments=tuple(own for own, _ in stood_for), lengths=())
     return tracked.with_effects(tuple(effects))
+
+
+def _trackers(model: Model) -> list[tuple[Tracker, list[Instrument]]]:
+    """A tracker in the world, and one on each link under an instrument, with those it stands for."""
+    if all(i.seat is None for i in model.instruments):
+        return [(TRACKER, [*model.instruments])]
+    by_seat: dict[int | None, list[Instrument]] = {}
+    for own in model.instruments:
+        by_seat.setdefault(None if own.seat is None else own.seat.start, []).append(own)
+    found = []
+    for those in by_seat.values():
+        read = np.unique(np.concatenate([i.read_of(len(model.markers)) for i in those])).tolist()
+        first = those[0]
+        own = replace(TRACKER, name=first.name, markers=tuple(read), seat=first.seat)
+        found.append((own, those))
+    return found
 
 
 def _moved_on(effect: Effect) -> bool:

@@ -157,6 +157,8 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     turned = [cross(unit, points - o_tips) for unit in np.eye(3)]
     still = [np.broadcast_to(unit, points.shape) for unit in np.eye(3)]
     levers = np.stack([*moved, *still, *turned], axis=-1)
+    for seat in model.readout.channels.seats:  # a tip scatters before what reads it
+        levers[:, seat, :, robot.dof :] = 0.0
     return Scatter(
         model.readout.follow(values, poses, points, levers),
         model.readout.channels.lengths,

@@ -107,7 +107,7 @@ class Conditions:
     def _read(self, robot: Robot, q: Array, approach: Array, motion: Array, time: Array) -> Poses:
         m, count = len(q), self.each
         loads = list(self.loads) * max(1, len(self.sides))
-        R = forward(robot, q).R[:, -1]
+        R = forward(robot, q).R[:, robot.loaded]
         wrench = np.stack([_wrench(R, load) for load in loads], axis=1).reshape(-1, 6)
         approach = np.repeat(approach, count, axis=0)
         if self.sides:
@@ -183,7 +183,7 @@ def loads_of_data(robot: Robot, poses: Poses) -> tuple[TipLoad, ...]:
 def _load(robot: Robot, poses: Poses) -> TipLoad:
     """Force, and where it acts: the point of the tip that explains the moments best."""
     force, moment = poses.wrench[:, :3], poses.wrench[:, 3:]
-    R = forward(robot, poses.q).R[:, -1]
+    R = forward(robot, poses.q).R[:, robot.loaded]
     arm = -skew(force) @ R
     lever = np.linalg.pinv(arm.reshape(-1, 3), rcond=1e-9) @ moment.ravel()
     rest: Array = (moment - rotate(arm, lever)).mean(axis=0)

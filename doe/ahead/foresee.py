@@ -282,7 +282,7 @@ def _why_still(effect: Effect, found: PowerAnalysis) -> str:
     if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
         return "nothing in the model is elastic"
     if not isinstance(effect, ElasticEffect | LoadEffect):
-        return "it moves no marker at these poses"
+        return "no reading changes with it at these poses"
     if loads_of(model.robot, poses, model.payload, model.gravity).absent:
         return "nothing loads the arm"
     elastic = isinstance(effect, ElasticEffect)

@@ -52,7 +52,7 @@ def in_contact(cell: Cell) -> Touching | None:
 
 @dataclass(frozen=True, eq=False)
 class HangingLoad(Constraint):
-    """The tip's x axis leaves the horizontal by no more than the load allows.
+    """The x axis of the tip that is loaded leaves the horizontal by no more than the load allows.
 
     down : ndarray, shape (3,), unit vector of gravity in base axes
     max_tilt : float, rad
@@ -63,7 +63,7 @@ class HangingLoad(Constraint):
     name: str = "hanging_load"
 
     def allows(self, scene: Scene) -> Mask:
-        sine = np.abs(scene.frames.R[:, -1, :, 0] @ self.down)
+        sine = np.abs(scene.frames.R[:, scene.cell.robot.loaded, :, 0] @ self.down)
         return np.asarray(sine <= np.sin(self.max_tilt) + _SLACK)
 
 
@@ -106,11 +106,11 @@ def static_torques(scene: Scene) -> Array:
     What :func:`calib.arm.statics.transmitted` gives in all six components, at several times the cost.
     """
     cell, robot = scene.cell, scene.cell.robot
-    load = cell.load or Load(0.0, (0.0, 0.0, 0.0))
-    hung = load.mass * scene.placed(robot.tip_frame, load.com)
+    load, payload = cell.load or Load(0.0, (0.0, 0.0, 0.0)), cell.payload
+    hung = load.mass * scene.placed(robot.loaded, load.com)
     mass, moment = np.zeros(robot.frame_count), np.zeros((robot.frame_count, len(scene), 3))
-    mass[-1] = cell.payload.mass
-    moment[-1] = mass[-1] * scene.placed(robot.tip_frame, cell.payload.com)
+    mass[payload.frame] = payload.mass
+    moment[payload.frame] = payload.mass * scene.placed(payload.frame, payload.com)
     torques = np.empty((robot.dof, 2, len(scene)))
     for frame, parent in reversed(list(enumerate(robot.parents, 1))):
         if (k := frame - 1) < robot.dof:
@@ -120,7 +120,7 @@ def static_torques(scene: Scene) -> Array:
             axis, o = turned(scene.frames.R[:, frame], robot.axes[k]), scene.frames.o[:, frame]
             along = partial(_along, axis, o, bool(robot.prismatic[k]))
             torques[k] = along(float(mass[frame]), moment[frame], cell.gravity)
-            if robot.carries[frame, robot.tip_frame]:
+            if robot.carries[frame, robot.loaded]:
                 torques[k, 1] += along(load.mass, hung, cell.gravity)
         mass[parent] += mass[frame]
         moment[parent] += moment[frame]

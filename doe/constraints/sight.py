@@ -7,17 +7,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.cell import Cell
 from calib.cell.contacts import contacts_of, touched
 from calib.instruments import Camera, Distance, Instrument
 from calib.instruments.detection import Board
+from calib.instruments.riding import frame_of, seen_from
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
-from doe.constraints.scene import PlacedCapsule, Scene, turned
+from doe.constraints.scene import BASE, PlacedCapsule, Scene, turned
 
 SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
-_WRIST = 1  # joints before the last one whose shapes may hold what is mounted on the tip
+_WRIST = 1  # joints before the last one whose shapes may hold what is mounted beyond it
 
 
 def read_by(scene: Scene) -> Mask:
@@ -69,7 +69,8 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
     for instrument, part in scene.cell.channels.blocks:
         if isinstance(instrument, Camera | Distance):
-            points = scene.markers[:, instrument.read_of(len(scene.cell.markers))]
+            points = seen_from(instrument, scene.markers)
+            points = points[:, instrument.read_of(len(scene.cell.markers))]
             if isinstance(instrument, Camera):
                 each = points.reshape(len(scene), -1, 3 * instrument.each)
                 why, read = "not found in the image", instrument.found(each)
@@ -77,11 +78,11 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
                 why, read = "out of reach", instrument.within(points)
             for channel, own in enumerate(read.T, part.start):
                 yield why, channel, ~own
-        for channels, marker, at, printed in _beams(scene.cell, instrument, part):
+        for channels, marker, at, printed in _beams(scene, instrument, part):
             obstacles = [
                 o
                 for o in obstacles_of(scene.cell)
-                if o.ball is not None and o.from_point(at[None])[0] > 0.0
+                if o.ball is not None and o.from_point(np.atleast_2d(at)).max() > 0.0
             ]
             for why, hidden in _hidden(scene, marker, at, obstacles, printed):
                 for channel in channels:
@@ -89,14 +90,14 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
 
 
 def _beams(
-    cell: Cell, instrument: Instrument, part: slice
+    scene: Scene, instrument: Instrument, part: slice
 ) -> Iterator[tuple[list[int], int, Array, bool]]:
     """Lines of sight, one for each channel; of a board, a few for all its points.
 
-    Yields the channels that it stands for, its marker on the arm, its end (3,) in the world, and
-    whether that marker is on a print.
+    Yields the channels that it stands for, its marker on the arm, its end, (3,) in the world or (n, 3)
+    where the instrument rides, and whether that marker is on a print.
     """
-    marker, single = cell.channels.marker, set(range(part.start, part.stop))
+    marker, single = scene.cell.channels.marker, set(range(part.start, part.stop))
     if isinstance(instrument, Camera):
         for board in instrument.boards:
             own = _channels(board, part)
@@ -104,10 +105,28 @@ def _beams(
             for few, one in board.parts():
                 if (at := instrument.sees_from(board, one)) is not None:
                     printed = board.printed > 0.0 and instrument.each == 1
+                    at = _placed(scene, instrument, at)
                     yield own[few].tolist(), int(marker[own[one]]), at, printed
     if (at := instrument.position) is not None:
         for channel in sorted(single):
-            yield [channel], int(marker[channel]), at, False
+            yield [channel], int(marker[channel]), _placed(scene, instrument, at), False
+
+
+def _placed(scene: Scene, instrument: Instrument, at: Array) -> Array:
+    """A place (3,) as an instrument states it, in base axes: (n, 3) where it rides on a link."""
+    if instrument.seat is None:
+        return at
+    origin, axes = frame_of(scene.markers[:, instrument.seat])
+    return origin + at @ axes
+
+
+def _holders(scene: Scene, j: int) -> set[int]:
+    """Frames whose shapes may hold marker j: its tip, and the last joints before that."""
+    frame, found = int(scene.cell.marker_frames[j]), set[int]()
+    for _ in range(_WRIST + 2):
+        found.add(frame)
+        frame = scene.cell.robot.parents[frame - 1] if frame else BASE
+    return found - {BASE}
 
 
 def _hidden(
@@ -117,10 +136,10 @@ def _hidden(
 
     printed : whether it is on a board, which is in no link but those it is mounted on
     """
-    marker, free = scene.markers[:, j], _facing(scene, j, instrument)
+    marker, free, holders = scene.markers[:, j], _facing(scene, j, instrument), _holders(scene, j)
     yield "turned away", ~free
     for capsule in scene.capsules:
-        may_hold = not printed or capsule.body >= scene.cell.robot.dof - _WRIST
+        may_hold = not printed or capsule.body in holders
         hidden = _behind_capsule(marker, capsule, instrument, free, may_hold)
         free &= ~hidden
         yield f"behind {capsule.name}", hidden
@@ -149,10 +168,18 @@ def _behind_capsule(
     at = np.flatnonzero(near & among)
     start, end = capsule.start[at], capsule.end[at]
     hidden = np.zeros(len(among), dtype=bool)
-    crossed = segment_segment(instrument, marker[at], start, end) < capsule.radius
+    eye = _at(instrument, at)
+    crossed = segment_segment(eye, marker[at], start, end) < capsule.radius
+    if instrument.ndim > 1:  # what it rides on does not hide what it sees
+        crossed &= point_segment(eye, start, end) > capsule.radius + SKIN
     outside = point_segment(marker[at], start, end) > capsule.radius + SKIN
     hidden[at] = crossed & (outside | (not may_hold))
     return hidden
+
+
+def _at(instrument: Array, chosen: IntArray) -> Array:
+    """Where the instrument is at some of the configurations: (3,) where it is at one place at all."""
+    return instrument if instrument.ndim == 1 else instrument[chosen]
 
 
 def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among: Mask) -> Mask:
@@ -161,6 +188,6 @@ def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among
         return hidden
     centre, radius = obstacle.ball
     at = np.flatnonzero(among & (point_segment(centre, instrument, marker) <= radius))
-    start = np.broadcast_to(instrument, (len(at), 3))
+    start = np.broadcast_to(_at(instrument, at), (len(at), 3))
     hidden[at] = obstacle.from_segment(start, marker[at]) <= SKIN
     return hidden

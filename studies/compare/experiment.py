@@ -18,6 +18,7 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError
 from calib.identification.identify import uncounted
 from calib.instruments import Tracker
+from calib.instruments.riding import frame_of
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import working_points
@@ -133,7 +134,15 @@ class SimulatedExperiment:
         stands = self.stated.stands.get(name)
         if stands is None:
             return np.zeros(self.weights.shape[:-1])
-        there = np.broadcast_to(stands, (len(self.poses), len(self.model.markers), 3))
+        frames = self.model.state(self.truth, self.poses).frames
+        points = self.model.tip_points(frames, self.truth, self.poses)
+        own = next(i for i in self.model.instruments if i.name == name)
+        if own.seat is None:
+            there = np.broadcast_to(stands, points.shape)
+        else:
+            origin, axes = frame_of(points[:, own.seat])
+            there = np.broadcast_to((origin + stands @ axes)[:, None], points.shape)
+        there = self.model.readout.channels.seats_kept(there, points)
         return self.model.readings(self.truth, self.poses, there)
 
     def _by_arm(self, trials: int, rng: np.random.Generator) -> Array | float:
@@ -144,7 +153,9 @@ class SimulatedExperiment:
         points = self.model.tip_points(frames, self.truth, self.poses)
         _, visit = np.unique(visits(self.poses), return_inverse=True)
         white = rng.standard_normal((trials, int(visit.max()) + 1, 6)) / self.quiet
-        moved = displaced_at_visits(points, frames.o[:, -1], visit, white, self.stated.arm)
+        _, origins = self.model.under_markers(frames)
+        moved = displaced_at_visits(points, origins, visit, white, self.stated.arm)
+        moved = self.model.readout.channels.seats_kept(moved, points)
         still, there = (self.model.readings(self.truth, self.poses, p) for p in (points, moved))
         return there - still
 

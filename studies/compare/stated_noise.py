@@ -175,15 +175,14 @@ def _by_range(sigma: Mapping[str, float]) -> tuple[tuple[float, float], tuple[fl
 def displaced_at_visits(
     points: Array, origins: Array, visit: IntArray, white: Array, arm: tuple[float, float]
 ) -> Array:
-    """Points of a tip that is shifted, and turned about its origin, anew at each visit.
+    """Points of tips that are shifted, and turned about their origins, anew at each visit.
 
-    points : ndarray, shape (m, M, 3), m; origins : ndarray, shape (m, 3), m
+    points : ndarray, shape (m, M, 3), m; origins : ndarray, shape (m, M or 1, 3), m
     visit : ndarray of int, shape (m,); white : ndarray, shape (trials, visits, 6)
     Returns ndarray, shape (trials, m, M, 3), m.
     """
     shift, turn = arm[0] * white[:, visit, :3], rotation(arm[1] * white[:, visit, 3:])
-    o = origins[:, None]
-    return (points - o) @ np.swapaxes(turn, -1, -2) + o + shift[:, :, None]
+    return (points - origins) @ np.swapaxes(turn, -1, -2) + origins + shift[:, :, None]
 
 
 def rotation(vector: Array) -> Array:

@@ -27,12 +27,14 @@ from studies.command.options import (
     type=PATH,
     help="Write the table of targets with corrected joints; it can be read as a plan.",
 )
+@click.option("--tip", metavar="LINK", help="Of several tips the one that is to be in place.")
 @result_options(seed=False)
 def compensate(
     cell_path: Path,
     result_path: Path,
     targets_path: Path,
     plan_path: Path | None,
+    tip: str | None,
     folder: Path | None,
     json_path: str | None,
 ) -> None:
@@ -65,7 +67,7 @@ def compensate(
         raise InputError(result_path, "", "did not converge", "mend the identification first")
     targets, weights = calib.load_targets(cell, targets_path)
     with faults_in(targets_path), working("correcting the targets"):
-        found = calib.compensate(cell, estimate, targets, weights=weights)
+        found = calib.compensate(cell, estimate, targets, weights=weights, tip=tip)
     record = compensate_record(cell, found, envelope(cell.name, inputs, about=cell.about))
     tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
     tips = is_cartesian(cell.robot, table.columns)

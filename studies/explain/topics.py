@@ -98,7 +98,8 @@ def instruments() -> Rows:
     for name, (kind, table) in KINDS.items():
         columns = sorted(reading_names([kind]))
         shown = ", ".join(column for column in columns if not column.endswith(("_m", "_rad")))
-        keys = ", ".join(key for key in table.model_fields if key != "kind")
+        own = [key for key in table.model_fields if key not in ("kind", "on")]
+        keys = ", ".join([*own, *["on"] * table.rides])
         rows.append((name, _summary(kind), shown, keys))
     return ("kind", "reads", "columns", "keys"), rows
 

@@ -97,8 +97,9 @@ def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
 
 def absorbed_entries(found: Identification) -> tuple[RedundantParameter, ...]:
     """The entries of the constants left out for others."""
-    by = [[name for name, _ in own.absorbed_by] for own in found.absorbed]
-    return RedundantParameter.from_each(found.absorbed, absorbed_by=by)
+    absorbed = [own for own in found.absorbed if own.absorbed_by]
+    by = [[name for name, _ in own.absorbed_by] for own in absorbed]
+    return RedundantParameter.from_each(absorbed, absorbed_by=by)
 
 
 def sizes_entry(found: Widths) -> SizePrior:

@@ -24,8 +24,9 @@ def robot_texts(
 ) -> tuple[dict[Path, str], list[str]]:
     """The files of the corrected robot, and lines on what they do not hold. Raises InputError."""
     corrections = result.model.constant_displacements(result.values)
-    markers = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
-    flange = flange_unknown(result)
+    every = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
+    markers = {name: own for name, own in every.items() if name in cell.named_markers}
+    flange = flange_unknown(cell, result)
     texts, lines = {}, []
     for form, path in robots.items():
         if path is not None:
@@ -39,7 +40,7 @@ def robot_texts(
     return texts, lines
 
 
-def flange_unknown(result: Identification) -> str:
+def flange_unknown(cell: Cell, result: Identification) -> str:
     """What a written robot knows of its flange where only markers were measured; "" with known markers.
 
     Where the markers sit on the flange is found together with the arm, so that a flange that is moved
@@ -47,7 +48,7 @@ def flange_unknown(result: Identification) -> str:
     """
     if not result.model.where(Tool).size:
         return ""
-    robot, markers = result.model.robot, result.model.marker_names
+    robot, markers = result.model.robot, cell.named_markers
     tips = listed(robot.tips)
     where = (
         f"{tips} sit on the last links: they stay"

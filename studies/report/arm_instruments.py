@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import across, so3_exp
+from calib.arm.se3 import across, rotate, so3_exp
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects.base import Base
@@ -88,10 +88,9 @@ def started(cell: Cell, data: Measurements) -> tuple[Model, Array]:
     return model, initial_values(model, data)
 
 
-def on_tip(scene: Scene, points: Array) -> Array:
-    """Points (k, 3) of the tip frame at every pose, (m, k, 3), m."""
-    R, p = scene.frames.R[:, -1], scene.origins[:, -1]
-    return np.asarray(points @ R.swapaxes(1, 2) + p[:, None])
+def on_tips(scene: Scene, points: Array, frames: IntArray) -> Array:
+    """Points (k, 3), m, of tip frames (k,) at every pose, (m, k, 3), m, base axes."""
+    return rotate(scene.frames.R[:, frames], points) + scene.origins[:, frames]
 
 
 def _given(instrument: Instrument) -> bool:
@@ -151,12 +150,32 @@ class _Sketch:
     found: InstrumentPlaces
     length: float
 
-    def on_tip(self, points: Array) -> Array:
-        return on_tip(self.scene, points)
+    def on(self, frame: int, points: Array) -> Array:
+        """Points (k, 3), m, of a tip frame at every pose, (m, k, 3), m."""
+        return on_tips(self.scene, points, np.full(len(points), frame))
+
+    def under(self, body: slice | None) -> int | None:
+        """Frame of the tip that carries some markers; None for none of them."""
+        return None if body is None else int(self.cell.marker_frames[body][0])
 
     def markers(self, instrument: Instrument) -> Array:
         """Markers that an instrument reads at every pose, (m, k, 3), m."""
-        return self.on_tip(self.found.markers[instrument.read_of(len(self.found.markers))])
+        read = instrument.read_of(len(self.found.markers))
+        return on_tips(self.scene, self.found.markers[read], self.cell.marker_frames[read])
+
+    def placed(self, kind: str, name: str, frame: int | None, lines: list[Array], dots: Array,
+               label: Array | None = None) -> SceneObject:  # fmt: skip
+        """Lines (k, 3) and dots (n, 3), m, of a tip frame, or of the base where there is none.
+
+        label : ndarray, shape (1, 3), m, where the name stands; at the first dot without
+        """
+        label = dots[:1] if label is None else label
+        if frame is None:
+            return replace(_still(kind, name, lines, dots), label=whole_mm(label)[None])
+        stem = whole_mm(self.scene.origins[:, [frame]])
+        moved = [self.on(frame, line) for line in lines]
+        riding = _moving(kind, name, moved, self.on(frame, dots), self.on(frame, label))
+        return replace(riding, stem=stem)
 
     def seen(self, part: slice) -> Array:
         """Which of its readings there are, (m, k)."""
@@ -189,7 +208,7 @@ def _still(
 
 
 def _moving(kind: str, name: str, lines: list[Array], dots: Array, label: Array) -> SceneObject:
-    """What rides on the tip: lines (m, k, 3) and dots (m, n, 3), m."""
+    """What moves with the arm: lines (m, k, 3) and dots (m, n, 3), m."""
     mm = tuple(map(whole_mm, lines))
     return SceneObject(kind, name, mm, whole_mm(dots), whole_mm(label), words=name)
 
@@ -199,20 +218,23 @@ def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[Sc
     if place is not None:
         R = so3_exp(place[3:6])
         centre = -R.T @ place[:3]
-        yield _still("camera", camera.name, sketch.cone(camera, centre, R), centre[None])
+        cone, under = sketch.cone(camera, centre, R), sketch.under(camera.seat)
+        yield sketch.placed("camera", camera.name, under, cone, centre[None])
     for board in camera.boards:
-        points = sketch.on_tip(sketch.found.markers[sketch.cell.bodies[board.name]])
-        lines = [points[:, run] for run in hull_runs(board.points)]
-        dots = points if len(board.points) <= _DOTS else points[:, :0]
-        yield _moving("board", board.name, lines, dots, points.mean(axis=1, keepdims=True))
+        part = sketch.cell.bodies[board.name]
+        points = sketch.found.markers[part]
+        lines = [points[list(run)] for run in hull_runs(board.points)]
+        dots = points if len(board.points) <= _DOTS else points[:0]
+        middle = points.mean(axis=0, keepdims=True)
+        yield sketch.placed("board", board.name, sketch.under(part), lines, dots, middle)
 
 
 def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[SceneObject]:
-    o, x, y = sketch.found.markers[sketch.cell.bodies[camera.name]]
+    part = sketch.cell.bodies[camera.name]
+    o, x, y = sketch.found.markers[part]
     axes = np.stack([x - o, y - o, np.cross(x - o, y - o)])
-    lines = [sketch.on_tip(line) for line in sketch.cone(camera, o, axes)]
-    centre = sketch.on_tip(o[None])
-    yield _moving("camera", camera.name, lines, centre, centre)
+    cone = sketch.cone(camera, o, axes)
+    yield sketch.placed("camera", camera.name, sketch.under(part), cone, o[None])
     places = sketch.found.places.get(camera.name)
     for k, board in enumerate(camera.boards if places is not None else ()):
         place = places[6 * k : 6 * k + 6] if places is not None else np.zeros(6)
@@ -231,9 +253,9 @@ def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[SceneObject
     ]
     for name, (o, x, y) in zip(names, own, strict=True):
         ends = np.stack([x - o, y - o, np.cross(x - o, y - o)]) * _TRIAD * sketch.length
-        lines = [sketch.on_tip(np.stack([o, o + end])) for end in ends]
-        centre = sketch.on_tip(o[None])
-        yield _moving("frame", name, lines, centre, centre)
+        lines = [np.stack([o, o + end]) for end in ends]
+        frame = sketch.under(sketch.cell.bodies[name])
+        yield sketch.placed("frame", name, frame, lines, o[None])
 
 
 def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[SceneObject]:
@@ -245,8 +267,9 @@ def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[SceneO
     R, p = Tracker.placement(place[:6])
     ends = R * _TRIAD * sketch.length
     centre = -R.T @ p
-    yield _still("instrument", instrument.name, [np.stack([centre, centre + e]) for e in ends],
-                 centre[None])  # fmt: skip
+    lines = [np.stack([centre, centre + end]) for end in ends]
+    under = sketch.under(instrument.seat)
+    yield sketch.placed("instrument", instrument.name, under, lines, centre[None])
 
 
 def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[SceneObject]:
@@ -304,9 +327,12 @@ def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[SceneO
     if anchor is None:
         return
     markers, seen = sketch.markers(instrument), sketch.seen(part)
-    there = np.where(seen[..., None], markers, anchor)
-    lines = [np.stack([np.broadcast_to(anchor, p.shape), p], axis=1) for p in there.swapaxes(0, 1)]
-    yield _moving("wire", instrument.name, lines, anchor[None, None], anchor[None, None])
+    under = sketch.under(instrument.seat)
+    start = anchor[None, None] if under is None else sketch.on(under, anchor[None])
+    there = np.where(seen[..., None], markers, start)
+    begin = np.broadcast_to(start[:, 0], there[:, 0].shape)
+    lines = [np.stack([begin, end], axis=1) for end in there.swapaxes(0, 1)]
+    yield _moving("wire", instrument.name, lines, start, start)
 
 
 _Draw: TypeAlias = Callable[..., Iterator[SceneObject]]

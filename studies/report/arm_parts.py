@@ -53,15 +53,16 @@ def picture(scene: ArmScene) -> ArmPicture:
     """The arm at each pose, faintly at all others, and what stands around it."""
     canvas = _Canvas(len(scene.values))
     chain = canvas.run(scene.chain)
-    markers = canvas.run(scene.marker_points)
+    markers, stems = canvas.run(scene.marker_points), canvas.run(scene.stems)
     parts = (
         *_stage(scene, canvas),
-        *_all_arms(scene, chain),
+        *_all_arms(scene, canvas),
         *_arm(scene, canvas, chain),
+        *_branches(scene, canvas),
         *_sight(scene, canvas, markers),
         *_tip(scene, canvas, chain[-1]),
-        *_fixtures(scene, canvas, chain[-1]),
-        *_markers(scene, markers, chain[-1]),
+        *_fixtures(scene, canvas),
+        *_markers(scene, markers, stems),
     )
     count = len(scene.poses)
     return ArmPicture(
@@ -113,13 +114,14 @@ def _dots(own: SceneObject, canvas: _Canvas) -> Iterator[DrawnPart]:
         yield Dot(f"arm-{own.kind}", (dots,), mm=own.radius, px=px)
 
 
-def _all_arms(scene: ArmScene, chain: Run) -> Iterator[DrawnPart]:
+def _all_arms(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
     """All poses faintly, each from the last point on that all have in common."""
-    moves = (scene.chain != scene.chain[:1]).any(axis=(0, 2))
-    moving = chain[max(0, int(moves.argmax()) - 1) :]
     opacity = round(min(1.0, (_FAINT / len(scene.poses)) ** 0.5), 2)
-    yield Stroke("arm-all", (moving,), every=True, opacity=opacity)
-    yield Stroke("arm-tips", (moving[-1:],), tail="h0", every=True, opacity=opacity)
+    for way in (scene.chain, *scene.branches.values()):
+        moves = (way != way[:1]).any(axis=(0, 2))
+        moving = canvas.run(way)[max(0, int(moves.argmax()) - 1) :]
+        yield Stroke("arm-all", (moving,), every=True, opacity=opacity)
+        yield Stroke("arm-tips", (moving[-1:],), tail="h0", every=True, opacity=opacity)
 
 
 def _arm(scene: ArmScene, canvas: _Canvas, chain: Run) -> Iterator[DrawnPart]:
@@ -137,6 +139,17 @@ def _arm(scene: ArmScene, canvas: _Canvas, chain: Run) -> Iterator[DrawnPart]:
     yield Dot("arm-joint", (chain[:-1],), px=_JOINT)
     origin, *ends = canvas.run(np.eye(4, 3, -1, dtype=int) * scene.around.step)
     yield from _triad(origin, ends, "XYZ", "arm-base-axis")
+
+
+def _branches(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
+    """The ways to other tips, with their shadows and the names of these."""
+    for link, points in scene.branches.items():
+        way = canvas.run(points)
+        yield Stroke("arm-shadow", (tuple(~c for c in way),))
+        if scene.shaped:
+            yield Stroke("arm-chain", (way,))
+        yield Dot("arm-joint", (way[:-1],), px=_JOINT)
+        yield Text("arm-label", (way[-1:],), link, down=14)
 
 
 def _tip(scene: ArmScene, canvas: _Canvas, tip: int) -> Iterator[DrawnPart]:
@@ -176,14 +189,14 @@ def _sight(scene: ArmScene, canvas: _Canvas, markers: Run) -> Iterator[DrawnPart
     yield Text("arm-label", (place,), "instrument", down=-17)
 
 
-def _fixtures(scene: ArmScene, canvas: _Canvas, tip: int) -> Iterator[DrawnPart]:
+def _fixtures(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
     """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
     names: list[DrawnPart] = []
     for own in scene.fixtures:
         label = canvas.run(own.label)
         yield from _lines(own, canvas)
-        if own.label.shape[0] > 1:
-            yield Stroke("arm-tool", ((tip, *label),))
+        if own.stem is not None:
+            yield Stroke("arm-tool", ((*canvas.run(own.stem), *label),))
         if own.kind in DROPPED:
             yield Stroke("arm-drop", ((label[0], ~label[0]),))
         yield from _dots(own, canvas)
@@ -192,9 +205,9 @@ def _fixtures(scene: ArmScene, canvas: _Canvas, tip: int) -> Iterator[DrawnPart]
     yield from names
 
 
-def _markers(scene: ArmScene, points: Run, tip: int) -> Iterator[DrawnPart]:
+def _markers(scene: ArmScene, points: Run, stems: Run) -> Iterator[DrawnPart]:
     """Markers on their stems; a lost one is hollow and crossed."""
-    for j, (name, point) in enumerate(zip(scene.markers, points, strict=True)):
+    for j, (name, point, tip) in enumerate(zip(scene.markers, points, stems, strict=True)):
         place = (point,)
         yield Stroke("arm-tool", ((tip, point),))
         crossed = [

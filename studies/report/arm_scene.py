@@ -16,7 +16,7 @@ from calib.instruments import Socket, Tracker
 from calib.model.build import parse_effect
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene, hidden_by, scene_of
-from studies.report.arm_instruments import fixtures, instrument_places, on_tip, started, within
+from studies.report.arm_instruments import fixtures, instrument_places, on_tips, started, within
 from studies.report.surroundings import ArmSurroundings, SceneObject, surroundings, whole_mm
 
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
@@ -48,8 +48,10 @@ class ArmScene:
     level : int, number of the joint whose values are the plan's levels, or None
     chain : ndarray of int, shape (m, k, 3), mm, from the base over the joints to the tip; what stands
         at one place at all poses is one point
+    branches : dict, link -> the same, to another tip, from where the way to it parts from those before
     tip_axes : ndarray, shape (m, 3, 3), axes of the tip frame, one a row
     markers : tuple of str, names; marker_points : ndarray of int, shape (m, M, 3), mm
+    stems : ndarray of int, shape (m, M, 3), mm, the tips on which they ride
     hidden : dict, (pose, marker) -> why it is not in sight, or not measured
     seen : str, what the others are: ``in sight``, ``measured``, or empty where nobody knows
     bodies : tuple of ArmBody; shaped : bool, whether they are the cell's capsules or mere links
@@ -69,6 +71,7 @@ class ArmScene:
     tip_axes: Array
     markers: tuple[str, ...]
     marker_points: IntArray
+    stems: IntArray
     hidden: dict[tuple[int, int], str]
     seen: str
     bodies: tuple[ArmBody, ...]
@@ -78,6 +81,7 @@ class ArmScene:
     beyond: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
     day: tuple[int, ...] = ()
+    branches: Mapping[str, IntArray] = field(default_factory=dict)
 
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
@@ -136,10 +140,11 @@ def scene(
     found = instrument_places(cell, plan)
     ridden = np.zeros((len(q), 0, 3))
     if not _of_tracker(cell):
-        hidden, markers = {}, on_tip(placed, found.markers[own])
-        ridden = on_tip(placed, _origins(cell, found.markers))
-    chain = _once(whole_mm(placed.origins[:, robot.carries[:, robot.tip_frame]]))
-    reached = np.concatenate([chain, whole_mm(ridden)], axis=1)
+        hidden, markers = {}, on_tips(placed, found.markers[own], cell.marker_frames[own])
+        at = _origins(cell)
+        ridden = on_tips(placed, found.markers[at], cell.marker_frames[at])
+    chain, branches = _ways(placed)
+    reached = np.concatenate([chain, *branches.values(), whole_mm(ridden)], axis=1)
     length = _length(chain, reached)
     values = np.where(robot.prismatic, q * 1e3, np.degrees(q))
     around = surroundings(cell, reached.reshape(-1, 3), length)
@@ -156,15 +161,18 @@ def scene(
         tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
         markers=tuple(cell.marker_names[j] for j in own),
         marker_points=whole_mm(markers),
+        stems=whole_mm(placed.origins[:, cell.marker_frames[own]]),
         hidden={key: why for key, why in hidden.items() if key[0] < len(poses)},
         seen=seen,
-        bodies=_capsules(placed) or _links(chain, max(1, round(_SLIM * length))),
+        bodies=_capsules(placed)
+        or _links((chain, *branches.values()), max(1, round(_SLIM * length))),
         shaped=bool(placed.capsules),
         around=replace(around, frame=frame),
         fixtures=kept,
         beyond=beyond,
         reads=_reads(cell, plan),
         day=day,
+        branches=branches,
     )
 
 
@@ -185,6 +193,20 @@ def _along(q: Array, stops: Sequence[tuple[int, Array]]) -> tuple[Array, tuple[i
     return np.concatenate([q[:0], *found]), tuple(day)
 
 
+def _ways(placed: Scene) -> tuple[IntArray, dict[str, IntArray]]:
+    """The way from the base to the tip, and to each other tip from where it parts, mm."""
+    robot, branches = placed.cell.robot, dict[str, IntArray]()
+    drawn = robot.carries[:, robot.tip_frame].copy()
+    chain = _once(whole_mm(placed.origins[:, drawn]))
+    for frame, link in enumerate(robot.others, robot.dof + 1):
+        way = robot.carries[:, frame]
+        parts = int(np.flatnonzero(way & drawn)[-1])
+        own = [parts, *np.flatnonzero(way & ~drawn).tolist()]
+        branches[link] = _once(whole_mm(placed.origins[:, own]))
+        drawn |= way
+    return chain, branches
+
+
 def _once(points: IntArray) -> IntArray:
     """Points (m, k, 3) without those that stand where the one before stands, at all poses."""
     moved = (points[:, 1:] != points[:, :-1]).any(axis=(0, 2))
@@ -201,18 +223,18 @@ def _length(arms: IntArray, reached: IntArray) -> float:
 
 def _own_markers(cell: Cell) -> list[int]:
     """Markers that are no points of a body."""
-    of_bodies = {j for part in cell.bodies.values() for j in range(part.start, part.stop)}
+    parts = (*cell.bodies.values(), *cell.seats.values())
+    of_bodies = {j for part in parts for j in range(part.start, part.stop)}
     return [j for j in range(len(cell.markers)) if j not in of_bodies]
 
 
-def _origins(cell: Cell, markers: Array) -> Array:
-    """What the tip carries, (k, 3), m: markers and points of boards, of a frame its origin alone."""
-    ends = [j for j, name in enumerate(cell.marker_names) if name.endswith((":x", ":y"))]
-    return np.delete(markers, ends, axis=0)
+def _origins(cell: Cell) -> list[int]:
+    """What tips carry, by position: markers and points of boards, of a frame its origin alone."""
+    return [j for j, name in enumerate(cell.marker_names) if not name.endswith((":x", ":y"))]
 
 
 def _of_tracker(cell: Cell) -> bool:
-    return [type(i) for i in cell.instruments] == [Tracker]
+    return [(type(i), i.seat) for i in cell.instruments] == [(Tracker, None)]
 
 
 def _reads(cell: Cell, plan: Poses | Measurements) -> tuple[str, ...]:
@@ -258,8 +280,9 @@ def _capsules(placed: Scene) -> tuple[ArmBody, ...]:
     )
 
 
-def _links(chain: IntArray, radius: int) -> tuple[ArmBody, ...]:
-    return tuple(ArmBody(chain[:, j : j + 2], radius) for j in range(chain.shape[1] - 1))
+def _links(ways: Sequence[IntArray], radius: int) -> tuple[ArmBody, ...]:
+    ends = (way[:, j : j + 2] for way in ways for j in range(way.shape[1] - 1))
+    return tuple(ArmBody(own, radius) for own in ends)
 
 
 def _unread(data: Measurements, hidden: dict[tuple[int, int], str]) -> dict[tuple[int, int], str]:

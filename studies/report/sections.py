@@ -10,7 +10,7 @@ import numpy as np
 from calib import Cell
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.instruments import ArmCamera, Camera, Tracker
+from calib.instruments import ArmCamera, Camera, Instrument, Tracker
 from calib.poses import Measurements, Poses
 from studies.design.record import DesignRecord, between_poses
 from studies.document import Figure, Part, Raw, Section, Sentence
@@ -64,16 +64,23 @@ def _facts(own: Cell) -> Iterator[tuple[str, str]]:
         at = ", ".join(shown(x * 1e3) for x in own.load.com)
         yield (
             "load of a plan's second reading",
-            f"{shown(own.load.mass)} kg at ({at}) mm of the tip",
+            f"{shown(own.load.mass)} kg at ({at}) mm of {_tip(robot, robot.loaded, 'the tip')}",
         )
     if own.payload.mass:
-        yield "payload", f"{shown(float(own.payload.mass))} kg"
+        at = _tip(robot, own.payload.frame, "the tip")
+        yield "payload", f"{shown(float(own.payload.mass))} kg" + f" on {at}" * (at != "the tip")
     yield "what the model contains", ", ".join(own.effects)
+
+
+def _tip(robot: Robot, frame: int, usual: str) -> str:
+    """The name of the tip of a frame; what it is called where it is that of the robot."""
+    return usual if frame == -1 else robot.tips[frame - robot.dof - 1]
 
 
 def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
     """The instruments, and what they read."""
-    ridden = {i for part in own.bodies.values() for i in range(part.start, part.stop)}
+    parts = (*own.bodies.values(), *own.seats.values())
+    ridden = {i for part in parts for i in range(part.start, part.stop)}
     places = [
         f"{name} ({', '.join(shown(x * 1e3) for x in place)}) mm"
         for i, (name, place) in enumerate(zip(own.marker_names, own.markers.tolist(), strict=True))
@@ -84,11 +91,18 @@ def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
     for instrument in own.instruments:
         if isinstance(instrument, Tracker):
             yield "noise of one coordinate", _noise(own)
-            yield "instrument", _stands(own)
+            yield "instrument", _riding(own, instrument) or _stands(own)
         elif isinstance(instrument, Camera):
-            yield f"camera {instrument.name}", ", ".join(_camera(instrument))
+            yield f"camera {instrument.name}", ", ".join(_camera(own, instrument))
         else:
-            yield f"{instrument.kind} {instrument.name}", "place found by the fit"
+            found = "place found by the fit"
+            yield f"{instrument.kind} {instrument.name}", _riding(own, instrument) or found
+
+
+def _riding(own: Cell, instrument: Instrument) -> str:
+    """On which link it rides; "" where it stands in the world."""
+    link = own.link_under(instrument)
+    return "" if link is None else f"on {link}, its place there found by the fit"
 
 
 def _stands(own: Cell) -> str:
@@ -97,8 +111,9 @@ def _stands(own: Cell) -> str:
     return f"at ({', '.join(shown(x * 1e3) for x in own.instrument.tolist())}) mm from the base"
 
 
-def _camera(own: Camera) -> Iterator[str]:
-    yield "on the arm" if isinstance(own, ArmCamera) else "in the world"
+def _camera(cell: Cell, own: Camera) -> Iterator[str]:
+    standing = "on the arm" if isinstance(own, ArmCamera) else "in the world"
+    yield _riding(cell, own) or standing
     fx, fy, cx, cy = (shown(float(x)) for x in own.lens.values[:4])
     yield f"focal length {fx} and {fy} px, centre {cx} and {cy} px"
     if own.image is not None:

@@ -69,6 +69,8 @@ class SceneObject:
     lines : tuple of ndarray of int; dots : ndarray of int, n points
     label : ndarray of int, one point, where words stand; radius : int, mm, of the dots, or 0
     words : what is written there: its name, or of what stands close together one for all
+    stem : ndarray of int or None, shape (m, 1, 3), mm, the tip that carries it; None for what stands
+        in the world
     """
 
     kind: str
@@ -78,6 +80,7 @@ class SceneObject:
     label: IntArray
     radius: int = 0
     words: str = ""
+    stem: IntArray | None = None
 
     @property
     def points(self) -> list[IntArray]:

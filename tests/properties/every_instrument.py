@@ -25,7 +25,7 @@ from calib.instruments import (
 )
 from calib.instruments.detection import Board
 from calib.instruments.lens import Fisheye, Lens
-from calib.instruments.pose import corners_of
+from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses

@@ -59,6 +59,13 @@ class Tree:
         base = self.data.body("c0")
         return base.xmat.reshape(3, 3).copy(), base.xpos.copy()
 
+    def slopes(self, at: Array) -> tuple[Array, Array]:
+        """How a point (3,) of the first tip, and that tip's axes, move with the joints, (3, n)."""
+        place, turn = np.zeros((2, 3, self.model.nv))
+        body = self.data.body(self.robot.tips[0])
+        mujoco.mj_jac(self.model, self.data, place, turn, at, body.id)
+        return place[:, self.dofs], turn[:, self.dofs]
+
     def carried(self, kinds: tuple[str, ...]) -> Model:
         """A marker on every tip, read in base axes, under effects at every place."""
         context = random_context(self.rng, self.robot, len(self.robot.tips))
@@ -108,6 +115,13 @@ def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> Non
     """Against differences of the prediction, the arm bent by its weight, a load and a wrench."""
     tree = Tree(tmp_path, seed)
     context = random_context(tree.rng, tree.robot, len(tree.robot.tips))
+    if seed % 2:  # carried by another tip
+        other = tree.robot.dof + 1
+        context = replace(
+            context,
+            payload=replace(context.payload, frame=other),
+            robot=replace(tree.robot, loaded=other),
+        )
     arm = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload")
     kinds = (*arm, "bearing_compliance", "gravity_sag", "thermal_expansion", "joint_coupling")
     tips = np.arange(tree.robot.dof + 1, tree.robot.frame_count)
@@ -203,3 +217,31 @@ def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
     found = calib.diagnose(own, data)
     (cause,) = found.causes
     assert cause.evidence.key == "joint_compliance:left3"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_loads_weigh_on_the_joints_that_carry_their_link(tmp_path: Path, seed: int) -> None:
+    """Payload, hung load and wrench against their powers by MuJoCo's derivatives of the link."""
+    tree = Tree(tmp_path, seed)
+    frame = tree.robot.dof + 1
+    robot = replace(tree.robot, loaded=frame)
+    carried, wrench = Payload(3.0, (0.1, -0.05, 0.2), frame), tree.rng.normal(size=6)
+    for row in tree.poses.q:
+        R, p = tree.stand(row)
+        free, frames = poses_at(row[None]), forward(robot, row[None])
+        hung = replace(free, load_mass=np.array([3.0]), load_com=np.array(carried.com))
+        pulled = replace(free, wrench=wrench[None])
+        felt = []
+        loads = ((free, Payload()), (free, carried), (hung, Payload()), (pulled, Payload()))
+        for poses, payload in loads:
+            own = loads_of(robot, poses, payload, R.T @ GRAVITY)
+            origins = link_origins(robot, frames, row[None])
+            along = transmitted(robot, own, frames, origins).local[0, 1 : robot.dof + 1]
+            pushed = np.where(robot.prismatic[:, None], along[:, :3], along[:, 3:])
+            felt.append((pushed * robot.axes).sum(axis=-1))
+        ends = frames.R[0, frame] @ carried.com + frames.o[0, frame], frames.o[0, frame]
+        (slopes, _), (at_tip, turns) = (tree.slopes(R @ end + p) for end in ends)
+        weighs = slopes.T @ (carried.mass * GRAVITY)
+        pulls = at_tip.T @ (R @ wrench[:3]) + turns.T @ (R @ wrench[3:])
+        for change, expected in zip(felt[1:], (weighs, weighs, pulls), strict=True):
+            np.testing.assert_allclose(change - felt[0], expected, atol=1e-9)

@@ -85,6 +85,17 @@ def test_what_cannot_be_is_said_in_one_line(
     assert "\n" not in str(error.value)
 
 
+def test_loads_hang_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
+    joints, chain = random_tree(3)
+    tip = f"c{len(chain)}"
+    (other,) = tips_of(joints, tip, 3)[:1]
+    text = f'[payload]\nmass_kg = 2.0\ncom_mm = [0, 0, 100]\non = "{other}"\n'
+    hung = text.replace("payload", "load").replace("2.0", "5.0")
+    cell = load_cell(written(tmp_path, other, more=text + hung))
+    assert cell.payload.frame == cell.robot.loaded == cell.robot.dof + 1
+    assert load_cell(written(tmp_path, tip, more=text.replace(other, tip))).payload.frame == -1
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_a_corrected_tree_leads_to_the_same_markers_in_mujoco(tmp_path: Path, seed: int) -> None:
     joints, chain = random_tree(seed)

@@ -17,7 +17,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Instrument, Pose
-from calib.instruments.pose import corners_of
+from calib.instruments.riding import corners_of
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at

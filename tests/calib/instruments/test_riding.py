@@ -1,0 +1,252 @@
+"""Instruments on links of a tree: what they read is what lies between, and no more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+from calib.arrays import Array
+from calib.cell.cell import Cell, Repeatability
+from calib.errors import EffectCannotAct, InputError
+from calib.files.cell import load_cell
+from calib.instruments import ArmCamera, Tracker
+from calib.instruments.riding import corners_of
+from calib.model import Model
+from calib.model.build import build
+from calib.poses import Measurements, Poses, poses_at
+from calib.scatter.poses import Variances, scatter_of
+from doe.constraints import scene_of, visible
+from doe.problem.pool import drawn
+from tests.calib.arm.test_trees import SEEDS, Tree
+from tests.helpers import central_difference
+from tests.two_arms import COMMON, EYE, PLATE, in_view, written
+
+ON_HAND = '[markers_mm]\nm = [90, 20, 30]\nn = { position = [0, 50, 10], on = "left_hand" }\n'
+PLATE_ON_WALL = PLATE.replace('"tip"', '"world"').replace("[-40, -30, -20]", "[500, 0, 800]")
+SECOND = PLATE_ON_WALL.replace("plate", "wall")
+
+
+def seated(model: Model, under: int) -> Model:
+    """The model with a tracker in the axes of one of its tips' links, as well."""
+    count = len(model.markers)
+    corners = corners_of(np.eye(3), np.zeros(3))
+    names = (*model.marker_names, "o", "x", "y")
+    seat = slice(count, count + 3)
+    own = Tracker(name="rider", markers=tuple(range(count)), seat=seat)
+    return replace(
+        model,
+        markers=np.concatenate([model.markers, corners]),
+        marker_names=names,
+        marker_frames=np.concatenate([model.marker_frames, 3 * [under]]),
+        instruments=(own,),
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_a_link_sees_of_another_is_what_mujoco_has_between_them(
+    tmp_path: Path, seed: int
+) -> None:
+    tree = Tree(tmp_path, seed)
+    robot = tree.robot
+    under = robot.dof + 1
+    model = seated(tree.carried(("joint_offset",)), under)
+    readings, J = model.jacobian(model.initial, tree.poses)
+    for i, row in enumerate(tree.poses.q):
+        tree.stand(row)
+        seat = tree.data.body(robot.tips[0])
+        R, p = seat.xmat.reshape(3, 3), seat.xpos
+        for j, tip in enumerate(robot.tips):
+            there = tree.data.body(tip)
+            at = there.xmat.reshape(3, 3) @ model.markers[j] + there.xpos
+            np.testing.assert_allclose(readings[i, j], R.T @ (at - p), atol=1e-12)
+    frames = model.marker_frames
+    for k, parameter in enumerate(model.parameters):
+        joint = robot.joints.index(parameter.where) + 1
+        for j in range(len(robot.tips)):
+            moves = robot.carries[joint, under] != robot.carries[joint, frames[j]]
+            assert moves or np.abs(J[:, j, :, k]).max() < 1e-14 * robot.reach * 100.0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_derivatives_of_what_a_link_sees(tmp_path: Path, seed: int) -> None:
+    """Against differences of the prediction, the arm bent by its weight and a load."""
+    tree = Tree(tmp_path, seed)
+    kinds = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload", "base_drift")
+    model = seated(tree.carried(kinds), tree.robot.dof + 1)
+    values = np.abs(tree.rng.normal(size=len(model.parameters))) * model.sizes * 0.3
+    _, J = model.jacobian(values, tree.poses)
+    numeric = central_difference(lambda v: model.predict(v, tree.poses), values, model.sizes * 1e-2)
+    assert np.abs((J - numeric) * model.sizes).max() < 1e-9
+
+
+def simulated(cell: Cell, poses: Poses, seed: int = 0) -> tuple[Model, Array, Measurements]:
+    """The model of a cell, values at random and what is read under them without noise."""
+    model = build(cell, poses).model
+    draws = np.random.default_rng(seed).normal(size=len(model.parameters))
+    values = model.initial + 0.3 * draws * model.sizes
+    readings = model.predict(values, poses)
+    shape = readings.shape[:-1]
+    return (
+        model,
+        values,
+        Measurements(poses, readings, np.ones(shape, bool), np.full(shape, np.nan)),
+    )
+
+
+def test_a_camera_on_the_head_tells_what_lies_between_it_and_the_hand(tmp_path: Path) -> None:
+    """What was put in comes out; of the joints that carry both it is said that nothing tells them."""
+    cell = load_cell(written(tmp_path, PLATE, EYE))
+    model, values, data = simulated(cell, in_view(cell, 60))
+    found = calib.identify(cell, data)
+    assert found.status == "converged"
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+    (untold,) = found.unidentifiable
+    assert {name.split(":")[1].split(".")[0] for name in untold.names} == {*COMMON}
+    assert len(untold.names) == 6 * len(COMMON)
+    assert untold.reason == (
+        "they move nothing that is read against the instrument that reads it, so no reading at any "
+        "pose tells them, and errors at targets are without theirs"
+    )
+    assert cell.unseen_joints == COMMON
+    places = [p.id for p in found.model.parameters[:12]]
+    assert places[0] == "base:eye.x"
+    assert places[6] == "tool:body:plate.x"
+
+
+KINDS = {
+    "points": 'kind = "points"\nsigma_mm = 0.01',
+    "distance": 'kind = "distance"\nsigma_mm = 0.01\nanchor_mm = [20, 10, 30]\noffset = true',
+    "angle": 'kind = "angle"\nsigma_urad = 5',
+    "pose": 'kind = "pose"\nsigma_mm = 0.01\nsigma_urad = 20',
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_that_rides_tells_what_lies_between(tmp_path: Path, kind: str) -> None:
+    read = '[bodies.hand]\non = "left_hand"\n' if kind == "pose" else ON_HAND
+    eye = f'[instruments.eye]\non = "right_hand"\n{KINDS[kind]}\n'
+    cell = load_cell(written(tmp_path, read, eye))
+    assert cell.instruments[0].seat is not None
+    poses = poses_at(np.random.default_rng(1).uniform(-1.2, 1.2, (150, cell.robot.dof)))
+    model, values, data = simulated(cell, poses)
+    found = calib.identify(cell, data)
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+
+
+def test_a_camera_on_any_link_sees_boards_in_the_world(tmp_path: Path) -> None:
+    """As one on the tip does: the camera is a body of its link, and the board has the place."""
+    cell = load_cell(written(tmp_path, PLATE_ON_WALL, EYE.replace('"head"', '"left_hand"')))
+    (camera,) = cell.instruments
+    assert isinstance(camera, ArmCamera)
+    assert camera.seat is None
+    assert set(cell.marker_links) == {"left_hand"}
+    model, values, data = simulated(cell, in_view(cell, 60))
+    found = calib.identify(cell, data)
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+    assert {"base:eye.x", "tool:body:eye.rz"} <= {p.id for p in model.parameters}
+
+
+def test_a_board_on_the_base_tells_the_head_of_the_torso(tmp_path: Path) -> None:
+    """One camera, of a board in the hand and of one that stands beside the robot."""
+    wall = SECOND.replace('"world"', '"base"').replace("[0, 0, 0]", "[0, 90, 0]")
+    wall = wall.replace("[500, 0, 800]", "[900, 100, 1100]").replace("= 20", "= 40")
+    cell = load_cell(written(tmp_path, PLATE, wall, EYE))
+    q = np.concatenate(list(drawn(cell, 3000, None, 0)))
+    seen = visible(scene_of(cell, q))
+    each = [np.flatnonzero(seen[:, own].all(axis=1))[:40] for own in (slice(20), slice(20, None))]
+    chosen = np.concatenate(each)
+    model, values, data = simulated(cell, poses_at(q[chosen]))
+    found = calib.identify(cell, replace(data, seen=seen[chosen]))
+    assert not found.unidentifiable
+    assert {p.where for p in model.parameters} >= {"bend", "body:wall", "body:plate", "eye"}
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+
+
+def test_a_tracker_tells_of_the_torso_what_the_head_cannot(tmp_path: Path) -> None:
+    """A tracker in the world and the camera on the head, in one fit."""
+    tracker = '[instruments.laser]\nkind = "points"\nsigma_mm = 0.01\n'
+    both = load_cell(written(tmp_path, ON_HAND, PLATE, EYE, tracker))
+    model, values, data = simulated(both, in_view(both, 60))
+    assert {p.where for p in model.parameters} >= {"bend", "pan", "tilt", "left3"}
+    found = calib.identify(both, data)
+    assert not found.unidentifiable
+    np.testing.assert_allclose((found.values - values) / model.sizes, 0.0, atol=1e-6)
+
+
+def test_a_named_effect_that_moves_all_alike_is_refused(tmp_path: Path) -> None:
+    cell = load_cell(written(tmp_path, PLATE, EYE, effects='"base", "tool", "joint_offset:hip"'))
+    with pytest.raises(EffectCannotAct, match="moves nothing that is read against the instrument"):
+        build(cell)
+
+
+PLANE = '[instruments.table]\nkind = "plane"\non = "head"\nsigma_mm = 0.01\n'
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ((ON_HAND, PLANE), "a plane rides on no link; take out on = 'head'"),
+        (
+            (PLATE.replace('"tip"', '"head"'), EYE),
+            "has camera eye on head and nothing in the world; add [boards.NAME] with on = 'world'",
+        ),
+        ((PLATE, SECOND, EYE), "has camera eye, that sees boards in the world and on other links"),
+        ((PLATE, EYE + 'boards = ["p"]\n'), "camera eye, whose board p is none of [boards]"),
+        ((PLATE, EYE.replace('"head"', '"hat"')), "has no link 'hat'; set 'on' of what it carries"),
+        (
+            ('[markers_mm]\nm = [1, 2, 3]\n', f'[instruments.i]\non = "tip"\n{KINDS["points"]}\n'),
+            "instruments.i.on: rides on tip as all does that it reads; name another link",
+        ),
+        (
+            (ON_HAND, f'[instruments.i]\non = "head"\n{KINDS["points"]}\nposition_mm = [0, 0, 0]\n'
+             "keep_sight = true\n"),
+            "keeps sight in the world, not on head; take out keep_sight",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_ride_is_said_in_one_line(
+    tmp_path: Path, tables: tuple[str, ...], said: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        load_cell(written(tmp_path, *tables))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_camera_may_say_which_boards_it_looks_at(tmp_path: Path) -> None:
+    wall = EYE.replace("instruments.eye", "instruments.palm").replace('"head"', '"left_hand"')
+    cell = load_cell(
+        written(tmp_path, PLATE, SECOND, EYE + 'boards = ["plate"]\n', wall + 'boards = ["wall"]\n')
+    )
+    eye, palm = cell.instruments
+    assert eye.seat is not None
+    assert isinstance(palm, ArmCamera)
+    assert cell.marker_links == (3 * ("left_hand",) + 20 * ("right_hand",) + 3 * ("head",))
+
+
+def test_the_tip_may_be_named_by_its_link(tmp_path: Path) -> None:
+    cell = load_cell(written(tmp_path, PLATE.replace('"tip"', '"right_hand"'), EYE))
+    assert cell.robot.tips == ("head", "right_hand")
+
+
+def test_the_hand_scatters_before_the_head_that_reads_it(tmp_path: Path) -> None:
+    """The repeatability of a cell is how a tip comes back before what reads it, however that rides."""
+    body = '[bodies.hand]\non = "left_hand"\n[instruments.eye]\n'
+    pose = f'on = "head"\n{KINDS["pose"].replace("0.01", "1e-6").replace("20", "1e-3")}\n'
+    cell = load_cell(written(tmp_path, body, pose))
+    arm = Repeatability(3e-5, 2e-5)
+    own = replace(cell, repeatability=arm)
+    poses = poses_at(np.random.default_rng(1).uniform(-1.2, 1.2, (4000, cell.robot.dof)))
+    model = build(cell, poses).model
+    read, still = (calib.simulate(c, poses, model.initial, rng=1).readings for c in (own, cell))
+    (instrument,) = cell.instruments
+    off = instrument.shown(read, read - still)
+    found = off.reshape(-1, 6).std(axis=0)
+    np.testing.assert_allclose(found, [3e-5] * 3 + [2e-5] * 3, rtol=0.05)
+    known = scatter_of(model, model.initial, poses, Variances.of_arm(cell.robot.dof, arm))
+    size = np.sqrt((known.levers[..., :3, :] ** 2 * known.variances.approach[known.kinds]).sum(-1))
+    np.testing.assert_allclose(size, 3e-5, rtol=1e-9)

@@ -105,7 +105,9 @@ HERE = "<the place>"
 VALUES = (None, "x", -1, 0, 1e29, True, [], {})
 
 
-@pytest.mark.parametrize("one_in", [64, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "one_in", [pytest.param(64, marks=pytest.mark.part), pytest.param(1, marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_refused_or_told(kind: str, one_in: int, tmp_path: Path) -> None:
     """No value anywhere in a file makes our own code fail: what a record holds can be told."""

@@ -19,7 +19,8 @@ def poses_that_show(
 
     drawn : candidates; count : poses to end with, all that are found where None
     """
-    q = rng.uniform(*cell.robot.sample_limits().T, (drawn, cell.robot.dof))
+    low, high = cell.robot.sample_limits().T
+    q = rng.uniform(low, high, (drawn, cell.robot.dof))
     even, free = rng.uniform(size=(drawn, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
     view = np.arange(drawn) % len(views_of(cell))
     found = q[:0]

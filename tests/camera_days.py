@@ -15,9 +15,8 @@ import pytest
 from calib import Cell, Measurements, load_cell, load_measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.cell.views import NUMBERS, looking, views_of
-from doe.constraints import scene_of, visible
 from studies.demo.embedded import embedded_text
+from studies.research.looking import poses_that_show
 from tests.plain_arm import frame, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
@@ -219,7 +218,7 @@ def kr270_day(
     path = folder / "cell.toml"
     path.write_text(setup.text("kr270.urdf", "base_link", "tool0", effects, more))
     cell = load_cell(path)
-    q = poses_that_show(cell, truth.seed, count)
+    q = poses_that_show(cell, np.random.default_rng([truth.seed, 7]), 60 * count, count)
     names = [f"p{k:02d}" for k in range(count)]
     if again:
         half = count // 2
@@ -228,16 +227,3 @@ def kr270_day(
     table = folder / "measurements.csv"
     table.write_text(measured(path, setup, truth, q, names))
     return cell, load_measurements(cell, table)
-
-
-def poses_that_show(cell: Cell, seed: int, count: int) -> Array:
-    """Joints (count, dof) at which every view of a cell is whole."""
-    rng = np.random.default_rng([seed, 7])
-    low, high = cell.robot.sample_limits().T
-    n = 60 * count
-    q = rng.uniform(low, high, (n, cell.robot.dof))
-    even, free = rng.uniform(size=(n, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
-    wanted = np.arange(n) % len(views_of(cell))
-    q = looking(cell, q, wanted, even, free)
-    shown = visible(scene_of(cell, q))
-    return q[shown.all(axis=1)][:count]

@@ -31,31 +31,30 @@ def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
 
 
 def rotation(r: Array) -> Array:
-    """About a vector (3,), by its length in rad: Rodrigues' formula."""
-    angle = float(np.sqrt((r**2).sum()))
-    x, y, z = r / (angle or 1.0)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K
+    """About vectors (..., 3), by their length in rad: Rodrigues' formula."""
+    angle = np.sqrt((r**2).sum(axis=-1))[..., None, None]
+    x, y, z = np.moveaxis(r / np.where(angle == 0.0, 1.0, angle)[..., 0], -1, 0)
+    K = np.zeros((*x.shape, 3, 3))
+    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -z, y, -x
+    K -= np.swapaxes(K, -1, -2)
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K))
 
 
 def frame(xi: Array) -> Array:
-    """Place (m) and rotation vector (rad) as (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation(xi[3:]), xi[:3]
+    """Places (m) and rotation vectors (rad), (..., 6), as (..., 4, 4)."""
+    T = np.zeros((*xi.shape[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = rotation(xi[..., 3:]), xi[..., :3], 1.0
     return T
 
 
 def tips(robot: Robot, q: Array) -> Array:
-    """Nominal tip in base axes, link by link, shape (m, 4, 4)."""
-    found = []
-    for values in q:
-        T = np.eye(4)
-        for k, value in enumerate(values):
-            slides = robot.prismatic[k]
-            moved = value * np.concatenate([robot.axes[k] * slides, robot.axes[k] * (not slides)])
-            T = T @ robot.origins[k] @ frame(moved)
-        found.append(T @ robot.origins[-1])
-    return np.array(found)
+    """Nominal tips in base axes, link by link, shape (m, 4, 4)."""
+    T = np.tile(np.eye(4), (len(q), 1, 1))
+    for k, values in enumerate(np.transpose(q)):
+        slides = robot.prismatic[k]
+        moved = np.concatenate([robot.axes[k] * slides, robot.axes[k] * (not slides)])
+        T = T @ robot.origins[k] @ frame(values[:, None] * moved)
+    return np.asarray(T @ robot.origins[-1])
 
 
 def looking(target: Array, at: Array) -> Array:

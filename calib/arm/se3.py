@@ -37,7 +37,7 @@ def skew(v: Array) -> Array:
 
 def _matrix(entries: Sequence[Array]) -> Array:
     """Matrices (..., 3, 3) of nine entries (...), row by row."""
-    rows = np.stack(entries)
+    rows = np.array(entries)  # half the time of stack
     return batch_first(rows.reshape((3, 3, *rows.shape[1:])), 2)
 
 
@@ -48,7 +48,7 @@ def cross(a: Array, b: Array) -> Array:
     """
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return batch_first(np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]), 1)
+    return batch_first(np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]), 1)
 
 
 def across(axis: Array) -> Array:
@@ -99,10 +99,12 @@ def _term(square: Array, first: int) -> Array:
 
     ``sum_k (-square)^k / (2 k + first)!``, the exact form for large angles.
     """
+    large = square > _SERIES
+    if large.all():
+        return _EXACT[first](np.sqrt(square))
     small = np.full_like(square, 1.0 / math.factorial(2 * _TERMS + first))
     for k in reversed(range(_TERMS)):
         small = 1.0 / math.factorial(2 * k + first) - square * small
-    large = square > _SERIES
     if not large.any():
         return small
     return np.where(large, _EXACT[first](np.sqrt(np.where(large, square, 1.0))), small)
@@ -120,9 +122,8 @@ def so3_exp(r: Array) -> Array:
 
     r : ndarray, shape (..., 3), rad -> ndarray, shape (..., 3, 3)
     """
-    square = np.einsum("...i,...i->...", r, r)
-    s, c = _term(square, 1), _term(square, 2)
-    return _about(1.0 - c * square, s[..., None] * r, c[..., None] * r, r)
+    square = _squared(r)
+    return _about(r, square, _term(square, 1), _term(square, 2))
 
 
 def so3_about(axis: Array, angle: Array) -> Array:
@@ -134,14 +135,30 @@ def so3_about(axis: Array, angle: Array) -> Array:
     return batch_first(found.reshape((3, 3, *terms.shape[1:])), 2)
 
 
-def _about(diagonal: Array, turn: Array, a: Array, b: Array) -> Array:
-    """``diagonal I + [turn]x + a b^T``, shape (..., 3, 3), of scalars (...) and vectors (..., 3)."""
-    entries = [a[..., i] * b[..., j] for i in range(3) for j in range(3)]
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        entries[4 * i] += diagonal
-        entries[3 * k + j] += turn[..., i]
-        entries[3 * j + k] -= turn[..., i]
-    return _matrix(entries)
+def _squared(r: Array) -> Array:
+    """Squared lengths (...) of vectors (..., 3)."""
+    return np.asarray(r[..., 0] ** 2 + r[..., 1] ** 2 + r[..., 2] ** 2)
+
+
+def _about(r: Array, square: Array, s: Array, c: Array) -> Array:
+    """``(1 - c |r|^2) I + s [r]x + c r r^T``, shape (..., 3, 3), of r (..., 3) and scalars (...)."""
+    x, y, z = r[..., 0], r[..., 1], r[..., 2]
+    sx, sy, sz, cx, cy = s * x, s * y, s * z, c * x, c * y
+    xy, xz, yz, one = cx * y, cx * z, cy * z, 1.0 - c * square
+    diagonal = one + cx * x, one + cy * y, one + c * z * z
+    return _matrix(
+        [
+            diagonal[0],
+            xy - sz,
+            xz + sy,
+            xy + sz,
+            diagonal[1],
+            yz - sx,
+            xz - sy,
+            yz + sx,
+            diagonal[2],
+        ]
+    )
 
 
 def so3_log(R: Array) -> Array:
@@ -186,9 +203,15 @@ def so3_right_jacobian(r: Array) -> Array:
 
     r : ndarray, shape (..., 3), rad -> ndarray, shape (..., 3, 3)
     """
-    square = np.einsum("...i,...i->...", r, r)
-    c, d = _term(square, 2), _term(square, 3)
-    return _about(1.0 - d * square, -c[..., None] * r, d[..., None] * r, r)
+    square = _squared(r)
+    return _about(r, square, -_term(square, 2), _term(square, 3))
+
+
+def so3_exp_with_jacobian(r: Array) -> tuple[Array, Array]:
+    """``so3_exp`` and ``so3_right_jacobian`` at once, each of shape (..., 3, 3), of r (..., 3), rad."""
+    square = _squared(r)
+    s, c, d = (_term(square, first) for first in (1, 2, 3))
+    return _about(r, square, s, c), _about(r, square, -c, d)
 
 
 def transform(R: Array, p: Array) -> Array:
@@ -222,8 +245,8 @@ def moved_as_one(xi: Array, points: Array) -> tuple[Array, Array, Array]:
     Returns them, the rotations (..., m, 1, 3, 3), and derivatives by the twist (..., m, M, 3, 6).
     """
     xi = xi[..., None, :]  # one for all markers of a pose
-    R = so3_exp(xi[..., 3:])
-    turn = -R @ skew(points) @ so3_right_jacobian(xi[..., 3:])
+    R, J = so3_exp_with_jacobian(xi[..., 3:])
+    turn = -R @ skew(points) @ J
     columns = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1)
     return rotate(R, points) + xi[..., :3], R, columns
 

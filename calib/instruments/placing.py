@@ -20,13 +20,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_log, so3_right_jacobian
+from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_exp_with_jacobian, so3_log
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.instruments.protocol import Nominal
+from calib.instruments.rotation import rotation
 from calib.solver import levenberg_marquardt
 
-_STARTS = 256
-_FOLLOWED = 12  # the best of them
 _RESOLUTION = 1e-6  # m or rad: what a search takes for one standard deviation
 _TOLD = (
     0.05  # of a lever's length that turns: below, a nominal arm's error would look like a marker's
@@ -95,32 +94,6 @@ class Apart:
         Z = self._flat(np.concatenate([of_S, there[..., None]], axis=-1))
         R = np.asarray(np.linalg.qr(Z - basis @ (basis.T @ Z), mode="r"))
         return R[:, :9] / _RESOLUTION, R[:, 9] / _RESOLUTION
-
-
-def rotation(factor: Array, target: Array) -> Array:
-    """The S in SO(3) that minimises ``|target - factor S|``."""
-
-    def linearise(r: Array) -> tuple[Array, Array]:
-        S = so3_exp(r)
-        columns = S[..., None, :, :] @ skew(np.eye(3))  # d S = S skew(J dr)
-        dS = np.einsum("...kab,...kj->...jab", columns, so3_right_jacobian(r))
-        flat = dS.reshape((*dS.shape[:-2], 9))
-        residual = target - S.reshape((*S.shape[:-2], 9)) @ factor.T
-        return residual, np.swapaxes(flat @ factor.T, -1, -2)
-
-    free = np.asarray(np.linalg.lstsq(factor, target, rcond=1e-9)[0]).reshape(3, 3)
-    random = np.random.default_rng(0).normal(size=(_STARTS - 1, 4))
-    starts = np.concatenate([so3_log(nearest_rotation(free))[None], _rotation_vectors(random)])
-    cost = np.sum(linearise(starts)[0] ** 2, axis=-1)
-    found = levenberg_marquardt(linearise, starts[np.argsort(cost)[:_FOLLOWED]], np.eye(3))
-    return so3_exp(found.values[int(np.argmin(found.cost))])
-
-
-def _rotation_vectors(quaternions: Array) -> Array:
-    q = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    q = np.where(q[:, :1] < 0, -q, q)
-    sine = np.linalg.norm(q[:, 1:], axis=-1, keepdims=True)
-    return np.asarray(2.0 * np.arctan2(sine, q[:, :1]) * q[:, 1:] / sine)
 
 
 Motions: TypeAlias = tuple[Array, Array]
@@ -225,7 +198,7 @@ def _searched(
 
     def linearise(r: Array) -> tuple[Array, Array]:
         r = r.reshape((*r.shape[:-1], 1 + count, 3))
-        R, turn = so3_exp(r), so3_right_jacobian(r)
+        R, turn = so3_exp_with_jacobian(r)
         S, X = R[..., :1, :, :], R[..., 1:, :, :][..., body, :, :]
         off = S @ R_read - R_tip @ X
         dS = S[..., None, :, :] @ columns @ R_read[:, None]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -36,6 +37,8 @@ from doe.problem.linearisation import Linearisation
 from doe.problem.pool import drawn
 
 _DRAWN = 8192
+_FEW_ROWS = 12  # of a configuration, which are not worth condensing
+_ROUNDING = 1e-12  # of the largest singular value of all
 _MANY = 2  # rows of a configuration for each parameter, beyond which their triangle stands for them
 
 
@@ -196,6 +199,21 @@ class Offer:
             return self.right[index]
         rising = (self.q[index] >= before)[:, self.joint]
         return np.where(rising[:, None, :], self.right[index], self.left[index])
+
+    @cached_property
+    def condensed(self) -> Offer:
+        """The same candidates with no more rows than tell anything: what rows add depends on ``A^T A``.
+
+        A camera's image is of a hundred rows and tells of a dozen directions.
+        """
+        if self.right.shape[1] <= _FEW_ROWS:
+            return self
+        both = self.right if self.left is None else np.concatenate([self.right, self.left], axis=2)
+        U, s, _ = np.linalg.svd(both, full_matrices=False)
+        told = s > _ROUNDING * s.max(initial=0.0)
+        turn = np.swapaxes(U[..., : int(told.sum(axis=1).max(initial=0))], 1, 2)
+        left = None if self.left is None else turn @ self.left
+        return Offer(self.q, turn @ self.right, left, self.joint)
 
     def take(self, index: Sequence[int]) -> Offer:
         """Some of the candidates."""

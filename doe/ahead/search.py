@@ -119,7 +119,7 @@ class PoseSearch:
 
     def _best(self, known: list[Information], before: Array, taken: list[int]) -> int:
         """The candidate that adds most when it follows ``before``."""
-        rows, q = self.offer.rows(slice(None), before), self.offer.q
+        rows, q = self.offer.condensed.rows(slice(None), before), self.offer.q
         each = zip(known, self.objectives, strict=True)
         tried = [
             objective.values(own, own.tried(objective.columns_of(rows, q)))

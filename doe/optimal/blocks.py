@@ -100,6 +100,15 @@ def _entries(p: int) -> tuple[IntArray, IntArray, Array]:
     return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
+@lru_cache(maxsize=32)
+def _places(p: int) -> IntArray:
+    """Where each entry of a matrix (p, p) stands among the packed ones."""
+    rows, columns, _ = _entries(p)
+    found = np.zeros((p, p), dtype=int)
+    found[rows, columns] = found[columns, rows] = np.arange(len(rows))
+    return found
+
+
 def packed_size(p: int) -> int:
     """Length of a packed matrix of p rows."""
     return p * (p + 1) // 2
@@ -114,10 +123,7 @@ def pack(M: Array) -> Array:
 def unpack(packed: Array) -> Array:
     """The inverse of :func:`pack`: shape (..., p (p + 1) / 2) to (..., p, p)."""
     p = round((np.sqrt(8.0 * packed.shape[-1] + 1.0) - 1.0) / 2.0)
-    rows, columns, scale = _entries(p)
-    M = np.empty((*packed.shape[:-1], p, p))
-    M[..., rows, columns] = M[..., columns, rows] = packed / scale
-    return M
+    return np.take(packed / _entries(p)[2], _places(p), axis=-1)
 
 
 def lessened(cov: Array, out: Array, share: float) -> Array:

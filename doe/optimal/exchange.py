@@ -88,7 +88,9 @@ def _likely(
     here = allowed.members[allowed.group[plan[slot]]]
     free = prices[here] > prices[plan[slot]] + value * _WORTH
     if not allowed.repeats:
-        free &= ~np.isin(here, plan)
+        taken = np.zeros(len(allowed.group), dtype=bool)
+        taken[plan] = True
+        free &= ~taken[here]
     live: IntArray = here[free]
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:

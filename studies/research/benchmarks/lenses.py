@@ -32,10 +32,9 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arrays import Array
-from calib.cell.views import NUMBERS, looking
 from calib.identification.lenses import unfit_lenses
-from doe.constraints import scene_of, visible
 from studies.research.bench import Output, Row, bench, data_folder, each, several, table
+from studies.research.looking import poses_that_show
 
 _FOCAL, _CENTER, _NOISE = 900.0, (640.0, 480.0), 0.1  # px
 _POSES, _DRAWN, _FOR_EACH = 45, 4000, 8  # poses, and candidates: at least so many for each
@@ -193,7 +192,8 @@ def written(
     known |= {"camera": on, "board": other, "camera_at": camera_at, "board_at": board_at}
     path.write_text(_CELL.format(urdf=chain.path, **known))
     cell = calib.load_cell(path)
-    shown = _poses(cell, rng, max(_DRAWN, _FOR_EACH * poses))
+    drawn = max(_DRAWN, _FOR_EACH * poses)
+    shown = poses_that_show(cell, rng, drawn, None if truth.delay else poses)
     q = true = shown[:poses]
     time: Array = _INTERVAL * np.arange(float(len(q)))
     if truth.delay:
@@ -207,14 +207,6 @@ def written(
 def _stated(place: tuple[tuple[float, ...], tuple[float, ...]]) -> str:
     position, rpy = place
     return f"position_mm = {[1e3 * x for x in position]}\nrpy_deg = {list(rpy)}"
-
-
-def _poses(cell: calib.Cell, rng: np.random.Generator, drawn: int) -> Array:
-    low, high = cell.robot.sample_limits().T
-    q = rng.uniform(low, high, (drawn, cell.robot.dof))
-    even, free = rng.uniform(size=(drawn, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
-    q = looking(cell, q, np.zeros(drawn, dtype=int), even, free)
-    return q[visible(scene_of(cell, q)).all(axis=1)]
 
 
 def _film(chain: Chain, shown: Array, truth: Truth, on: str) -> tuple[Array, Array, Array]:

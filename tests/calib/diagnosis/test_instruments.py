@@ -110,7 +110,10 @@ def test_a_wire_that_reads_long(tmp_path: Path) -> None:
     assert abs(cause.values[0] - 5e-4) < 4.0 * cause.std[0]
 
 
-@pytest.mark.parametrize("seeds", [[9], pytest.param(range(10), marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seeds",
+    [pytest.param([9], marks=pytest.mark.part), pytest.param(range(10), marks=pytest.mark.long)],
+)
 def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path, seeds: range) -> None:
     """Though their noise is not larger where the board looks smaller, as they are taken to have it.
 

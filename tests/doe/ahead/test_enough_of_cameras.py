@@ -21,8 +21,9 @@ OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])
 @pytest.mark.parametrize(
     ("setup", "grows", "scatter", "seeds"),
     [
-        ("kr270", False, 0.0, (0, 4, 7)),  # a camera quieter than stated, a tracker as stated
-        ("kr270", True, 1.5e-5, (9, 14)),
+        # A camera quieter than stated, a tracker as stated.
+        pytest.param("kr270", False, 0.0, (0, 4, 7), marks=pytest.mark.part),
+        pytest.param("kr270", True, 1.5e-5, (9, 14), marks=pytest.mark.part),
         pytest.param("kr270", False, 0.0, range(20), marks=pytest.mark.long),
         pytest.param("kr270", True, 1.5e-5, range(20), marks=pytest.mark.long),
         pytest.param("kr270, hand", False, 0.0, range(20), marks=pytest.mark.long),

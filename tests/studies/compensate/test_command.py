@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 from click.testing import Result
@@ -22,9 +21,8 @@ from calib.files.estimate import load_estimate
 from doe.constraints import scene_of
 from doe.constraints.obstacles import obstacles_of
 from studies.fitted import estimated
-from studies.results import json_schema
 from tests.helpers import measured_cell
-from tests.studies.command_line import run
+from tests.studies.command_line import checked, run
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
 0.2,-60,70,20,45,10,1
@@ -86,7 +84,7 @@ def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) 
 def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     compensate(demo, "--json", tmp_path / "c.json")
     fields = json.loads((tmp_path / "c.json").read_text())
-    jsonschema.validate(fields, json_schema("compensate"))
+    checked(fields, "compensate")
     assert fields["command"] == "compensate"
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "result.json", "targets.csv",

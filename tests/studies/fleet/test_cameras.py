@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2", exc_type=ImportError)
 
-from studies.results import json_schema
 from tests.camera_days import SETUPS, SIGMA_PX, Truth, kr270_day
-from tests.studies.command_line import run
+from tests.studies.command_line import checked, run
 
 
 @pytest.mark.parametrize(
@@ -35,7 +33,7 @@ def test_robots_that_cameras_read(tmp_path: Path, setup: str, again: tuple[str, 
     done = run("fleet", plant, *asked)
     assert done.exit_code == 0, done.output
     fields = json.loads(out.read_text())
-    jsonschema.validate(fields, json_schema("fleet"))
+    checked(fields, "fleet")
     assert "3 tables of 3 robots done" in done.output
     alone = setup != "kr270"
     assert (

@@ -9,13 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 from click.testing import Result
 
 from studies.fleet import command, tables
-from studies.results import json_schema
-from tests.studies.command_line import run
+from tests.studies.command_line import checked, run
 from tests.studies.fleet.robots import SIGMA, put, table
 
 ROBOTS = 8
@@ -73,7 +71,7 @@ def copy(made: Path, done: object, tmp_path: Path) -> Path:
 
 def test_every_robot_as_it_is(made: Path, done: tuple[dict[str, Any], str]) -> None:
     fields, said = done
-    jsonschema.validate(fields, json_schema("fleet"))
+    checked(fields, "fleet")
     by_robot = {own["robot"]: own for own in fields["sessions"] if own["robot"] != "again"}
     assert set(by_robot) == {*OFFSETS, "x"}
     for name, true in OFFSETS.items():

@@ -6,12 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 
-from studies.results import json_schema
-from tests.studies.command_line import run
+from tests.studies.command_line import checked, run
 from tests.studies.fleet.robots import put, table
 
 MEAN, SPREAD = (1.5e-3, -8e-4), 5e-5  # rad
@@ -46,7 +44,7 @@ def identified(cell: Path) -> tuple[dict[str, Any], str]:
     done = run("identify", cell, cell.with_name("measurements.csv"), "--json", out)
     assert done.exit_code == 0, done.output
     found = json.loads(out.read_text())
-    jsonschema.validate(found, json_schema("identify"))
+    checked(found, "identify")
     return found, done.output
 
 
@@ -54,7 +52,7 @@ def test_a_type_has_mean_and_spread_and_says_who_is_none_of_it(
     plant: tuple[Path, dict[str, Any], str],
 ) -> None:
     _, fields, said = plant
-    jsonschema.validate(fields, json_schema("prior"))
+    checked(fields, "prior")
     (one,) = fields["types"]
     assert one["type"] == "arm"
     assert one["robots"] == ROBOTS

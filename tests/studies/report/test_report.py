@@ -107,6 +107,7 @@ def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> Non
         assert digits in text, p["id"]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_who_and_when(demo_folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     done = run(
@@ -182,6 +183,7 @@ def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
     assert at[0] is measured.heldout.poses
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_results_that_do_not_belong_together_are_said_to(moved: Path) -> None:
     table = moved / "measurements.csv"
     rows = table.read_text().splitlines(keepends=True)
@@ -214,6 +216,7 @@ def test_plans_with_equal_names_are_highlighted_apart(moved: Path) -> None:
     assert len(shared) < 15
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
     def spoil(fields: dict[str, Any]) -> None:
         for row in fields["residuals"]:

@@ -23,6 +23,8 @@ from tests.camera_cells import PINHOLE, kr270_cell
 from tests.photographs import SIZE, facing, pixels
 from tests.studies.examples import OLD, changed, old_fields
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 
 def box(page: Path) -> str:
     """The text of the box, tags left out; empty where there is none."""

@@ -219,9 +219,19 @@ def _design() -> list[Record]:
     again = {"poses": ["p01"], "again": ["a01"], "dof": 6}
     again["repeatability_relative_std"] = dict.fromkeys(("common", "translation", "rotation"), 0.3)
     plain = {"reference": None, "curve": [], "against": {}, "at_targets": []}
+    ordered = [
+        {**pose, "time_s": 20.0 * i, "temperature_degC": 20.0 + i,
+         "last_move": {"joints_deg": {**dict.fromkeys(pose["joints_deg"], 0.0), "A2": move}}}
+        for i, (pose, move) in enumerate(zip(few, (5.0, -5.0, 40.0), strict=True))
+    ]  # fmt: skip
+    each = {"changes": 6, "after": [], "changing_s": 720, "seconds": None, "task_rms_mm": 0.02}
+    once = {"changes": 1, "after": ["p03"], "changing_s": 120, "seconds": 900, "task_rms_mm": 0.02}
+    trend = {"without_mm": 0.01, "ordered_mm": 0.011, "quickest_mm": 0.02, "seconds": 30}
     name = next(iter(old["against"]))
     return [
         changed("design"),
+        changed("design", **plain, poses=ordered, levels_deg={}, timed=True,
+                load_schedules=[each, once], trend=trend),
         changed("design", pays_until=6, matches={name: 6}, survives=lost, levels_deg={},
                 proof={**old["proof"], "proved_optimal": True}),
         changed("design", matches={name: None}, landscape=landscape, reapproaches=again, extends=4,

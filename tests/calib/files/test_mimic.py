@@ -165,7 +165,8 @@ def test_a_plan_keeps_to_it_and_tells_the_master(
     plan = doe.design(here, poses=14, criterion="D", candidates=200)
     assert follows(robot, plan.poses.q)
     text = plan_csv(here, plan.poses)
-    assert text.splitlines()[0] == "pose,lift_mm," + ",".join(f"j{k}_deg" for k in range(1, 7))
+    joints = ["lift_mm", *(f"j{k}_deg" for k in range(1, 7))]
+    assert text.splitlines()[0].split(",")[:8] == ["pose", *joints]
     (tmp_path / "plan.csv").write_text(text)
     np.testing.assert_allclose(load_plan(here, tmp_path / "plan.csv").q, plan.poses.q, atol=1e-9)
     with pytest.raises(InputError, match="joint a: mimics lift, and no language here"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +56,9 @@ def test_a_loop_with_the_robot_ends_at_its_goal(cell: Path) -> None:
         if fields["done"]:
             break
         assert [p["serves"] for p in fields["poses"]] == ["task", "task"]
-        rows = [line.split(",")[1:] for line in plan.read_text().splitlines()[1:]]
-        q = np.radians(np.array(rows, dtype=float))
+        head, *rows = csv.reader(plan.read_text().splitlines())
+        joints = [k for k, name in enumerate(head) if name.endswith("_deg")]
+        q = np.radians(np.array([[row[k] for k in joints] for row in rows], dtype=float))
         assert (np.abs(q) <= 2.0).all()
         read(cell, q, poses, rng)
         poses += 2

@@ -1,7 +1,7 @@
 """What a planned order tells of errors that depend on it, against the same poses in an order by chance.
 
     python -m studies.research.benchmarks.run_orders [--days 50] [--refits 40] [--only NAME ..]
-        [--workers 2] [--json FILE]
+        [--workers 2] [--real] [--json FILE]
 
 A light arm of six joints is read by a tracker at thirty poses. Three days are compared: the plan for a
 model that has the error, the plan for one that lacks it, and the poses of the first in an order by
@@ -14,14 +14,18 @@ refits: how ``calib.identify`` scatters about the truth on the planned day, chi-
 found: share of the error's places that ``calib.diagnose`` names, first or in a class, where the model
     lacks it; its parameters are about six times the planned day's standard deviation
 as good: poses of a plan that tells as much as thirty of the plan without the error
+
+``--real`` asks what another order would have told on real days, under POSECAL_DATA: standard deviations
+of the same poses in an order by chance, and from sides by chance, over those of the order as it was.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
+import click
 import numpy as np
 
 import calib
@@ -34,7 +38,18 @@ from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
 from doe.day.day import day_of
 from doe.problem.linearisation import nominal
-from studies.research.bench import Output, Row, bench, cell_from, count, each, rms, several, table
+from studies.research.bench import (
+    Output,
+    Row,
+    bench,
+    cell_from,
+    count,
+    each,
+    real_data,
+    rms,
+    several,
+    table,
+)
 from studies.research.benchmarks.day import SIGMA, cell_text, placement, reflectors, standing
 from studies.research.withheld.robots import LIGHT
 from studies.research.withheld.truth import Mechanism, urdf
@@ -44,6 +59,7 @@ _CANDIDATES = 4000
 _SPEEDS = "[robot.speed_deg_s]\n" + "".join(f"{name} = 120\n" for name in LIGHT.names)
 _TAU = 1800.0  # s, of the warm-up
 _SIZE = 6.0  # standard deviations of the planned day
+_REAL, _READ, _PACE = ("irb120_faro", "ur10_leica_b"), 300, 12.0  # readings, and s between them
 _OPEN = 1e-9  # of the largest singular value
 
 Errors = tuple[Array, Array]
@@ -133,12 +149,17 @@ def days_of(name: str, seed: int) -> dict[str, Poses]:
 def expected(name: str, poses: Poses) -> Array:
     """Standard deviations of the error's parameters, SI, in a model that has it; inf if open."""
     model, own = _modelled(name, poses)
+    return _deviations(model, poses, SIGMA)[own]
+
+
+def _deviations(model: Model, poses: Poses, sigma: float) -> Array:
+    """Standard deviations of all parameters, SI, by readings of one noise; inf where one is open."""
     _, J = model.jacobian(nominal(model, poses), poses)
-    rows = J.reshape(-1, J.shape[-1]) / SIGMA
+    rows = J.reshape(-1, J.shape[-1]) / sigma
     scale = np.linalg.norm(rows, axis=0)
     _, s, V = np.linalg.svd(rows / scale, full_matrices=False)
     std = np.linalg.norm(V / s[:, None], axis=0) / scale
-    return np.asarray(np.where(s[-1] > _OPEN * s[0], std, np.inf)[own])
+    return np.asarray(np.where(s[-1] > _OPEN * s[0], std, np.inf))
 
 
 def _modelled(name: str, poses: Poses) -> tuple[Model, Mask]:
@@ -195,14 +216,44 @@ def told(name: str, day: str, seed: int) -> tuple[float, float]:
 @bench(
     count("--refits", 40, least=0),
     several("--only", list(CASES)),
+    click.option("--real", is_flag=True, help="Real days instead: what another order had told."),
     days=50,
     days_help="Simulated days that are diagnosed, in either order.",
     workers=True,
 )
-def main(refits: int, only: tuple[str, ...], days: int, workers: int, seed: int) -> Output:
+def main(
+    refits: int, only: tuple[str, ...], real: bool, days: int, workers: int, seed: int
+) -> Output:
     """Compare planned orders with orders by chance."""
+    if real:
+        rows = [
+            _real(name, effect, seed) for name in _REAL for effect in ("backlash", "base_drift")
+        ]
+        return [table(rows)], rows
     rows = [_measured(name, day, refits, days, workers, seed) for name in only for day in DAYS]
     return [table(rows)], rows
+
+
+def _real(name: str, effect: str, seed: int) -> Row:
+    """A real day: what an error's deviations were, and by how much another order had changed them."""
+    cell, data = real_data(name)
+    rng, q = np.random.default_rng(seed), data.poses.q[:_READ]
+    time = np.arange(len(q)) * _PACE
+    was = with_moves(poses_at(q, time=time))
+    mixed = with_moves(poses_at(rng.permutation(q), time=time))
+    sides = replace(was, approach=rng.choice([-1.0, 1.0], q.shape), approach_derived=False)
+    cell = replace(cell, effects=(*cell.effects, effect))
+
+    def told(poses: Poses) -> Array:
+        model = build(cell, poses).model
+        own = np.array([p.effect == effect for p in model.parameters])
+        return np.asarray(_deviations(model, poses, model.readout.even or SIGMA)[own])
+
+    before = told(was)
+    return {
+        "data": name, "poses": len(q), "error": effect, "as it was [1e-6]": rms(before * 1e6),
+        "by chance": rms(told(mixed) / before), "sides by chance": rms(told(sides) / before),
+    }  # fmt: skip
 
 
 def _measured(name: str, day: str, refits: int, days: int, workers: int, seed: int) -> Row:

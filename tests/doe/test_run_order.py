@@ -16,9 +16,11 @@ from calib import Cell
 from calib.cell import Load
 from calib.cell.cell import Repeatability
 from calib.cell.planned import Pace
-from calib.errors import CalibError
+from calib.errors import CalibError, InputError
 from calib.files.write_tables import plan_csv
 from calib.poses import poses_at
+from doe.ahead.coming import whole_day
+from doe.day.day import day_of
 from doe.optimal.blocks import unpack
 from doe.problem import Problem, problem_of
 from doe.problem.pool import Pool, chunked, pool_of
@@ -184,3 +186,36 @@ def test_how_often_the_load_is_changed() -> None:
     assert twice.seconds == pytest.approx(stops + 2 * SLOW.load + back)
     # The arm's scatter is averaged over two visits in place of one.
     assert once.task_rms == pytest.approx(each.task_rms / np.sqrt(2.0), rel=0.1)
+
+
+def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:
+    cell, path = cell_of("tool"), tmp_path / "plan.csv"
+    path.write_text(
+        "pose,j1_deg,j2_deg,order,time_s,approach_j1,approach_j2,move_j1_deg,move_j2_deg\n"
+        "b,10,0,2,30,-1,0,5,0\na,20,0,1,0,1,0,40,0\n"
+    )
+    poses = calib.load_plan(cell, path)
+    assert poses.names == ("a", "b")
+    assert poses.approach is not None
+    assert poses.motion is not None
+    np.testing.assert_array_equal(poses.approach, [[1.0, 0.0], [-1.0, 0.0]])
+    np.testing.assert_allclose(poses.motion, np.radians([[40.0, 0.0], [5.0, 0.0]]))
+    first, second = day_of(cell, poses).driven[:2]
+    np.testing.assert_allclose(first.q, np.radians([-20.0, 0.0]))
+    assert (first.kind, second.kind, second.pose) == ("approach", "pose", "a")
+    path.write_text("pose,j1_deg,j2_deg,order\na,0,0,1\nb,10,0,1\n")
+    with pytest.raises(InputError, match="column order: '1' stands twice; number the poses"):
+        calib.load_plan(cell, path)
+
+
+def test_what_is_left_of_a_plan_keeps_its_sides_and_times() -> None:
+    cell = cell_of("tool", "joint_offset", "backlash", "base_drift")
+    plan = doe.design(cell, poses=12, criterion="D", candidates=300, fresh=False).poses
+    data = calib.simulate(cell, plan.take(slice(6)), rng=0)
+    day, pose = whole_day(cell, data, plan, np.arange(6, 12))
+    assert pose.tolist() == [-1] * 6 + list(range(6, 12))
+    assert day.poses.approach is not None
+    assert day.poses.time is not None
+    assert plan.time is not None
+    np.testing.assert_array_equal(day.poses.approach, plan.approach)
+    np.testing.assert_allclose(np.diff(day.poses.time[6:]), np.diff(plan.time[6:]))

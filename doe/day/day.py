@@ -83,10 +83,8 @@ class PlannedDay:
     def times(self) -> Array:
         """When the reading of each pose begins, s after that of the first, shape (m,); NaN as above."""
         each = self.cell.pace.standing(self.cell.load is not None)
-        between = [way.seconds + each for way in self.ways] if paced(self.cell) else np.full(
-            len(self.ways), np.nan
-        )  # fmt: skip
-        return np.append(0.0, np.cumsum(between))
+        each = each if paced(self.cell) else np.nan
+        return np.append(0.0, np.cumsum([way.seconds + each for way in self.ways]))
 
     @property
     def timed(self) -> Poses:

@@ -112,7 +112,7 @@ def choice_of(cell: Cell, request: Request) -> Choice:
     asked for.
     """
     robot, sided = cell.robot, np.zeros(cell.robot.dof, dtype=bool)
-    placed = [(parse_effect(text)) for text in cell.effects]
+    placed = [parse_effect(text) for text in cell.effects]
     uses = [
         frozenset(catalogue()[name].uses) & PLANNED if name in catalogue() else _NOTHING
         for name, _ in placed

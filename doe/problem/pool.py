@@ -14,6 +14,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.cell.contacts import brought, contacts_of
 from calib.cell.views import NUMBERS, looking, views_of
+from calib.effects.warm_up import WarmUp
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.covariance import identifiable
@@ -322,7 +323,7 @@ def is_silent(cell: Cell, rows: Array) -> bool:
     return cell.load is not None and not rows[:, : rows.shape[1] // 2].any()
 
 
-def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
+def check_identifiable(regressor: Regressor, rows: Array, request: Request, choice: Choice) -> None:
     """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
@@ -354,13 +355,16 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
             )
         raise CannotIdentify(
             tuple(lost),
-            f"no plan determines {', '.join(lost)}: {reason}; {_help(cell, model, lost)}",
+            f"no plan determines {', '.join(lost)}: {reason}; {_help(cell, model, lost, choice)}",
         )
 
 
-def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
+def _help(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
     elastic = any("compliance" in name or "stiffness" in name for name in lost)
     out = "take it out of [model] effects"
+    slow = _too_slow(cell, model, lost, choice)
+    if slow:
+        return f"{slow}: plan a longer day (more poses, or [timing] read_s), or {out}"
     if not elastic:
         return f"{out}, free more joints, or add markers"
     loads = loads_of(
@@ -369,3 +373,16 @@ def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
     if cell.load is None and loads.absent:
         return f"{out}, or give a [load]"
     return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"
+
+
+def _too_slow(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
+    """What of the parameters that are lost changes little over the day, "" for nothing."""
+    own = {p.effect for p in model.parameters if p.id in lost}
+    minutes = f"{choice.times[-1] / 60.0:.2g} min" if choice.timed else ""
+    acting = [effect for effect in model.effects if effect.kind in own]
+    if any(isinstance(effect, WarmUp) for effect in acting):
+        return f"readings of {minutes} are short beside a warm-up of an hour"
+    if any("temperature" in effect.uses for effect in acting):
+        degrees = np.ptp(cell.pace.temperature(choice.times))
+        return f"in {minutes} the temperature changes by no more than {degrees:.2g} K"
+    return ""

@@ -146,7 +146,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
-    check_identifiable(regressor, rows, request)
+    check_identifiable(regressor, rows, request, choice)
     regressor = replace(regressor, loaded_only=is_silent(cell, rows))
     known = regressor.known.T @ regressor.known / request.poses
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)

@@ -219,3 +219,28 @@ def test_what_is_left_of_a_plan_keeps_its_sides_and_times() -> None:
     assert plan.time is not None
     np.testing.assert_array_equal(day.poses.approach, plan.approach)
     np.testing.assert_allclose(np.diff(day.poses.time[6:]), np.diff(plan.time[6:]))
+
+
+def test_what_was_assumed_of_heat_is_said() -> None:
+    """A course that nobody stated, one that ends before the day, and a day too short for heat."""
+    options: dict[str, Any] = {"poses": 10, "criterion": "D", "candidates": 300, "fresh": False}
+    cell = cell_of("tool", "joint_offset", "thermal_expansion")
+
+    def notes(pace: Pace) -> str:
+        return " ".join(doe.design(replace(cell, pace=pace), **options).notes)
+
+    assumed = "course of the temperature is assumed: from 20 degC up by 4 K"
+    assert assumed in notes(SLOW)
+    stated = replace(SLOW, course=((0.0, 20.0), (6000.0, 23.0)))
+    assert "temperature" not in notes(stated)
+    short = replace(SLOW, course=((0.0, 20.0), (600.0, 23.0)))
+    assert "temperature_degC ends after 10 min" in notes(short)
+    slow = cell_of("tool", "joint_offset", "warm_up:base")
+    said = " ".join(doe.design(slow, **options).notes)
+    assert "warm_up:base is planned for a time constant of 60 min" in said
+    brief = replace(cell_of("tool", "joint_offset", "warm_up:j1"), pace=Pace())
+    with pytest.raises(CalibError, match="short beside a warm-up of an hour: plan a longer day"):
+        doe.design(brief, **options)
+    level = replace(cell, pace=replace(SLOW, course=((0.0, 20.0),)))
+    with pytest.raises(CalibError, match="changes by no more than 0 K: plan a longer day"):
+        doe.design(level, **options)

@@ -12,6 +12,7 @@ from calib.effects.warm_up import WarmUp
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
+from doe.problem.determined import told
 
 
 def notes_of(design: Design) -> tuple[str, ...]:
@@ -28,6 +29,12 @@ def _weak(design: Design) -> Iterator[str]:
             f"this plan hardly determines {', '.join(weak[:6])}{' ..' * (len(weak) > 6)}. Do not "
             f"identify them from it, or plan with criterion A or D in place of {design.criterion}"
         )
+
+
+def _left_out(design: Design) -> Iterator[str]:
+    lost = design.problem.left_out
+    if lost:
+        yield f"not planned for, as the arm's own weight does not show it: {told(lost)}"
 
 
 def _of_type(design: Design) -> Iterator[str]:
@@ -221,6 +228,7 @@ _NOTES = (
     _common,
     _unseen,
     _no_targets,
+    _left_out,
     _weak,
     _outside,
     _unmoved,

@@ -15,6 +15,7 @@ from calib.effects.usual import softer
 from calib.poses import Poses
 
 _BESIDE_A_GEAR = 0.02  # which yields ten times as much under the same moment (makers' catalogues)
+_TILTS = 3e-6  # rad/(N m), of a bearing: a tenth of what gears yield, as makers' catalogues have it
 _SENSED = 5e-4  # rad/(N m): joints with torque sensors yield by 30 to 100 urad/(N m)
 _SLENDER = 5e-4  # rad/(N m): a changer or a slender tool
 
@@ -70,7 +71,7 @@ class TiltingFrame(ElasticEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, 1e-7, self.largest),)
+        return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, _TILTS, self.largest),)
 
     def flexibility(self, poses: Poses) -> Array:
         K = np.zeros((6, 6))

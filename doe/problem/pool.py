@@ -9,16 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.cell.contacts import brought, contacts_of
 from calib.cell.views import NUMBERS, looking, views_of
-from calib.effects.warm_up import WarmUp
 from calib.errors import CalibError
-from calib.model import Model
-from calib.model.covariance import identifiable
-from calib.poses import Poses, poses_at
+from calib.poses import Poses
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
 from doe.constraints.clearance import Clearance
@@ -27,7 +23,7 @@ from doe.optimal.blocks import pack, packed_size
 from doe.problem.choice import Choice
 from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
-from doe.problem.request import CannotIdentify, Request, no_candidate
+from doe.problem.request import Request, no_candidate
 from doe.problem.visits import Visits, joined
 
 CHUNK = 2048
@@ -316,73 +312,3 @@ def probe_of(
     if not len(pool):
         raise CalibError(no_candidate(pool.drawn, pool.removed))
     return pool.visits, pool.visible
-
-
-def is_silent(cell: Cell, rows: Array) -> bool:
-    """Whether the free readings carry nothing; they are the first half of the rows."""
-    return cell.load is not None and not rows[:, : rows.shape[1] // 2].any()
-
-
-def check_identifiable(regressor: Regressor, rows: Array, request: Request, choice: Choice) -> None:
-    """Refuse a model that no plan of the size determines. Raises CannotIdentify.
-
-    rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
-    """
-    cell, model = regressor.cell, regressor.model
-    m, count, p = rows.shape
-    extra = 0 if request.fixed is None else len(request.fixed)
-    silent = is_silent(cell, rows)
-    each, held = count // 2 if silent else count, regressor.known
-    equations = (request.poses + extra) * each + len(held)
-    if equations < p:
-        least = -(-(p - len(held)) // each) - extra
-        raise CannotIdentify(
-            (),
-            f"{request.poses} poses give {equations} equations for {p} parameters; "
-            f"ask for at least {least} poses, or take effects out of [model] effects",
-        )
-    scaled = np.concatenate([rows.reshape(-1, p) * np.sqrt((request.poses + extra) / m), held])
-    ids = tuple(parameter.id for parameter in model.parameters)
-    found = identifiable(scaled, np.ones(p), ids)
-    if found.unidentifiable:
-        lost = [name for entry in found.unidentifiable for name in entry.names]
-        reason = found.unidentifiable[0].reason
-        rivals = request.rivals or ()
-        if lost and all(name.startswith(tuple(f"{r}." for r in rivals)) for name in lost):
-            raise CannotIdentify(
-                tuple(lost),
-                f"no plan tells {' from '.join(rivals)}: {reason} ({', '.join(lost)}); name others",
-            )
-        raise CannotIdentify(
-            tuple(lost),
-            f"no plan determines {', '.join(lost)}: {reason}; {_help(cell, model, lost, choice)}",
-        )
-
-
-def _help(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
-    elastic = any("compliance" in name or "stiffness" in name for name in lost)
-    out = "take it out of [model] effects"
-    slow = _too_slow(cell, model, lost, choice)
-    if slow:
-        return f"{slow}: plan a longer day (more poses, or [timing] read_s), or {out}"
-    if not elastic:
-        return f"{out}, free more joints, or add markers"
-    loads = loads_of(
-        model.robot, poses_at(np.zeros((1, cell.robot.dof))), cell.payload, cell.gravity
-    )
-    if cell.load is None and loads.absent:
-        return f"{out}, or give a [load]"
-    return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"
-
-
-def _too_slow(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
-    """What of the parameters that are lost changes little over the day, "" for nothing."""
-    own = {p.effect for p in model.parameters if p.id in lost}
-    minutes = f"{choice.times[-1] / 60.0:.2g} min" if choice.timed else ""
-    acting = [effect for effect in model.effects if effect.kind in own]
-    if any(isinstance(effect, WarmUp) for effect in acting):
-        return f"readings of {minutes} are short beside a warm-up of an hour"
-    if any("temperature" in effect.uses for effect in acting):
-        degrees = np.ptp(cell.pace.temperature(choice.times))
-        return f"in {minutes} the temperature changes by no more than {degrees:.2g} K"
-    return ""

@@ -15,18 +15,18 @@ from calib.cell.targets import check_targets, targets_of
 from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
+from calib.model.covariance import Unidentifiable
 from calib.poses import Poses
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.problem.choice import Choice, choice_of
+from doe.problem.determined import check_identifiable, is_silent, without_idle
 from doe.problem.linearisation import Regressor, nominal
 from doe.problem.pool import (
     PROBE,
     Pool,
-    check_identifiable,
-    is_silent,
     probe_of,
     probing,
     rounded,
@@ -59,6 +59,7 @@ class Problem:
     constraints : tuple of Constraint
     criterion : Criterion
     targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
+    left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
     """
 
     cell: Cell
@@ -69,6 +70,7 @@ class Problem:
     criterion: Criterion
     targets: Poses
     at_targets: TargetErrors
+    left_out: tuple[Unidentifiable, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -146,6 +148,11 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
+    effects, left_out = without_idle(regressor, rows, request)
+    if left_out:
+        model = model.with_effects(effects)
+        regressor = Regressor.nominal(cell, model, nominal(model, angles))
+        rows = regressor.rows(probe, seen)
     check_identifiable(regressor, rows, request, choice)
     regressor = replace(regressor, loaded_only=is_silent(cell, rows))
     known = regressor.known.T @ regressor.known / request.poses
@@ -169,7 +176,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         None if request.rivals is None else rival_rows(model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    return Problem(cell, request, choice, regressor, constraints, criterion, targets, at)
+    return Problem(cell, request, choice, regressor, constraints, criterion, targets, at, left_out)
 
 
 def _angles(cell: Cell, request: Request, probe: Visits) -> Poses:

@@ -30,8 +30,8 @@ class SelfCollision(Clearance):
 
     Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
     coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant. So are
-    those of the robot's own shapes that meet at its zero pose, which no maker draws in collision:
-    capsules hold more than the shapes.
+    those of one branch whose own shapes meet at the zero pose, which no maker draws in collision:
+    capsules hold more than the shapes. Two hands that meet there are in danger all the same.
 
     pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
     bodies : tuple of int, that carry the capsules
@@ -81,7 +81,9 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
     for i, j in pairs:
         a, b = probe.capsules[i], probe.capsules[j]
         at_zero = zero.capsules[i], zero.capsules[j]
-        touch_there = cell.shapes.own and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
+        one_branch = robot.carries[bodies[i], bodies[j]] or robot.carries[bodies[j], bodies[i]]
+        own = cell.shapes.own and one_branch
+        touch_there = own and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
         if touch_there or overlap(a, b, everywhere).mean() >= _ALWAYS:
             exempt.append((a.name, b.name))
         else:

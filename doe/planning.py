@@ -20,7 +20,7 @@ from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
 from doe.day.day import PlannedDay, day_of, quickest_order
-from doe.day.load_changes import LoadSchedule, schedules_of
+from doe.day.load_changes import LoadSchedule, in_blocks, schedules_of
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, pose_names
@@ -80,6 +80,7 @@ def design(
     reference_every: int | None = None,
     reapproach: int | None = None,
     trend_free: bool = False,
+    load_blocks: int = 0,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -108,6 +109,8 @@ def design(
         repeatability is not known, a tenth of ``poses`` (doe.visiting.usual_reapproaches)
     trend_free : the poses in an order that a steady drift of the base, which the model lacks, disturbs
         little, in place of the quickest one
+    load_blocks : so many blocks of poses are read under one load and, on the way back, under the other;
+        0 for a change of the load at each pose
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -136,8 +139,11 @@ def design(
         reference_every=spacing(cell, reference_every),
         reapproaches=again or 0,
         trend_free=trend_free,
+        load_blocks=load_blocks,
         seed=seed,
     )
+    if load_blocks:
+        _check_blocks(cell, request)
     if prove:
         _check_provable(request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
@@ -192,6 +198,19 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
     return name
 
 
+def _check_blocks(cell: Cell, request: Request) -> None:
+    """Refuse blocks of load where there cannot be any."""
+    count, most = request.load_blocks, request.poses // 2
+    if cell.load is None:
+        raise CalibError("blocks of load need a load to change; give a [load] in the cell")
+    if not 1 <= count <= most:
+        raise CalibError(
+            f"{request.poses} poses in {count} blocks of load cannot be; ask for 1 to {most}"
+        )
+    if request.trend_free:
+        raise CalibError("an order free of trends knows no blocks of load; leave out one of both")
+
+
 def _check_provable(request: Request) -> None:
     """Refuse a proof where there is none."""
     if request.reapproaches:
@@ -242,6 +261,9 @@ def _designed(
     ordered, trend = _ordered(problem, final.visits.take(found.plan))
     poses, reference, again, certificate = _visited(problem, final, found, certificate, ordered)
     day = day_of(cell, poses)
+    at_each = day
+    if request.load_blocks:
+        day = day_of(cell, in_blocks(poses, request.load_blocks))
     poses = day.timed
     result = Design(
         problem=problem,
@@ -257,7 +279,7 @@ def _designed(
         reference=reference,
         reapproaches=again,
         day=day,
-        load_schedules=_load_schedules(problem, day),
+        load_schedules=_load_schedules(problem, at_each, day),
         trend=trend,
     )
     progress.lap("judgement")
@@ -292,13 +314,15 @@ def _visited(
     return poses, reference, again, certificate
 
 
-def _load_schedules(problem: Problem, day: PlannedDay) -> tuple[LoadSchedule, ...]:
+def _load_schedules(
+    problem: Problem, at_each: PlannedDay, planned: PlannedDay
+) -> tuple[LoadSchedule, ...]:
     """Ways to change the load of a plan, with what is expected of each."""
     if problem.cell.load is None or problem.choice.timed:
         return ()
-    visits = Visits.of(day.poses)
-    apart = replace(problem, regressor=replace(problem.regressor, in_one_stay=False))
-    return schedules_of(day, assess(problem, visits).task_rms, assess(apart, visits).task_rms)
+    visits, plans = Visits.of(at_each.poses), (at_each.poses, in_blocks(at_each.poses, 1))
+    errors = (assess(problem.as_loaded(own), visits).task_rms for own in plans)
+    return schedules_of(at_each, planned, *errors)
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:
@@ -365,7 +389,8 @@ def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dic
     for name, plan in against.items():
         untold = plan.time is None and problem.choice.timed
         visits = Visits.of(day_of(problem.cell, plan, around=False).timed if untold else plan)
-        M = problem.fixed + problem.information(visits).sum(axis=0)
+        own = problem.as_loaded(plan)
+        M = own.fixed + own.information(visits).sum(axis=0)
         value = float(problem.criterion.plain.value(M))
-        found[name] = Rival(assess(problem, visits), value / bound, plan.q)
+        found[name] = Rival(assess(own, visits), value / bound, plan.q)
     return found

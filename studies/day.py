@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated
 
-from studies.document import Sentence, listed
-from studies.entries import JointValues, shown_joints
-from studies.record import Count, Entry, Maybe, NotNegative
+import numpy as np
+
+from studies import document as doc
+from studies.document import Sentence, Shown, listed, mm
+from studies.entries import JointValues, read_joints, shown_joints
+from studies.record import Count, Entry, Maybe, NotNegative, Number
 
 if TYPE_CHECKING:
+    from calib.arm.robot import Robot
+    from calib.arrays import Array
     from doe.day.day import PlannedDay
 
 _MINUTE = 60.0
@@ -32,6 +37,10 @@ class WayEntry(Entry):
     points: tuple[WayPoint, ...] = ()
 
 
+class LastMove(JointValues):
+    """The last move of each joint to a pose, with its sign: from the side that is prescribed."""
+
+
 class DayEntry(Entry):
     """The ways between the poses in their order, and the time that a day takes.
 
@@ -40,6 +49,7 @@ class DayEntry(Entry):
         way and at the poses; least_moving_s : no order of the poses takes less
     followed : markers of which one stays in sight on each way, empty where none is asked for
     speedless : joints of which no speed is known
+    visited : in blocks of load the readings in turn, each with "_free" or "_loaded" after its pose
     """
 
     ways: Count
@@ -54,11 +64,42 @@ class DayEntry(Entry):
     standing_s: NotNegative
     least_moving_s: Maybe
     speedless: tuple[str, ...] = ()
+    visited: tuple[str, ...] = ()
+
+
+class LoadScheduleEntry(Entry):
+    """A way to change the load; after : poses after which, empty where it is at each.
+
+    planned : whether the plan has it
+    """
+
+    changes: Annotated[Count, Shown("changes of\nthe load")]
+    after: tuple[str, ...]
+    changing_s: NotNegative
+    seconds: Maybe
+    task_rms_mm: Annotated[Maybe, Shown("expected error")]
+    planned: Annotated[bool, Shown(detail=True)] = False
+
+    @property
+    def when(self) -> str:
+        """When it is changed."""
+        return f"after {', '.join(self.after)}" if self.after else "at each pose"
+
+
+class TrendPriceEntry(Entry):
+    """The price of an order that a steady drift of the base disturbs little: expected errors at the
+    targets without a drift in the model, and with it in this order and in the quickest.
+    """
+
+    without_mm: Maybe
+    ordered_mm: Maybe
+    quickest_mm: Maybe
+    seconds: Number
 
 
 def day_entry(day: PlannedDay) -> DayEntry:
     """The entry of a day."""
-    cell, names = day.cell, day.poses.names
+    cell, names = day.cell, day.stops.names
     others = [
         WayEntry(
             start=names[i],
@@ -83,7 +124,29 @@ def day_entry(day: PlannedDay) -> DayEntry:
         standing_s=day.standing,
         least_moving_s=day.least_moving,
         speedless=day.speedless,
+        visited=() if day.stops is day.poses else names,
     )
+
+
+def ways_in_turn(
+    day: DayEntry | None, moves: Mapping[str, LastMove | None], robot: Robot, q: Array
+) -> list[tuple[str, Array]]:
+    """The poses in the order in which they are visited, and points (k, dof) on the way to each.
+
+    moves : the last move to each of m poses in their order, None where none is prescribed
+    q : ndarray, shape (m, dof), rad or m, where they stand
+    """
+    if day is None:
+        return []
+    around, at = {way.end: way.points for way in day.others}, dict(zip(moves, q, strict=True))
+    visits = [(stop.rpartition("_")[0], stop) for stop in day.visited] or [(p, p) for p in moves]
+    found = []
+    for pose, stop in visits:
+        points, move = [read_joints(robot, own) for own in around.get(stop, ())], moves[pose]
+        if move is not None and not points:
+            points = [at[pose] - read_joints(robot, move)]
+        found.append((pose, np.array(points).reshape(-1, robot.dof)))
+    return found
 
 
 def told(day: DayEntry) -> Iterator[Sentence]:
@@ -119,6 +182,40 @@ def told(day: DayEntry) -> Iterator[Sentence]:
         f"{minutes(day.seconds)}: {minutes(day.moving_s)} on the way at {day.speed_percent:g} % of the "
         f"joint speeds{share}; {minutes(day.standing_s)} at the poses",
         label="duration",
+    )
+
+
+def loads_told(schedules: Sequence[LoadScheduleEntry]) -> Iterator[doc.Part]:
+    """How often the load is changed, and what that costs; nothing where there is none."""
+    if not schedules:
+        return
+    own = next((entry for entry in schedules if entry.planned), schedules[0])
+    other = next((entry for entry in schedules if entry is not own), None)
+    yield Sentence(
+        f"{_changed(own)}{'' if other is None else f'. {_changed(other)}'}", label="load"
+    )
+    when = doc.Column[LoadScheduleEntry]("when", lambda row: row.when)
+    changing = doc.Column[LoadScheduleEntry]("changing\ntakes", lambda row: minutes(row.changing_s))
+    day = doc.Column[LoadScheduleEntry](
+        "the day\ntakes", lambda row: "unknown" if row.seconds is None else minutes(row.seconds)
+    )
+    columns = doc.columns(LoadScheduleEntry, "changes", when, changing, day, "task_rms_mm")
+    caption = (
+        "With few changes, each block of poses is visited free and, on the way back, loaded. The arm "
+        "then moves with the load, for which its ways are not checked."
+    )
+    yield doc.Detail(
+        (doc.Table(columns, schedules, "Changes of the load", caption),), "Changes of the load"
+    )
+
+
+def _changed(entry: LoadScheduleEntry) -> str:
+    """A way to change the load in words."""
+    twice = ", with all poses visited twice" if entry.after else ""
+    how = "changed" if entry.planned else f"Changed (--load-blocks {len(entry.after)})"
+    return (
+        f"{how} {doc.plural(entry.changes, 'time')}, {entry.when}{twice}: {minutes(entry.changing_s)}, "
+        f"expected error {mm(entry.task_rms_mm)} RMS"
     )
 
 

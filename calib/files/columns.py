@@ -40,6 +40,7 @@ OTHERS = (
     "temperature_degC",
     "time_s",
     "order",
+    "load_block",
     *SIGMAS,
     "level",
     "weight",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.api import Plan, in_turn, poses_of, readings
+from calib.api import Plan, in_turn, poses_of, readings, turn_of
 from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arm.se3 import cross, rotate, skew
@@ -207,8 +207,7 @@ def whole_day(
     pose = np.full(len(data), -1)
     if not len(plan) or (left is not None and not len(left)):
         return data, pose
-    turn = np.arange(len(readings(cell, plan)))
-    turn = turn.reshape(-1, len(plan)).T.ravel() if cell.scatters else turn
+    turn = turn_of(cell, plan)
     kept = np.full(len(turn), True) if left is None else np.isin(turn, left)
     coming = readings_of(cell, plan).take(kept)
     day = Measurements(

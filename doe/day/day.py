@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.api import in_turn, turn_of
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.poses import Poses
 from doe.day.approach import last_move
@@ -35,7 +36,8 @@ class DrivenPoint:
 class PlannedDay:
     """What a plan takes.
 
-    cell : Cell; poses : Poses, m of them in their order
+    cell : Cell; poses : Poses, those of the plan in their order
+    stops : Poses, m visits in turn: the poses, or in blocks of load their readings, free and loaded
     ways : tuple of JointPath, m - 1, each with the last move that the plan prescribes
     checked : tuple of str, what the ways are checked for
     first : JointPath, the last move to the first pose, where one is prescribed
@@ -43,6 +45,7 @@ class PlannedDay:
 
     cell: Cell
     poses: Poses
+    stops: Poses
     ways: tuple[JointPath, ...]
     checked: tuple[str, ...]
     first: JointPath | None = None
@@ -70,9 +73,24 @@ class PlannedDay:
         return sum(way.seconds for way in self.ways) if paced(self.cell) else float("nan")
 
     @property
+    def changes(self) -> Mask:
+        """Stops that begin with a change of the load, shape (m,), where there are blocks."""
+        mass = self.stops.load_mass
+        return np.asarray(np.diff(mass, prepend=mass[:1]) != 0.0)
+
+    @property
     def standing(self) -> float:
         """Seconds at the poses: settling, reading, and hanging the load and taking it off."""
-        return len(self.poses) * self.cell.pace.standing(self.cell.load is not None)
+        return float(sum(own.sum() for own in self._at_stops))
+
+    @property
+    def _at_stops(self) -> tuple[Array, Array]:
+        """Seconds at each stop before a reading begins, and from then on, shape (m,) each."""
+        pace, count = self.cell.pace, len(self.stops)
+        before = np.full(count, pace.settle)
+        if self.poses.load_block is not None:
+            return before + pace.load * self.changes, np.full(count, pace.reading)
+        return before, np.full(count, pace.standing(self.cell.load is not None) - pace.settle)
 
     @property
     def seconds(self) -> float:
@@ -81,29 +99,35 @@ class PlannedDay:
 
     @property
     def times(self) -> Array:
-        """When the reading of each pose begins, s after that of the first, shape (m,); NaN as above."""
-        each = self.cell.pace.standing(self.cell.load is not None)
-        each = each if paced(self.cell) else np.nan
-        return np.append(0.0, np.cumsum([way.seconds + each for way in self.ways]))
+        """When the reading at each stop begins, s after the first, shape (m,); NaN as above."""
+        ways = np.array([way.seconds if paced(self.cell) else np.nan for way in self.ways])
+        before, after = self._at_stops
+        return np.append(0.0, np.cumsum(after[:-1] + ways + before[1:]))
 
     @property
     def timed(self) -> Poses:
-        """The poses with their places in the order and, where all speeds are known, their times."""
+        """The poses with their places in the order and, where all speeds are known, their times.
+
+        In blocks of load, those of the way there.
+        """
         time = self.times if paced(self.cell) else None
+        if time is not None and self.poses.load_block is not None:
+            pose = turn_of(self.cell, self.poses) % len(self.poses)
+            time = time[np.unique(pose, return_index=True)[1]]
         return replace(self.poses, time=time, start=0.0, order=np.arange(float(len(self.poses))))
 
     @property
     def before(self) -> tuple[Array, ...]:
-        """Points that the arm drives to on the way to each pose, m arrays of shape (k, dof)."""
+        """Points that the arm drives to on the way to each stop, m arrays of shape (k, dof)."""
         none = np.zeros((0, self.cell.robot.dof))
         first = none if self.first is None else self.first.points[:-1]
-        return (first, *(way.between for way in self.ways)) if len(self.poses) else ()
+        return (first, *(way.between for way in self.ways)) if len(self.stops) else ()
 
     @property
     def driven(self) -> tuple[DrivenPoint, ...]:
         """All points that the arm drives to, in turn."""
         found, prescribed = [], self.first is not None
-        for name, q, before in zip(self.poses.names, self.poses.q, self.before, strict=True):
+        for name, q, before in zip(self.stops.names, self.stops.q, self.before, strict=True):
             kinds = ["way"] * len(before)
             kinds[-1:] = ["approach"] if prescribed and kinds else kinds[-1:]
             found += [
@@ -125,13 +149,15 @@ def day_of(cell: Cell, poses: Poses, around: bool = True) -> PlannedDay:
 
     around : whether a way round is looked for where the straight one meets something
     """
-    checked, move = checked_in(cell).names, last_move(cell, poses)
-    if move is None or not move.any() or not len(poses):
-        return PlannedDay(cell, poses, ways_along(cell, poses.q, around), checked)
-    points = np.stack([poses.q - move, poses.q], axis=1).reshape(-1, poses.q.shape[1])
+    blocks = poses.load_block is not None
+    stops = in_turn(cell, poses) if blocks else poses
+    checked, move = checked_in(cell).names, last_move(cell, stops)
+    if move is None or not move.any() or not len(stops):
+        return PlannedDay(cell, poses, stops, ways_along(cell, stops.q, around), checked)
+    points = np.stack([stops.q - move, stops.q], axis=1).reshape(-1, stops.q.shape[1])
     first, *others = ways_along(cell, points, around)
     ways = (before.then(last) for before, last in zip(others[::2], others[1::2], strict=True))
-    return PlannedDay(cell, poses, tuple(ways), checked, first)
+    return PlannedDay(cell, poses, stops, tuple(ways), checked, first)
 
 
 def quickest_order(cell: Cell, q: Array, move: Array | None = None) -> IntArray:

@@ -127,6 +127,7 @@ def choice_of(cell: Cell, request: Request) -> Choice:
         "levels": request.levels is not None,
         "a plan to extend": request.fixed is not None,
         "branch and bound": request.prove,
+        "blocks of load": request.load_blocks > 0,
     }
     for other in (name for name, asked in others.items() if asked and timed):
         raise CalibError(

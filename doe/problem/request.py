@@ -44,6 +44,7 @@ class Request:
     reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
         they are a default
     trend_free : an order that a drift disturbs little in place of the quickest
+    load_blocks : blocks of poses at whose end the load is changed, 0 for a change at each pose
     seed : int
     """
 
@@ -65,6 +66,7 @@ class Request:
     reapproaches: int = 0
     asked: bool = True
     trend_free: bool = False
+    load_blocks: int = 0
     seed: int = 0
 
 

@@ -86,6 +86,14 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Order the poses so that a drift of the base that the model lacks disturbs little.",
 )
+@click.option(
+    "--load-blocks",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Change the load N times only: read each of N blocks of poses under one load and, on the way "
+    "back, under the other. Default: at each pose.",
+)
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @click.option(
     "--polish/--no-polish",
@@ -110,6 +118,7 @@ def design(
     reference_every: int | None,
     reapproach: int | None,
     trend_free: bool,
+    load_blocks: int,
     repeats: bool | None,
     polish: bool | None,
     folder: Path | None,
@@ -162,6 +171,7 @@ def design(
             reference_every=reference_every,
             reapproach=reapproach,
             trend_free=trend_free,
+            load_blocks=load_blocks,
             seed=seed,
             progress=say,
         )

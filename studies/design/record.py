@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studies.day import DayEntry, day_entry
+from studies.day import DayEntry, LastMove, LoadScheduleEntry, TrendPriceEntry, day_entry
 from studies.document import FOUR, Shown
 from studies.entries import (
     JointValues,
     TargetAccuracy,
     at_targets,
     check_same_joints,
-    read_joints,
     shown_joints,
 )
 from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
 
 if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
     from doe import Design
 
 _MM = 1e3
@@ -52,16 +49,13 @@ class ProofEntry(Entry):
     rounds: Count
 
 
-class LastMove(JointValues):
-    """The last move of each joint to a pose, with its sign: from the side that is prescribed."""
-
-
 class DesignPose(JointValues):
     """A pose of the plan; level : deg or mm, None without levels.
 
     time_s : of its reading, since the first, None where joint speeds are unknown
     temperature_degC : then, None where the model does not ask for it
     last_move : as the plan prescribes it, None where the model does not depend on it
+    load_block : at whose end the load is changed, None where it is at each pose
     """
 
     pose: str
@@ -69,6 +63,7 @@ class DesignPose(JointValues):
     time_s: Maybe = None
     temperature_degC: Maybe = None  # noqa: N815
     last_move: LastMove | None = None
+    load_block: Annotated[Count | None, Shown("block\nof load")] = None
 
     @property
     def moves(self) -> dict[str, float]:
@@ -159,32 +154,6 @@ class ReapproachesEntry(Entry):
     asked: bool = True
 
 
-class LoadScheduleEntry(Entry):
-    """A way to change the load; after : poses after which, empty where it is at each."""
-
-    changes: Annotated[Count, Shown("changes of\nthe load")]
-    after: tuple[str, ...]
-    changing_s: NotNegative
-    seconds: Maybe
-    task_rms_mm: Annotated[Maybe, Shown("expected error")]
-
-    @property
-    def when(self) -> str:
-        """When it is changed."""
-        return f"after {', '.join(self.after)}" if self.after else "at each pose"
-
-
-class TrendEntry(Entry):
-    """The price of an order that a steady drift of the base disturbs little: expected errors at the
-    targets without a drift in the model, and with it in this order and in the quickest.
-    """
-
-    without_mm: Maybe
-    ordered_mm: Maybe
-    quickest_mm: Maybe
-    seconds: Number
-
-
 class RivalPlan(PlanAccuracy):
     """A plan judged beside the result, by the same bound; std : of each parameter, in its unit."""
 
@@ -269,7 +238,7 @@ class DesignRecord(Record, PlanAccuracy):
     day: DayEntry | None = None
     timed: bool = False
     load_schedules: tuple[LoadScheduleEntry, ...] = ()
-    trend: TrendEntry | None = None
+    trend: TrendPriceEntry | None = None
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -354,7 +323,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         day=day_entry(found.day),
         timed=found.problem.choice.timed,
         load_schedules=[LoadScheduleEntry.from_result(own) for own in found.load_schedules],
-        trend=None if found.trend is None else TrendEntry.from_result(found.trend),
+        trend=None if found.trend is None else TrendPriceEntry.from_result(found.trend),
     )
 
 
@@ -375,24 +344,11 @@ def _poses(found: Design, levels: list[float]) -> tuple[DesignPose, ...]:
             time_s=times[i],
             temperature_degC=degrees[i],
             last_move=None if moves is None else LastMove(**shown_joints(robot, moves[i])),
+            load_block=None if poses.load_block is None else int(poses.load_block[i]),
             **shown_joints(robot, poses.q[i]),
         )
         for i, name in enumerate(poses.names)
     )
-
-
-def between_poses(record: DesignRecord, robot: Robot, q: Array) -> list[Array]:
-    """Points on the way to each of the plan's poses (m, n), (k, n) each, rad or m."""
-    if record.day is None:
-        return []
-    around = {way.end: way.points for way in record.day.others}
-    found = []
-    for pose, at in zip(record.poses, q, strict=True):
-        points = [read_joints(robot, own) for own in around.get(pose.pose, ())]
-        if pose.last_move is not None and not points:
-            points = [at - read_joints(robot, pose.last_move)]
-        found.append(np.array(points).reshape(-1, len(at)))
-    return found
 
 
 def shown_levels(found: Design) -> list[float]:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import document as doc
-from studies.day import minutes
+from studies.day import loads_told, minutes
 from studies.day import told as day_told
 from studies.design.record import (
     CurveStepEntry,
     DesignPose,
     DesignRecord,
-    LoadScheduleEntry,
     PredictedStd,
     RivalPlan,
 )
@@ -80,8 +79,7 @@ def _parts(record: DesignRecord) -> Iterator[doc.Part]:
     yield from _proof(record)
     yield from _losses(record)
     yield from _facts(record)
-    if record.load_schedules:
-        yield from _loads(record)
+    yield from loads_told(record.load_schedules)
     yield doc.Table(_poses(record), record.poses, "Poses, in the order of measuring", of_poses=True)
     yield from _determined(record)
     if record.against:
@@ -163,32 +161,6 @@ def _facts(record: DesignRecord) -> Iterator[doc.Sentence]:
     yield from _order(record)
 
 
-def _loads(record: DesignRecord) -> Iterator[doc.Part]:
-    """How often the load is changed, and what that costs."""
-    first, *fewer = record.load_schedules
-    if fewer:
-        yield doc.Sentence(
-            f"changed {first.changes} times, at each pose: {minutes(first.changing_s)}. Changed "
-            f"{fewer[0].changes} time, {fewer[0].when}, with all poses visited twice: "
-            f"{minutes(fewer[0].changing_s)}; expected error {mm(fewer[0].task_rms_mm)} RMS",
-            label="load",
-        )
-    when = doc.Column[LoadScheduleEntry]("when", lambda row: row.when)
-    changing = doc.Column[LoadScheduleEntry]("changing\ntakes", lambda row: minutes(row.changing_s))
-    day = doc.Column[LoadScheduleEntry](
-        "the day\ntakes", lambda row: "unknown" if row.seconds is None else minutes(row.seconds)
-    )
-    columns = doc.columns(LoadScheduleEntry, "changes", when, changing, day, "task_rms_mm")
-    caption = (
-        "With few changes, each block of poses is visited free and, on the way back, loaded. The arm "
-        "then moves with the load."
-    )
-    yield doc.Detail(
-        (doc.Table(columns, record.load_schedules, "Changes of the load", caption),),
-        "Changes of the load",
-    )
-
-
 def _order(record: DesignRecord) -> Iterator[doc.Sentence]:
     """What is to be kept to on the day, where the model depends on it."""
     moved = list(dict.fromkeys(joint for row in record.poses for joint in row.moves))
@@ -234,6 +206,7 @@ def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
         "level" if record.level_joint else "",
         *([when] if timed else []),
         *([sides] if any(row.moves for row in record.poses) else []),
+        "load_block" if record.poses[0].load_block is not None else "",
     )
 
 

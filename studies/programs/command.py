@@ -60,7 +60,7 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
         *([plain_text(warning, len(warning))] if warning else []),
         f"Written by posecal {made_from['version']} from {plain_text(plan_path.name)}, "
         f"sha256 {sha256(plan_path)[:16]}",
-        f"Cell {plain_text(cell.name)}, {len(stops)} poses",
+        f"Cell {plain_text(cell.name)}, {len(day.poses)} poses",
         *checked_lines(day),
     )
     made = language(program_path.stem, cell, stops, head)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -57,14 +57,15 @@ Language: TypeAlias = Callable[[str, Cell, Sequence[Stop], Sequence[str]], Progr
 def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
     """The poses of a plan in their order, each measured free and, if the cell has a load, loaded.
 
-    The load is hung and taken off at the pose: the arm never moves with it.
+    The load is hung and taken off at the pose, and the arm never moves with it; but in blocks of load
+    each pose is a stop twice.
 
     source : the plan's file, for messages
 
     Raises InputError for a pose beyond the joint limits, or where the arm meets something, and for
     joints that mimic others: what a controller drives in their place is its own.
     """
-    cell, plan = day.cell, day.poses
+    cell, plan = day.cell, day.stops
     for mimic in cell.robot.mimics:
         raise InputError(
             cell.path,
@@ -83,8 +84,8 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
     stops = []
     meets = broken_at(cell, plan.q)
     arrivals = (day.first, *day.ways)
-    for name, q, met, way, between in zip(
-        plan.names, plan.q, meets, arrivals, day.before, strict=True
+    for name, q, met, way, between, tasks in zip(
+        plan.names, plan.q, meets, arrivals, day.before, _tasks(day), strict=True
     ):
         shown = plain_text(name)
         _check_limits(cell, q, shown, source)
@@ -95,21 +96,41 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
                 f"is where the arm does not keep clear: {met}",
                 "take the pose out, or correct shapes, obstacles and margin in the cell",
             )
-        tasks = [f"measure pose {shown}" + (" free of the load" if cell.load else "")]
-        if cell.load is not None:
-            mass = f"{cell.load.mass:g} kg"
-            tasks.append(f"hang {mass}, wait until it is still, measure pose {shown}, take it off")
         before = "" if way is None or way.free else (
             f"no way to pose {shown} is known: the straight one meets {way.meets}. Drive there by hand"
         )  # fmt: skip
-        stops.append(Stop(shown, q, tuple(tasks), tuple(between), plain_text(before, len(before))))
+        stops.append(Stop(shown, q, tasks, tuple(between), plain_text(before, len(before))))
     return stops
+
+
+def _tasks(day: PlannedDay) -> Iterator[tuple[str, ...]]:
+    """What is done at each stop."""
+    load, blocks = day.cell.load, day.poses.load_block is not None
+    hang = "" if load is None else f"hang {load.mass:g} kg, wait until it is still, "
+    for name, mass, change in zip(day.stops.names, day.stops.load_mass, day.changes, strict=True):
+        measure = f"measure pose {plain_text(name)}"
+        if blocks:
+            off = hang if mass else "take the load off, wait until the arm is still, "
+            yield (f"{off}{measure}" if change else measure,)
+        elif load is not None:
+            yield (f"{measure} free of the load", f"{hang}{measure}, take it off")
+        else:
+            yield (measure,)
 
 
 def checked_lines(day: PlannedDay) -> list[str]:
     """What is known of the ways between the poses."""
+    carried = []
+    if day.cell.load is not None and day.changes.any():
+        carried.append(
+            f"Between changes of the load the arm moves with {day.cell.load.mass:g} kg: give the "
+            "controller the load data where it is hung, and take them out where it is taken off."
+        )
     if not day.checked:
-        return ["The way from pose to pose is not checked for collisions: look at it first."]
+        return [
+            "The way from pose to pose is not checked for collisions: look at it first.",
+            *carried,
+        ]
     margin = day.cell.design.margin
     apart = f", with a margin of {1e3 * margin:g} mm to floor and obstacles" if margin else ""
     around = sum(way.free and bool(way.meets) for way in day.ways)
@@ -122,7 +143,7 @@ def checked_lines(day: PlannedDay) -> list[str]:
     followed = sorted({way.follows for way in day.ways} - {""})
     if followed:
         lines.append(f"On each way one marker stays in sight: {', '.join(followed)}.")
-    return [plain_text(line, len(line)) for line in lines]
+    return [plain_text(line, len(line)) for line in (*lines, *carried)]
 
 
 def head_lines(cell: Cell, axes: Sequence[str]) -> list[str]:

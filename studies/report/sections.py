@@ -12,7 +12,8 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.instruments import ArmCamera, Camera, Instrument, Tracker
 from calib.poses import Measurements, Poses
-from studies.design.record import DesignRecord, between_poses
+from studies.day import ways_in_turn
+from studies.design.record import DesignRecord
 from studies.document import Figure, Part, Raw, Section, Sentence
 from studies.document.page import shown, table_of
 from studies.identify.pictures import point_errors
@@ -215,7 +216,7 @@ def arm(evidence: ReportEvidence) -> Section | None:
     if evidence.cell is None:
         return None
     shown: Poses | Measurements
-    level, ways = None, list[Array]()
+    level, ways = None, list[tuple[str, Array]]()
     design = evidence.first("design")
     if evidence.data:
         path, measured = next(iter(evidence.data.items()))
@@ -224,13 +225,14 @@ def arm(evidence: ReportEvidence) -> Section | None:
         path, shown = design.path, evidence.plans[design.path]
         if isinstance(design.record, DesignRecord):
             level = design.record.level_joint
-            ways = between_poses(design.record, evidence.cell.robot, shown.q)
+            moves = {row.pose: row.last_move for row in design.record.poses}
+            ways = ways_in_turn(design.record.day, moves, evidence.cell.robot, shown.q)
     else:
         return None
     lit = evidence.highlight[path]
     kept = _once(lit, shown)
     number = {name: i for i, name in enumerate(_names(kept))}
-    stops = [(number[lit[name]], way) for name, way in zip(_names(shown), ways, strict=bool(ways))]
+    stops = [(number[lit[name]], way) for name, way in ways]
     drawn = scene(evidence.cell, kept, level_joint=level, stops=stops)
     return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
 

@@ -225,6 +225,7 @@ def _design() -> list[Record]:
         for i, (pose, move) in enumerate(zip(few, (5.0, -5.0, 40.0), strict=True))
     ]  # fmt: skip
     each = {"changes": 6, "after": [], "changing_s": 720, "seconds": None, "task_rms_mm": 0.02}
+    blocks = [{**pose, "load_block": 1} for pose in ordered]
     once = {"changes": 1, "after": ["p03"], "changing_s": 120, "seconds": 900, "task_rms_mm": 0.02}
     trend = {"without_mm": 0.01, "ordered_mm": 0.011, "quickest_mm": 0.02, "seconds": 30}
     name = next(iter(old["against"]))
@@ -232,6 +233,8 @@ def _design() -> list[Record]:
         changed("design"),
         changed("design", **plain, poses=ordered, levels_deg={}, timed=True,
                 load_schedules=[each, once], trend=trend),
+        changed("design", **plain, poses=blocks, levels_deg={},
+                load_schedules=[each, {**once, "planned": True}]),
         changed("design", pays_until=6, matches={name: 6}, survives=lost, levels_deg={},
                 proof={**old["proof"], "proved_optimal": True}),
         changed("design", matches={name: None}, landscape=landscape, reapproaches=again, extends=4,

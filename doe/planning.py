@@ -264,7 +264,7 @@ def _designed(
     at_each = day
     if request.load_blocks:
         day = day_of(cell, in_blocks(poses, request.load_blocks))
-    poses = day.timed
+    poses = _later(problem, day.timed)
     result = Design(
         problem=problem,
         poses=poses,
@@ -284,6 +284,12 @@ def _designed(
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
+
+
+def _later(problem: Problem, poses: Poses) -> Poses:
+    """The poses, read after those of a plan to extend where their time counts."""
+    begin = problem.choice.begin
+    return poses if poses.time is None or not begin else replace(poses, time=poses.time + begin)
 
 
 def _ordered(problem: Problem, visits: Visits) -> tuple[Visits, TrendPrice | None]:
@@ -388,7 +394,9 @@ def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dic
     found = {}
     for name, plan in against.items():
         untold = plan.time is None and problem.choice.timed
-        visits = Visits.of(day_of(problem.cell, plan, around=False).timed if untold else plan)
+        if untold:
+            plan = _later(problem, day_of(problem.cell, plan, around=False).timed)
+        visits = Visits.of(plan)
         own = problem.as_loaded(plan)
         M = own.fixed + own.information(visits).sum(axis=0)
         value = float(problem.criterion.plain.value(M))

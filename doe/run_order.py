@@ -41,7 +41,7 @@ def in_run_order(problem: Problem, visits: Visits) -> Visits:
     order = min((runs.shortened(start, least) for start in starts), key=runs.travel)
     between = np.append(0.0, seconds[order[:-1], order[1:]])
     time = np.cumsum(between + cell.pace.standing(cell.load is not None))
-    return replace(visits.take(order), moment=rank, time=time - time[0])
+    return replace(visits.take(order), moment=rank, time=choice.begin + time - time[0])
 
 
 def _told_at_each(problem: Problem, visits: Visits) -> Array:

@@ -16,6 +16,7 @@ from calib.cell import Cell
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.model.build import parse_effect
+from calib.poses import Poses
 from doe.day.approach import LAST_MOVES
 from doe.day.duration import durations, paced
 from doe.problem.request import PLANNED, Request
@@ -34,12 +35,14 @@ class Choice:
     sizes : ndarray, shape (k, dof), rad or m, of the last moves, of which a plan may choose
     times : ndarray, shape (k,), s, moments of the day, as many as poses or fewer; empty where the time
         does not count
+    begin : float, s, when the first pose is read: later than zero after those of a plan to extend
     needs : what effects ask for of it, of :data:`doe.problem.request.PLANNED`
     """
 
     sided: Mask
     sizes: Array
     times: Array
+    begin: float
     needs: frozenset[str]
 
     @property
@@ -125,7 +128,6 @@ def choice_of(cell: Cell, request: Request) -> Choice:
     timed = [name for (name, _), own in zip(placed, uses, strict=True) if own - _OF_MOVES]
     others = {
         "levels": request.levels is not None,
-        "a plan to extend": request.fixed is not None,
         "branch and bound": request.prove,
         "blocks of load": request.load_blocks > 0,
     }
@@ -134,15 +136,34 @@ def choice_of(cell: Cell, request: Request) -> Choice:
             f"{timed[0]} makes the time of each pose a choice, which does not go with {other}; leave "
             "one of both out"
         )
-    times = _moments(cell, request.poses, timed[0]) if timed else np.zeros(0)
-    return Choice(sided & robot.free, sizes if "motion" in needs else sizes[:1], times, needs)
+    sizes = sizes if "motion" in needs else sizes[:1]
+    if not timed:
+        return Choice(sided & robot.free, sizes, np.zeros(0), 0.0, needs)
+    step, begin = _step(cell, timed[0]), 0.0
+    if request.fixed is not None:
+        begin = _end(request.fixed, timed[0]) + step
+    return Choice(sided & robot.free, sizes, begin + _moments(request.poses, step), begin, needs)
 
 
-def _moments(cell: Cell, poses: int, effect: str) -> Array:
-    """When the poses are read, or as many at a time as there are too many: evenly over the day [s].
+def _moments(poses: int, step: float) -> Array:
+    """When the poses are read, or as many at a time as there are too many: evenly over the day [s]."""
+    count = min(poses, _MOST_MOMENTS)
+    ends = np.arange(count + 1) * poses / count
+    return step * 0.5 * (ends[:-1] + ends[1:] - 1.0)
 
-    Moves between poses that are put in order take about half the time of those by chance.
-    """
+
+def _end(fixed: Poses, effect: str) -> float:
+    """When the last pose of a plan to extend is read, s since its first."""
+    if fixed.time is None:
+        raise CalibError(
+            f"{effect} depends on the time of a reading, and the plan to extend does not say when its "
+            "poses are read; give its column time_s"
+        )
+    return float(fixed.elapsed.max())
+
+
+def _step(cell: Cell, effect: str) -> float:
+    """From pose to pose [s]; those in order are half as far apart as those by chance, or about so."""
     if not paced(cell):
         raise CalibError(
             f"{effect} depends on the time of a reading, and not all joint speeds are known; give "
@@ -150,6 +171,4 @@ def _moments(cell: Cell, poses: int, effect: str) -> Array:
         )
     q = cell.robot.sobol(64)
     between = 0.5 * float(np.median(durations(cell, np.diff(q, axis=0))))
-    step, count = between + cell.pace.standing(cell.load is not None), min(poses, _MOST_MOMENTS)
-    ends = np.arange(count + 1) * poses / count
-    return step * 0.5 * (ends[:-1] + ends[1:] - 1.0)
+    return between + cell.pace.standing(cell.load is not None)

@@ -125,7 +125,7 @@ def _help(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
 def _too_slow(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
     """What of the parameters that are lost changes little over the day, "" for nothing."""
     own = {p.effect for p in model.parameters if p.id in lost}
-    minutes = f"{choice.times[-1] / 60.0:.2g} min" if choice.timed else ""
+    minutes = f"{np.ptp(choice.times) / 60.0:.2g} min" if choice.timed else ""
     acting = [effect for effect in model.effects if effect.kind in own]
     if any(isinstance(effect, WarmUp) for effect in acting):
         return f"readings of {minutes} are short beside a warm-up of an hour"

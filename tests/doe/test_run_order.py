@@ -148,10 +148,29 @@ def test_the_time_is_needed() -> None:
         doe.design(slow, poses=6)
     with pytest.raises(CalibError, match="does not go with levels"):
         doe.design(cell, levels="j1=3x2")
-    with pytest.raises(CalibError, match="does not go with a plan to extend"):
+    with pytest.raises(
+        CalibError, match="does not say when its poses are read; give its column time_s"
+    ):
         doe.design(cell, poses=6, extend=poses_at(np.zeros((1, 2))))
     with pytest.raises(CalibError, match="does not go with branch and bound"):
         doe.design(cell, poses=6, criterion="D", prove=True)
+
+
+def test_a_plan_that_is_extended_goes_on_in_time() -> None:
+    """The deviations are those of all poses together, the new ones after the others."""
+    cell = cell_of("tool", "joint_offset", "base_drift")
+    options: dict[str, Any] = {"criterion": "D", "candidates": 400, "fresh": False}
+    first = doe.design(cell, poses=8, **options).poses
+    assert first.time is not None
+    plan = doe.design(cell, poses=6, extend=first, against={"same": first}, **options)
+    assert plan.poses.time is not None
+    assert plan.poses.time.min() > first.time.max()
+    assert 0.5 < plan.efficiency <= 1.0
+    time = np.concatenate([first.time, plan.poses.time])
+    J = calib.observation(cell, poses_at(np.concatenate([first.q, plan.poses.q]), time=time))
+    rows = J.reshape(-1, J.shape[-1]) / plan.problem.model.readout.even
+    std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    np.testing.assert_allclose(std, plan.assessment.std, rtol=1e-4)
 
 
 def test_an_order_nearly_free_of_trends() -> None:

@@ -47,11 +47,21 @@ else:
     AnyInstrument = Annotated[Union[_TABLES], Field(discriminator="kind")]  # noqa: UP007
 
 
+def _pairs(course: object) -> object:
+    """What looks like the temperatures of a day."""
+    if not isinstance(course, list) or not all(isinstance(p, list) and len(p) == 2 for p in course):
+        raise ValueError(_COURSE)
+    return course
+
+
 def _in_turn(course: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """The temperatures of a day, in order."""
     if any(b[0] <= a[0] for a, b in pairwise(course)):
-        raise ValueError("needs pairs [minutes, degC] in the order of time")
+        raise ValueError(_COURSE)
     return course
+
+
+_COURSE = "needs pairs [minutes, degC] in the order of time, as [[0, 20], [60, 23]]"
 
 
 class CapsuleTable(TomlTable):
@@ -235,7 +245,10 @@ class TimingTable(TomlTable):
     read_s: NotNegative = 10.0
     load_change_min: NotNegative = 2.0
     temperature: Annotated[
-        list[tuple[NotNegative, Number]], AfterValidator(_in_turn), Field(alias="temperature_degC")
+        list[tuple[NotNegative, Number]],
+        BeforeValidator(_pairs),
+        AfterValidator(_in_turn),
+        Field(alias="temperature_degC"),
     ] = []
 
 

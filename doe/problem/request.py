@@ -203,5 +203,8 @@ def no_candidate(
     causes = sorted(((n, name) for name, n in removed.items() if n), reverse=True)
     if not causes:
         return f"{what}; draw more, or allow repeats"
+    most, name = causes[0]
+    if most >= count and name.startswith("obstacle"):
+        return f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
     said = ", ".join(f"{name} removed {n}" for n, name in causes)
     return f"{what}: of {count}, {said}; relax what removed most"

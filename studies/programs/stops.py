@@ -62,8 +62,9 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
 
     source : the plan's file, for messages
 
-    Raises InputError for a pose beyond the joint limits, or where the arm meets something, and for
-    joints that mimic others: what a controller drives in their place is its own.
+    Raises InputError for a pose beyond the joint limits, a last move that begins there, a pose where
+    the arm meets something, and joints that mimic others: what a controller drives in their place is
+    its own.
     """
     cell, plan = day.cell, day.stops
     for mimic in cell.robot.mimics:
@@ -88,7 +89,11 @@ def plan_stops(day: PlannedDay, source: str) -> list[Stop]:
         plan.names, plan.q, meets, arrivals, day.before, _tasks(day), strict=True
     ):
         shown = plain_text(name)
-        _check_limits(cell, q, shown, source)
+        mend = f"take the pose out or mend the limits in {cell.robot.source} and cell"
+        _check_limits(cell, q, source, f"pose {shown}", mend)
+        for point in between:
+            mend = "let the joint come from its other side (approach_..), or by less (move_..)"
+            _check_limits(cell, point, source, f"the last move to pose {shown}", mend)
         if met:
             raise InputError(
                 source,
@@ -172,14 +177,12 @@ def plain_text(text: str, longest: int = _LONGEST_NAME) -> str:
     return re.sub(r"[^A-Za-z0-9 _.:,=+()@%-]", "_", text)[:longest]
 
 
-def _check_limits(cell: Cell, q: Array, pose: str, source: str) -> None:
+def _check_limits(cell: Cell, q: Array, source: str, where: str, mend: str) -> None:
+    """Raise InputError for a point (n,), rad or m, beyond a joint's limits."""
     robot = cell.robot
     outside = (q < robot.limits[:, 0] - _OUTSIDE) | (q > robot.limits[:, 1] + _OUTSIDE)
     for j in np.flatnonzero(outside):
         shown = f"{q[j] * 1e3:.3f} mm" if robot.prismatic[j] else f"{np.degrees(q[j]):.3f} deg"
         raise InputError(
-            source,
-            f"pose {pose}",
-            f"joint {robot.joints[j]} at {shown} is beyond its limits",
-            f"take the pose out or mend the limits in {cell.robot.source} and cell",
+            source, where, f"joint {robot.joints[j]} at {shown} is beyond its limits", mend
         )

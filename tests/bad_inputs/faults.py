@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from tests.bad_inputs.edits import (
@@ -630,6 +631,59 @@ TOUCHED = [
           _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 1]")),
 ]  # fmt: skip
 
+_SHAPE = """
+[robot.capsules_mm]
+A1 = [{ from = [0, 0, 0], to = [0, 0, 500], radius = 300 }]
+A2 = [{ from = [0, 0, 0], to = [1250, 0, 0], radius = 220 }]
+"""
+_AROUND = """
+[[design.obstacle]]
+type = "sphere"
+center_mm = [0, 0, 500]
+radius_mm = 900
+"""
+_SPEEDS = "\n[robot.speed_deg_s]\n" + "".join(f"A{k} = 100\n" for k in range(1, 7))
+_PROGRAM, _FEW = "program cell.toml plan.csv -o plan.src", "--candidates 500"
+
+
+def _heated(course: str) -> Edit:
+    return added(f"{_SPEEDS}[timing]\ntemperature_degC = {course}\n")
+
+
+def _drifting(more: str) -> Edit:
+    model, levels = effects("base", "tool", "geometry", "base_drift"), r"(?m)^levels = .*$"
+    return lambda text: re.sub(levels, "poses = 15", model(text)) + more
+
+
+def _from_beyond(table: str) -> str:
+    """The first pose at the lower end of A2, with a last move that comes from below."""
+    table = _all_approaches(table)
+    return field(2, "A2_deg", "-140")(table)
+
+
+DAYS = [
+    Fault("an obstacle around the base", f"design cell.toml {_FEW}", "cell.toml",
+          added(_AROUND + _SHAPE)),
+    Fault("a pose in an obstacle", _PROGRAM, "cell.toml", added(_AROUND + _SHAPE)),
+    Fault("a drift planned without the joints' speeds", f"design cell.toml {_FEW}", "cell.toml",
+          _drifting("")),
+    Fault("a drift planned with levels", f"design cell.toml --levels A2=5x3 {_FEW}", "cell.toml",
+          _drifting(_SPEEDS)),
+    Fault("a drift planned with a proof", f"design cell.toml --prove --criterion D {_FEW}",
+          "cell.toml", _drifting(_SPEEDS)),
+    Fault("a drift planned after a plan without times", f"design cell.toml --extend plan.csv {_FEW}",
+          "cell.toml", _drifting(_SPEEDS)),
+    Fault("a last move from beyond a joint's limit", _PROGRAM, "plan.csv", _from_beyond),
+    Fault("temperatures that go back in time", _PROGRAM, "cell.toml",
+          _heated("[[0, 20], [60, 22], [30, 23]]")),
+    Fault("temperatures without times", _PROGRAM, "cell.toml", _heated("[20, 22]")),
+    Fault("blocks of load without a load", f"design cell.toml --load-blocks 2 {_FEW}", "cell.toml",
+          lambda text: text.replace("[load]", "[payload]").replace("max_tilt", "# max_tilt")),
+    Fault("more blocks of load than pairs of poses", f"design cell.toml --load-blocks 9 {_FEW}"),
+    Fault("blocks of load out of order", "compare cell.toml plan.csv", "plan.csv",
+          lambda table: field(2, "load_block", "2")(column("load_block", "1")(table))),
+]  # fmt: skip
+
 FAULTS = {
     "measurements.csv": MEASUREMENTS,
     "measurements that no arm gives": IMPLAUSIBLE,
@@ -640,6 +694,7 @@ FAULTS = {
     "robots, and a first cell of them": ROBOTS,
     "cameras": CAMERAS,
     "what is touched": TOUCHED,
+    "the order of the day": DAYS,
     "results that are read again": RESULTS,
     "a plant, its types, and the next poses": PLANT,
 }

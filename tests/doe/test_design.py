@@ -415,7 +415,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
             shapes=Shapes({"tool": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)}),
         ),
         {"levels": LEVELS},
-        "obstacle 1 (sphere) removed",
+        "the arm meets obstacle 1 (sphere) wherever it stands",
     ),
     "nothing feasible at a level": (
         lambda c: replace(

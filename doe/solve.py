@@ -252,9 +252,9 @@ def polish(problem: Problem, visits: Visits, M: Array, *, seed: int) -> Visits:
     contacts = touched(problem.cell, visits.q)
     blocks = problem.information(visits)
     value = float(problem.criterion.value(M))
-    for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
+    for turn, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, _ROUNDS)):
         moved, owner = _neighbours(problem, visits, contacts, width, rng)
-        other = problem.choice.tries(visits, problem.cell)
+        other = problem.choice.tries(visits, problem.cell, turn)
         owner = np.concatenate([owner, np.arange(len(other)) % len(visits)])
         kept, found, owner = _feasible(problem, joined([moved, other]), owner)
         taken = np.full(len(visits), -1)

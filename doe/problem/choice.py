@@ -82,17 +82,20 @@ class Choice:
         move[:, joints] = sign * self.sizes[size, joints]
         return within(cell, q, move)
 
-    def tries(self, visits: Visits, cell: Cell) -> Visits:
-        """The same poses with other last moves: each joint from its other side, or by another size."""
+    def tries(self, visits: Visits, cell: Cell, turn: int) -> Visits:
+        """The same poses with other last moves: a joint from its other side, or by another size.
+
+        turn : int, whose it is, joint after joint
+        """
         if visits.move is None:
             return visits.take(slice(0))
-        moves = []
-        for joint in np.flatnonzero(self.sided):
-            own = visits.move[:, joint]
-            sizes = self.sizes[:, joint] if len(self.sizes) > 1 else ()
-            for other in (-own, *(np.sign(own) * size for size in sizes)):
-                moves.append(visits.move.copy())
-                moves[-1][:, joint] = other
+        joints, moves = np.flatnonzero(self.sided), []
+        joint = joints[turn % len(joints)]
+        own = visits.move[:, joint]
+        sizes = self.sizes[:, joint] if len(self.sizes) > 1 else ()
+        for other in (-own, *(np.sign(own) * size for size in sizes)):
+            moves.append(visits.move.copy())
+            moves[-1][:, joint] = other
         return joined([replace(visits, move=within(cell, visits.q, move)) for move in moves])
 
 

@@ -5,8 +5,8 @@
 
 A light arm of six joints is read by a tracker at thirty poses. Three days are compared: the plan for a
 model that has the error, the plan for one that lacks it, and the poses of the first in an order by
-chance, reached without a last move. The true arm is MuJoCo's (``studies.research.withheld.truth``); its
-error follows formulas written here.
+chance, reached without a last move. The true arm is MuJoCo's (``studies.research.withheld.truth``) in
+refits and in days that are diagnosed; its error follows formulas written here.
 
 expected: standard deviations of the error's parameters, RMS over those of the plan by chance
 refits: how ``calib.identify`` scatters about the truth on the planned day, chi-square over its degrees
@@ -14,6 +14,12 @@ refits: how ``calib.identify`` scatters about the truth on the planned day, chi-
 found: share of the error's places that ``calib.diagnose`` names, first or in a class, where the model
     lacks it; its parameters are about six times the planned day's standard deviation
 as good: poses of a plan that tells as much as thirty of the plan without the error
+
+``repeatability`` is of the arm as a whole: at each visit the tip is off anew, so no order tells more of
+it than another in which the arm leaves a pose before it comes again. The planned day visits four of 26
+poses twice, today's visits thirty once. Its refits compare the logarithm of what ``calib.identify``
+finds, RMS of translation and rotation over the true ones, with its standard deviation as second visits
+alone would have it; found: share of days on which it finds any.
 
 ``--real`` asks what another order would have told on real days, under POSECAL_DATA: standard deviations
 of the same poses in an order by chance, and from sides by chance, over those of the order as it was.
@@ -32,10 +38,13 @@ import calib
 import doe
 from calib import Cell
 from calib.arrays import Array, Mask
+from calib.cell import Repeatability
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
+from calib.uncertainty.pose_to_pose import pose_to_pose
+from doe import Design
 from doe.day.day import day_of
 from doe.problem.linearisation import nominal
 from studies.research.bench import (
@@ -52,6 +61,7 @@ from studies.research.bench import (
 )
 from studies.research.benchmarks.day import SIGMA, cell_text, placement, reflectors, standing
 from studies.research.withheld.robots import LIGHT
+from studies.research.withheld.scene import Scatter
 from studies.research.withheld.truth import Mechanism, urdf
 
 _POSES, _FEWER = 30, (12, 16, 20, 24)
@@ -110,6 +120,8 @@ CASES = {
     "warm_up": Case("warm_up:base", 200.0, _warming),
 }
 DAYS = ("planned", "today's", "by chance")
+_AGAIN, _TWICE = "repeatability", 4
+_TIP = Repeatability(100e-6, 1e-3)  # m and rad, how the tip comes back: well above the noise
 
 
 def cell_for(case: Case, model: bool) -> Cell:
@@ -178,13 +190,20 @@ def truth_of(name: str, rng: np.random.Generator) -> Array:
     return values
 
 
-def read(name: str, poses: Poses, values: Array, rng: np.random.Generator) -> Measurements:
-    """What the tracker reads on a day of the true arm."""
+def read(
+    name: str,
+    poses: Poses,
+    values: Array,
+    rng: np.random.Generator,
+    scatter: Scatter | None = None,
+) -> Measurements:
+    """What the tracker reads on a day of the true arm, which scatters from visit to visit."""
     off, moved = CASES[name].errors(poses, values)
     geometry = rng.normal(size=(LIGHT.dof + 2, 6)) * np.repeat([3e-4, 4e-4], 3)
     markers = reflectors(np.random.default_rng(0), LIGHT) + rng.normal(size=(3, 3)) * 1e-3
     mechanism = Mechanism(LIGHT, geometry, markers, weighs=False)
-    points = standing(mechanism, poses.q + off, *placement(rng), moved=moved).readings
+    state = standing(mechanism, poses.q + off, *placement(rng), scatter, rng, moved=moved)
+    points = state.readings
     points = points + rng.normal(size=points.shape) * SIGMA
     seen = np.ones(points.shape[:2], dtype=bool)
     return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
@@ -215,7 +234,7 @@ def told(name: str, day: str, seed: int) -> tuple[float, float]:
 
 @bench(
     count("--refits", 40, least=0),
-    several("--only", list(CASES)),
+    several("--only", [*CASES, _AGAIN]),
     click.option("--real", is_flag=True, help="Real days instead: what another order had told."),
     days=50,
     days_help="Simulated days that are diagnosed, in either order.",
@@ -230,8 +249,58 @@ def main(
             _real(name, effect, seed) for name in _REAL for effect in ("backlash", "base_drift")
         ]
         return [table(rows)], rows
-    rows = [_measured(name, day, refits, days, workers, seed) for name in only for day in DAYS]
+    rows = [
+        _again(day, days, workers, seed)
+        if name == _AGAIN
+        else _measured(name, day, refits, days, workers, seed)
+        for name in only
+        for day in DAYS
+    ]
     return [table(rows)], rows
+
+
+@cache
+def _twice() -> Design:
+    """Four of 26 poses visited twice."""
+    return doe.design(
+        cell_for(CASES["backlash"], False),
+        poses=_POSES - _TWICE, criterion="D", candidates=_CANDIDATES, fresh=False, reapproach=_TWICE,
+    )  # fmt: skip
+
+
+def found_again(day: str, seed: int) -> float | None:
+    """The repeatability that one day shows over the true one; None where it shows none."""
+    rng, cell = np.random.default_rng([seed, 4]), cell_for(CASES["backlash"], False)
+    poses = plan_of("backlash", False) if day == DAYS[1] else with_moves(_twice().poses)
+    if day == DAYS[2]:
+        poses = with_moves(day_of(cell, poses_at(_left_between(rng, poses.q))).timed)
+    tip = np.repeat([_TIP.translation, _TIP.rotation], 3)
+    data = read("backlash", poses, np.zeros(LIGHT.dof), rng, Scatter(np.zeros(LIGHT.dof), tip))
+    found = calib.identify(cell, data)
+    arm = pose_to_pose(found.levels, found.scatter, cell.robot.reach).arm
+    if arm is None or arm == Repeatability(0.0, 0.0):
+        return None
+    return rms(np.array([arm.translation / _TIP.translation, arm.rotation / _TIP.rotation]))
+
+
+def _left_between(rng: np.random.Generator, q: Array) -> Array:
+    """Poses (m, n) in an order by chance in which none follows itself."""
+    mixed = rng.permutation(q)
+    return mixed if np.diff(mixed, axis=0).any(axis=1).all() else _left_between(rng, q)
+
+
+def _again(day: str, days: int, workers: int, seed: int) -> Row:
+    """A line: what one kind of day tells of the repeatability."""
+    found = each(found_again, [(day, seed + 1 + k) for k in range(days)], workers)
+    told, plan = [own for own in found if own is not None], _twice()
+    expected = np.nan if plan.reapproaches is None else plan.reapproaches.common
+    poses = plan_of("backlash", False) if day == DAYS[1] else plan.poses
+    return {
+        "error": _AGAIN, "day": day, "minutes": float(poses.elapsed[-1]) / 60.0,
+        "expected": None if day == DAYS[1] else 1.0,
+        "refits": rms(np.log(told) / expected) ** 2 if told else None,
+        "found": len(told) / days if days else None, "named first": None, "as good": None,
+    }  # fmt: skip
 
 
 def _real(name: str, effect: str, seed: int) -> Row:

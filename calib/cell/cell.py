@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.planned import Pace, Planned
+from calib.cell.planned import Hull, Pace, Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
@@ -236,9 +236,10 @@ class Cell:
 
     @property
     def named_files(self) -> tuple[Path, ...]:
-        """What the cell names beside the robot: its targets, and what the robot's type knows."""
+        """What the cell names beside the robot: targets, what the robot's type knows, meshes."""
         targets = None if self.design.targets is None else self.design.targets.path
-        return tuple(path for path in (targets, self.prior_file) if path is not None)
+        meshes = dict.fromkeys(own.path for own in self.design.obstacles if isinstance(own, Hull))
+        return tuple(path for path in (targets, self.prior_file, *meshes) if path is not None)
 
     @property
     def targets_in_words(self) -> str:

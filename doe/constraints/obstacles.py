@@ -7,12 +7,13 @@ never move, so nothing could be chosen to keep them clear.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.cell.planned import Ball, Body, Box, HalfSpace
+from calib.cell.planned import Ball, Body, Box, HalfSpace, Hull
 from doe.constraints.clearance import Clearance, JointLevers, placed
 from doe.constraints.distances import (
     point_box,
@@ -20,6 +21,7 @@ from doe.constraints.distances import (
     segment_box,
     segment_halfspace,
 )
+from doe.constraints.hulls import HullDistances
 from doe.constraints.scene import BASE, Scene, named_capsules, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
@@ -38,8 +40,11 @@ class Obstacle(Clearance):
     margin: float = 0.0
     moving: tuple[int, ...] = ()
 
-    def from_segment(self, start: Array, end: Array) -> Array:
-        """Distance of n segments (n, 3), shape (n,), m; zero where they meet."""
+    def from_segment(self, start: Array, end: Array, wanted: float | Array = 0.0) -> Array:
+        """Distance of segments (..., 3), shape (...), m; zero where they meet.
+
+        Of a hull at most the distance where that is far above what is wanted [m].
+        """
         match self.body:
             case Box(T, half):
                 return segment_box(_local(T, start), _local(T, end), half)
@@ -47,12 +52,18 @@ class Obstacle(Clearance):
                 return np.maximum(point_segment(centre, start, end) - radius, 0.0)
             case HalfSpace(point, normal):
                 return segment_halfspace(start, end, point, normal)
+            case Hull():
+                return self._hull.from_segment(start, end, wanted)
 
-    def from_point(self, point: Array) -> Array:
-        """Distance of n points (n, 3), shape (n,), m; zero inside."""
+    def from_point(self, point: Array, wanted: float = 0.0) -> Array:
+        """Distance of n points (n, 3), shape (n,), m, as :meth:`from_segment` has it; zero inside."""
         if isinstance(self.body, Box):
             return point_box(_local(self.body.T_base_box, point), self.body.half)
-        return self.from_segment(point, point)
+        return self.from_segment(point, point, wanted)
+
+    @cached_property
+    def _hull(self) -> HullDistances:
+        return HullDistances(self.body)  # type: ignore[arg-type]  # asked of hulls alone
 
     @property
     def ball(self) -> tuple[Array, float] | None:
@@ -64,20 +75,23 @@ class Obstacle(Clearance):
                 return centre, radius
             case HalfSpace():
                 return None
+            case Hull():
+                return self.body.ball
 
     def allows(self, scene: Scene) -> Mask:
         free = np.ones(len(scene), dtype=bool)
         for capsule in scene.capsules:
             if capsule.moves:
                 far = capsule.reach + self.margin
-                near = np.flatnonzero(free & (self.from_point(capsule.centre) <= far))
-                distance = self.from_segment(capsule.start[near], capsule.end[near])
-                free[near] = distance > capsule.radius + self.margin
+                near = np.flatnonzero(free & (self.from_point(capsule.centre, far) <= far))
+                kept = capsule.radius + self.margin
+                free[near] = self.from_segment(capsule.start[near], capsule.end[near], kept) > kept
         return free
 
     def gaps(self, scene: Scene) -> Array:
         start, end, radii = placed(scene, self.moving)
-        return self.from_segment(start, end) - radii - self.margin
+        kept = radii + self.margin
+        return self.from_segment(start, end, kept) - kept
 
     def slopes(self, levers: JointLevers) -> Array:
         return levers.capsules[list(self.moving)]
@@ -87,7 +101,7 @@ def _local(T_base_box: Array, point: Array) -> Array:
     return np.asarray((point - T_base_box[:3, 3]) @ T_base_box[:3, :3])
 
 
-_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
+_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace", Hull: "mesh"}
 
 
 def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from calib.arm.se3 import across
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.cell.planned import Ball, Box, HalfSpace
+from calib.cell.planned import Ball, Box, HalfSpace, Hull
 from doe.constraints.obstacles import Obstacle, obstacles_of
 
 _FLAT = 1e-6  # of the size
@@ -177,6 +177,9 @@ def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Scene
     if isinstance(body, Ball):
         shown = _still(obstacle, "solid", [ring(body.centre, body.radius)], body.centre)
         return replace(shown, dots=shown.label, radius=round(body.radius * 1e3))
+    if isinstance(body, Hull):
+        lines = [body.points[run] for run in hull_runs(body.points)]
+        return _still(obstacle, "solid", lines, body.ball[0])
     return _patch(obstacle, body, middle, half, step)
 
 

@@ -50,7 +50,7 @@ class ScatterEntry(Entry):
     configuration_of: Annotated[Owner, From("rest_of")] = "undecided"
 
 
-class TrendEntry(Entry):
+class EstimatedTrend(Entry):
     """What moves on through the day: ``taken + (1 - exp(-clock / tau)) moving`` for each tau."""
 
     taus: Row
@@ -69,7 +69,7 @@ class Estimated(Entry):
     session_clock: Annotated[str, From("clock_unit")] = "s"
     unexplained: UnexplainedEntry
     scatter_si: ScatterEntry | None = Field(default=None, alias="scatter_SI")
-    trend: TrendEntry | None = None
+    trend: EstimatedTrend | None = None
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool

@@ -60,7 +60,7 @@ class PredictionErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class Alternative:
     """A cause at one tuning that may be chosen in the place of another.
 
     name : str, the same of all that no reading tells apart
@@ -84,18 +84,18 @@ class CrossValidation:
     _last: dict[bool, Folds] = field(default_factory=dict, init=False, repr=False)
 
     def ledger(
-        self, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice] = ()
+        self, effects: Sequence[Effect], by_time: bool, alternatives: Sequence[Alternative] = ()
     ) -> PredictionErrors:
         """Prediction errors with and without some of the effects.
 
         by_time : whether stretches of the session are left out, else configurations
-        choices : what may stand in their place, the first its own: without a fold the best of them is
-            chosen anew
+        alternatives : what may stand in their place, the first its own: without a fold the best of them
+            is chosen anew
         """
         rest = self._without(effects, by_time)
         gone, left, again = rest.left, self._folds(by_time).left, 1.0
-        if choices:
-            left, again = self._anew(rest, effects, by_time, choices)
+        if alternatives:
+            left, again = self._anew(rest, effects, by_time, alternatives)
         errors = np.stack([left, gone], axis=-1)
         if self.fit.mixing is not None:
             errors = self.fit.mixing(errors)
@@ -112,25 +112,29 @@ class CrossValidation:
         )
 
     def _anew(
-        self, plain: Without, effects: Sequence[Effect], by_time: bool, choices: Sequence[Choice]
+        self,
+        plain: Without,
+        effects: Sequence[Effect],
+        by_time: bool,
+        alternatives: Sequence[Alternative],
     ) -> tuple[Array, float]:
         """Residuals (m, R) of poses predicted by what is best without their fold.
 
         effects : in whose place it comes; plain : Without, them
-        Besides, of how many folds that is the first of the choices, at whatever tuning.
+        Besides, of how many folds that is the first of the alternatives, at whatever tuning.
         What is best is told by rows that err independently, what is missed by least squares.
         """
         mixing = self.fit.mixing
         judged = plain if mixing is None else self._independent._without(effects, by_time)
         best, worth = plain.left.copy(), np.zeros(len(plain.folds.folds))
         same = np.zeros(len(worth), dtype=bool)
-        for choice in choices:
-            alike = choice if mixing is None else replace(choice, rows=mixing(choice.rows))
-            gains, left = judged.with_choice(alike)[0], plain.with_choice(choice)[1]
+        for other in alternatives:
+            alike = other if mixing is None else replace(other, rows=mixing(other.rows))
+            gains, left = judged.with_alternative(alike)[0], plain.with_alternative(other)[1]
             for f in np.flatnonzero(gains > worth):
                 here = plain.folds.folds[f].here
                 worth[f], best[here] = gains[f], left[here]
-                same[f] = choice.name == choices[0].name
+                same[f] = other.name == alternatives[0].name
         return best, float(same.mean())
 
     def _without(self, effects: Sequence[Effect], by_time: bool) -> Without:
@@ -187,16 +191,16 @@ class Without:
         """Residuals (m, R) of poses predicted without their fold."""
         return self._predicted(self.r)[..., 0]
 
-    def with_choice(self, choice: Choice) -> tuple[Array, Array]:
+    def with_alternative(self, other: Alternative) -> tuple[Array, Array]:
         """Evidence for a cause from all but each fold, (F,), and residuals (m, R) predicted with it.
 
         With M what projects out the rest and K what predicts a fold F by the others, these say of
         columns X ``S = X^T M X - (M X)_F^T K (M X)_F``, of the residual alike.
         """
-        m, R, k = choice.rows.shape
-        X = self.projected(self.kept.columns(choice.rows))
+        m, R, k = other.rows.shape
+        X = self.projected(self.kept.columns(other.rows))
         back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
-        S, z = X.T @ X + np.diag((self.pull / choice.limits) ** 2), X.T @ self.r
+        S, z = X.T @ X + np.diag((self.pull / other.limits) ** 2), X.T @ self.r
         rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))
         price = k * float(np.log(max(2, rows)))
         at_poses = X[: m * R].reshape(m, R, k)
@@ -307,13 +311,13 @@ def reselected(
     for one in named:
         member = one.entry.candidate
         place = [c.effect for c in with_curves(member, active)]
-        told = crossed.ledger(place, by_time, list(_choices(outcome, one)))
+        told = crossed.ledger(place, by_time, list(_alternatives(outcome, one)))
         square += max(told.rms_with**2 - whole.rms_with**2, 0.0)
         again[member.key] = told.again
     return Reselection(whole.rms_without, float(np.sqrt(square)), again)
 
 
-def _choices(outcome: Outcome, named: Named) -> Iterator[Choice]:
+def _alternatives(outcome: Outcome, named: Named) -> Iterator[Alternative]:
     """What might have been found in a cause's place; itself first."""
     entry, view = named.entry, outcome.view
     alike = {c.key.partition(" as ")[0] for c, _ in named.members}
@@ -325,6 +329,6 @@ def _choices(outcome: Outcome, named: Named) -> Iterator[Choice]:
     least = entry.rivals[0][1] - CLOSE
     rivals = [c for c, gain in entry.rivals if c.named and gain > least]
     for c in dict.fromkeys([entry.candidate, *rivals]):
-        yield Choice(name(c.key), view.rows(view.where[c.key]), c.limits)
+        yield Alternative(name(c.key), view.rows(view.where[c.key]), c.limits)
     for rows, limits in outcome.lineup.other_tunings(view, entry.candidate):
-        yield Choice(first, rows, limits)
+        yield Alternative(first, rows, limits)

@@ -10,7 +10,7 @@ import pytest
 
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.cross_validation import Choice, CrossValidation, _folds
+from calib.diagnosis.cross_validation import Alternative, CrossValidation, _folds
 from calib.diagnosis.stage import Stage
 from calib.instruments import KnownDistance, Socket
 from calib.poses import Measurements
@@ -78,7 +78,7 @@ def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
     fit = linear.fit([offered[0].effect])
     rows = [fit.observation.rows(linear.model.of(c.effect)) for c in offered]
     choices = [
-        Choice(c.key, X, np.full(X.shape[-1], 1e3)) for c, X in zip(offered, rows, strict=True)
+        Alternative(c.key, X, np.full(X.shape[-1], 1e3)) for c, X in zip(offered, rows, strict=True)
     ]
     found = CrossValidation(linear, fit).ledger([offered[0].effect], False, choices)
     fold = _folds(data.poses, by_time=False)

@@ -79,6 +79,26 @@ def test_the_widths_are_where_the_likelihood_is_largest(
     assert min(worse) > objective(of, J, y, at)
 
 
+def test_an_error_of_thousands_of_plausible_sizes_is_met() -> None:
+    """Its width has two modes; a search from the plausible size ends in the one beside that."""
+    of, J, y = problem(0, 200, 24, 1.0)
+    rng = np.random.default_rng(1)
+    lone = replace(
+        of,
+        keys=(*of.keys, ("base_compliance", "base", "tilt")),
+        at=np.arange(len(of.at) + 1),
+        G=np.block([[of.G, np.zeros((len(of.G), 1))], [np.zeros((1, 24)), np.eye(1)]]),
+        sizes=np.ones(25),
+        classes=(*of.classes, ("base_compliance", "urad/(N m)")),
+        scales=np.ones(3),
+        of_class=np.append(of.of_class, 2),
+        of_place=np.append(of.of_place, 4),
+    )
+    told = rng.normal(size=len(y)) / np.sqrt(len(y)) / 300.0  # to so many plausible sizes
+    found = widths_of(lone, np.column_stack([J, told]), y + 4000.0 * told, len(y))
+    assert 1000.0 < np.sqrt(found.variances[-1]) < 10_000.0
+
+
 def test_widths_follow_the_errors() -> None:
     """Errors ten times as large have ten times the width, and what many rows tell needs no prior."""
     drawn = {w: [problem(seed, 40, 24, w) for seed in range(20)] for w in (4.0, 40.0)}

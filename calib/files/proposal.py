@@ -110,7 +110,8 @@ def _ends(path: Path, root: Node) -> Ends:
             others = ", ".join(_first_moving(c) or "?" for c in rivals)
             notes.append(
                 f"arms of one length part at {node.name!r}: took that of {_first_moving(chosen)}, "
-                f"not of {others}; --tip takes another"
+                f"not of {others}; --tip takes another; one --tip "
+                "for each arm takes all"
             )
         if len(moving) > 1 and not row:
             before = [node]
@@ -226,11 +227,13 @@ def propose(
     base: str = "",
     tip: str = "",
     model: str = "",
+    others: tuple[str, ...] = (),
 ) -> Proposal:
     """Read a URDF, xacro output, MJCF, DH table or a maker's file, whichever it is.
 
     convention : of a DH table, which does not tell it; base, tip : in place of those proposed
     model : of the arm that a ``calibration.conf`` of Universal Robots belongs to
+    others : links that are tips beside ``tip``
 
     Raises InputError.
     """
@@ -240,7 +243,7 @@ def propose(
     if not tabular and convention is not None:
         raise InputError(path, "", "is no DH table", "leave --dh out")
     if kind == ".conf" and head != b"<":
-        return _of_calibration(path, base, tip, model)
+        return _of_calibration(path, base, tip, model, others)
     notes: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
     form: Form = "dh" if tabular else "kinematics"
@@ -251,12 +254,12 @@ def propose(
         form, ends = _of_xml(path)
         notes, moving = () if tip else ends.notes, ends.moving
         base, tip = base or ends.base, tip or ends.tip
-    robot = load_robot(form, path, base, tip, convention)
+    robot = load_robot(form, path, base, tip, convention, others)
     held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
     notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
     lacks = _lacks(form, robot)
     if form == "urdf":
-        lacks += _absent(urdf_shapes(path, base, tip).unread)
+        lacks += _absent(urdf_shapes(path, base, tip, others).unread)
     return Proposal(form, convention, robot_files(form, path), robot, held, "", notes, lacks)
 
 
@@ -275,7 +278,11 @@ def _of_xml(path: Path) -> tuple[Form, Ends]:
     return "urdf", urdf_ends(path, root)
 
 
-def _of_calibration(path: Path, base: str, tip: str, model: str) -> Proposal:
+def _of_calibration(
+    path: Path, base: str, tip: str, model: str, others: tuple[str, ...]
+) -> Proposal:
+    if others:
+        raise InputError(path, "", f"has one tip, and {others[0]!r} is another", "give one --tip")
     if not model:
         what = "does not tell the model that its numbers are differences to"
         raise InputError(path, "", what, "add --model, such as --model UR5e")

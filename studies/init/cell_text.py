@@ -129,9 +129,12 @@ def _limits(robot: Robot) -> str:
 
 def _markers(robot: Robot) -> str:
     size = float(np.clip(round(robot.reach * 1e3 / 20, -1), 20, 150))  # mm
-    rows = [
-        f"m{j + 1} = [{', '.join(f'{size * x:g}' for x in place)}]"
-        for j, place in enumerate(_MARKERS)
+    places = [f"[{', '.join(f'{size * x:g}' for x in place)}]" for place in _MARKERS]
+    rows = [f"m{j} = {place}" for j, place in enumerate(places, 1)]
+    rows += [
+        f"{_key(f'{link}_{j}')} = {{ position = {place}, on = {_text(link)} }}"
+        for link in robot.others
+        for j, place in enumerate(places, 1)
     ]
     return "\n".join([*rows, ""])
 

@@ -32,9 +32,10 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--tip",
+    "tips",
     metavar="NAME",
-    default="",
-    help="Last link, body or site, instead of the proposed one.",
+    multiple=True,
+    help="Last link, body or site, instead of the proposed one. Of several arms: one each.",
 )
 @click.option("--model", metavar="NAME", default="",
               help="Model of the arm of a UR calibration.conf, such as UR5e.")  # fmt: skip
@@ -44,7 +45,7 @@ def init(
     folder: Path,
     convention: str | None,
     base: str,
-    tip: str,
+    tips: tuple[str, ...],
     model: str,
     json_path: str | None,
 ) -> None:
@@ -60,6 +61,7 @@ def init(
     \b
     Example:
       posecal init robot.urdf -o my-cell
+      posecal init pair.urdf --tip right_hand --tip left_hand -o my-cell
     """
     import os
 
@@ -70,7 +72,9 @@ def init(
     from studies.init.record import init_record
     from studies.record import envelope
 
-    found = propose(robot_path, cast("Convention | None", convention), base, tip, model)
+    tip, *rest = tips or ("",)
+    others = tuple(rest)
+    found = propose(robot_path, cast("Convention | None", convention), base, tip, model, others)
     cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"
     own_path = folder / "arm.csv" if found.dh_text else None
     for path in (cell_path, table_path, own_path):

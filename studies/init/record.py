@@ -29,6 +29,7 @@ class InitRecord(Record):
 
     cell, table : the files that were written; name : of the arm, empty in results of earlier versions
     held : joints of the file that are not of the chain, at zero
+    others : tips beside that of ``robot``
     """
 
     of_one_cell: ClassVar[bool] = False
@@ -38,6 +39,7 @@ class InitRecord(Record):
     robot: Proposed
     joints: tuple[str, ...] = Field(min_length=1)
     held: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     notes: tuple[str, ...]
 
 
@@ -52,6 +54,7 @@ def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) ->
         robot=Proposed(form=found.form, base=robot.base, tip=robot.tip),
         joints=robot.joints,
         held=found.held,
+        others=robot.others,
         notes=found.notes,
     )
 
@@ -63,9 +66,10 @@ def told(record: InitRecord) -> Document:
 
 def _parts(record: InitRecord) -> Iterator[Part]:
     robot, joints = record.robot, record.joints
+    tips = " and ".join((robot.tip, *record.others))
     held = f"; held at zero: {', '.join(record.held)}" if record.held else ""
     yield Sentence(
-        f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {robot.tip}: "
+        f"{record.name or robot.form}: {len(joints)} joints from {robot.base} to {tips}: "
         f"{', '.join(joints)}{held}"
     )
     yield Sentence(

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 import calib
+import doe
+from calib.model.build import build
 from studies.cli import main
 from studies.demo.embedded import embedded_text
+from tests import two_arms
 from tests.calib.files.test_dh import TABLES
 from tests.calib.files.test_kinematics import franka_text, ur_text
 
@@ -138,7 +143,8 @@ def test_a_repeatability_is_proposed_and_not_taken(tmp_path: Path) -> None:
             "torso>l1:a:revolute l1>l2:b:revolute torso>r1:c:revolute r1>r2:d:revolute",
             "torso",
             "l2",
-            "arms of one length part at 'torso': took that of a, not of c; --tip takes another",
+            "arms of one length part at 'torso': took that of a, not of c; --tip takes another; one "
+            "--tip for each arm takes all",
         ),
         ("b>l1:a:revolute l1>flange:f:fixed flange>my_tool:t:fixed", "b", "my_tool", ""),
         (
@@ -188,6 +194,34 @@ def test_ends_of_ones_own(tmp_path: Path) -> None:
     done = init(tmp_path / "arm.urdf", "-o", tmp_path, "--tip", "link_3")
     assert done.exit_code == 0, done.output
     assert calib.load_cell(tmp_path / "cell.toml").robot.joints == ("A1", "A2", "A3")
+
+
+def test_both_arms_of_a_torso(tmp_path: Path) -> None:
+    """The cell that is written is planned for and identified as it is."""
+    (tmp_path / "pair.urdf").write_text(two_arms.urdf())
+    tips = ("--tip", "right_hand", "--tip", "left_hand")
+    done = init(tmp_path / "pair.urdf", "-o", tmp_path, "--base", "base", *tips)
+    assert done.exit_code == 0, done.output
+    assert "14 joints from base to right_hand and left_hand" in " ".join(done.stdout.split())
+    cell = calib.load_cell(tmp_path / "cell.toml")
+    assert cell.robot.tips == ("left_hand", "right_hand")
+    assert cell.marker_names == ("m1", "m2", "m3", "left_hand_1", "left_hand_2", "left_hand_3")
+    plan = doe.design(cell, poses=14, candidates=300, fresh=False)
+    model = build(cell, plan.poses).model
+    truth = 0.1 * model.sizes * np.random.default_rng(0).normal(size=len(model.parameters))
+    points = model.predict(truth, plan.poses)
+    seen = np.ones(points.shape[:-1], dtype=bool)
+    exact = calib.Measurements(plan.poses, points, seen, np.full(seen.shape, np.nan))
+    found = calib.identify(replace(cell, size_prior={}), exact)
+    np.testing.assert_allclose(found.values, truth, atol=1e-6 * model.sizes.max(), rtol=0)
+
+
+def test_a_dh_table_has_one_tip(tmp_path: Path) -> None:
+    (tmp_path / "arm.csv").write_text(TABLES["three parallel axes"])
+    tips = ("--tip", "tool", "--tip", "elbow")
+    done = init(tmp_path / "arm.csv", "-o", tmp_path, "--dh", "classic", *tips)
+    assert done.exit_code == 2
+    assert "has one tip, and 'elbow' is another" in done.stderr
 
 
 def test_a_controllers_file_becomes_a_table(tmp_path: Path) -> None:

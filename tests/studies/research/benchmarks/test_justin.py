@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.kinematics import forward
-from studies.research.benchmarks.justin import SIDES, alone, justin
+from studies.research.benchmarks.justin.robot import SIDES, alone, justin
 
 
 def test_each_hand_is_where_its_own_chain_has_it(data: Path) -> None:

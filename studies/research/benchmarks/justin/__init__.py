@@ -1,0 +1,1 @@
+"""DLR's humanoid Agile Justin: identified beside what is published, and days planned for it."""

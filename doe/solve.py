@@ -32,7 +32,7 @@ _LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
 _NODES_TOLD = 200  # nodes between two lines on the way
 _ROUNDING = 1e-6
 _SHOWN = 20_000  # candidates of the landscape
-_LOOKED_AT = 100  # candidates of each level by which a number of poses is judged
+_LOOKED_AT = 100  # candidates of each level, at least, by which a number of poses is judged
 _TRIES = 24  # neighbours of each pose in one round
 _ROUNDS = 30
 _WIDEST = 0.12  # of the joint range, shrinking to a two-hundredth of it
@@ -97,8 +97,9 @@ def check_count(problem: Problem, pool: Pool) -> None:
     size = blocks.scores(np.eye(len(blocks.fixed)))
     # Those that tell most, and of the others an even share: one instrument may hide another's.
     ordered = [members[np.argsort(-size[members])] for members in rules.members]
-    told = [own[:_LOOKED_AT] for own in ordered]
-    told += [own[np.linspace(0, len(own) - 1, _LOOKED_AT).astype(int)] for own in ordered]
+    count = max(_LOOKED_AT, problem.request.poses)  # a plan of these takes each once
+    told = [own[:count] for own in ordered]
+    told += [own[np.linspace(0, len(own) - 1, count).astype(int)] for own in ordered]
     some = np.unique(np.concatenate(told))
     part, rules = blocks.take(some), rules.take(some)
     plan = greedy(Determinant(np.eye(len(blocks.fixed))), part, rules)

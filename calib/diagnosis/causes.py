@@ -292,9 +292,14 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
 def _share_of(finding: Finding, entry: Entrant) -> float:
     """By how much the sum of squares would rise without it, over its excess before; NaN without one.
 
-    The noise left beside the estimated parameters is what it says, or less where less is left.
+    The noise left beside the estimated parameters is what it says, or less where less is left. Where
+    whole poses scatter, see :func:`~calib.diagnosis.gap.shares_beside_scatter`.
     """
     after = finding.after
+    if after.variances.any:
+        return float(
+            np.maximum(finding.shares_beside_scatter.get(entry.candidate.key, np.nan), 0.0)
+        )
     excess = finding.outcome.before.cost - min(after.cost, after.dof * finding.scale**2)
     return entry.fall / excess if excess > 0.0 else np.nan
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome, Search, contest, restricted_to
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
+from calib.diagnosis.gap import shares_beside_scatter
 from calib.diagnosis.screen import backward_elimination
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import with_curves
@@ -131,6 +133,11 @@ class Finding(Search):
     def counted(self) -> Measurements:
         """The readings that were fitted."""
         return self.stage.data.take(~self.stage.dropped)
+
+    @cached_property
+    def shares_beside_scatter(self) -> dict[str, float]:
+        """By key, see :func:`~calib.diagnosis.gap.shares_beside_scatter`."""
+        return shares_beside_scatter(self.outcome, self.scale)
 
     @property
     def floor(self) -> float:

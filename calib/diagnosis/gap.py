@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
+from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Outcome
 from calib.diagnosis.stage import Fit
 from calib.instruments import Camera
+from calib.linear import orthonormal
 from calib.poses import Measurements, Poses
 
 _DRAWS = 2000
@@ -169,18 +172,46 @@ def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
     if not active or not any(isinstance(i, Camera) for i in fit.model.instruments):
         return ()
     r, J = (rows[: fit.r.size] for rows in fit.linear.independent)
-    own = {c.key: fit.positions(c.effect) for c in active}
-    every = np.concatenate(list(own.values()))
-    Q = fit.without([c.effect for c in active]).linear.basis[: fit.r.size]
-    moved = {key: J[:, at] @ fit.moving[at] for key, at in own.items()}
-    moved = {key: x - Q @ (Q.T @ x) for key, x in moved.items()}
-    r = r - Q @ (Q.T @ r)
-    before = r + np.sum(list(moved.values()), axis=0)
-    noise = min(float(r @ r), fit.dof * scale**2)
-    excess = float(before @ before) - noise
-    if excess <= 0.0 or not len(every):
+    base = fit.without([c.effect for c in active]).linear.basis[: fit.r.size]
+    shares = _added(fit, active, r, J, base, scale)
+    if not shares:
         return ()
     found: dict[Side, float] = {"camera": 0.0, "board": 0.0, "arm": 0.0}
     for c in active:
-        found[side_of(c.where)] += float(moved[c.key] @ before) / excess
+        found[side_of(c.where)] += shares[c.key]
     return tuple(SideShare(side, share) for side, share in found.items())
+
+
+def shares_beside_scatter(outcome: Outcome, scale: float) -> dict[str, float]:
+    """The share of each cause in the unmodelled error where whole poses scatter, by its key.
+
+    Rows weighed by the scatter that was found show hardly anything of what was there before. In
+    standard deviations of the instrument alone, as in :func:`sides_of`, scatter is a part of what is
+    left.
+    """
+    fit, active = outcome.view.fit, outcome.active
+    if not active:
+        return {}
+    before = fit.without([c.effect for c in active])
+    base = orthonormal(stacked(before.J) @ before.span)
+    return _added(fit, active, fit.r.ravel(), stacked(fit.J), base, scale)
+
+
+def _added(
+    fit: Fit, active: Sequence[Candidate], r: Array, J: Array, base: Array, scale: float
+) -> dict[str, float]:
+    """Shares ``x . r0`` of the squared error that was there beyond noise; nothing where none was.
+
+    r : ndarray, shape (N,), J : ndarray, shape (N, p), rows of the fit; base : ndarray, shape (N, k),
+        orthonormal, of what the user's model follows
+    """
+    own = {c.key: fit.positions(c.effect) for c in active}
+    moved = {key: J[:, at] @ fit.moving[at] for key, at in own.items()}
+    moved = {key: x - base @ (base.T @ x) for key, x in moved.items()}
+    r = r - base @ (base.T @ r)
+    before = r + np.sum(list(moved.values()), axis=0)
+    noise = min(float(r @ r), fit.dof * scale**2)
+    excess = float(before @ before) - noise
+    if excess <= 0.0 or not any(len(at) for at in own.values()):
+        return {}
+    return {key: float(x @ before) / excess for key, x in moved.items()}

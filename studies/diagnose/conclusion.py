@@ -84,7 +84,11 @@ def _no_gap(record: DiagnoseRecord) -> str:
 
 def _found(effects: Sequence[FoundCause]) -> Iterator[str]:
     """The causes after what they are."""
-    lead = "Cause found" if len(effects) == 1 else f"{len(effects)} causes found"
+    unlikely = all(effect.unlikely for effect in effects)
+    one, some = (
+        ("Possible cause", "possible causes") if unlikely else ("Cause found", "causes found")
+    )
+    lead = one if len(effects) == 1 else f"{len(effects)} {some}"
     yield from (f"{lead}: {own}" for own in _causes(effects))
     yield lead
 
@@ -221,7 +225,8 @@ def rest_words(record: DiagnoseRecord) -> Iterator[str]:
 def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
-    how = several if effect.one_of else _SURE.get(effect.standing or "", "found")
+    sure = "possible" if effect.unlikely else _SURE.get(effect.standing or "", "found")
+    how = several if effect.one_of else sure
     said = f"{how} (probability {doc.PROBABILITY(effect.probability)})"
     if effect.share_of_gap is None and effect.decided_by:
         return f"{said}; the geometry that was fitted stands for it"

@@ -31,6 +31,7 @@ from studies.record import (
     Record,
 )
 
+_EVEN = 0.5
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 Row = tuple[Maybe, ...]
 
@@ -108,6 +109,12 @@ class FoundCause(LikelyCause):
     def one_of(self) -> bool:
         """Whether these data do not tell it from others."""
         return self.standing == "one_of" or (self.standing is None and len(self.alike) > 1)
+
+    @property
+    def unlikely(self) -> bool:
+        """Whether neither it nor what may stand in its place is as likely as not."""
+        each = [one.probability for one in self.alike or (self,)]
+        return None not in each and sum(filter(None, each)) < _EVEN
 
     @property
     def names(self) -> str:

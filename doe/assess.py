@@ -130,7 +130,8 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     and Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 by a factor.
     """
     sized = problem.regressor.T / problem.model.sizes[:, None]
-    s = 1.0 / np.sqrt(np.linalg.eigvalsh(sized @ np.linalg.solve(M, sized.T)))
+    half = np.linalg.solve(np.linalg.cholesky(M), sized.T)  # its squares would lose the smallest
+    s = 1.0 / np.linalg.svd(half, compute_uv=False)
     return {
         "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
         "O2": float(s.min() / s.max()),

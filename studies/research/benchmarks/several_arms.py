@@ -61,6 +61,9 @@ class InMujoco:
         for link in root.iter("link"):
             for shape in [e for e in link if e.tag in ("visual", "collision")]:
                 link.remove(shape)
+        for own in root.iter("inertia"):  # in public files some are of no body; none counts at rest
+            own.attrib.update(dict.fromkeys(("ixx", "iyy", "izz"), "0.01"))
+            own.attrib.update(dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
         flags = SubElement(root, "mujoco")
         SubElement(flags, "compiler", _KEEP)
         model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))

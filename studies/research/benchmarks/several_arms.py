@@ -97,10 +97,13 @@ class InMujoco:
         return Measurements(poses, points, seen, np.full(seen.shape, np.nan))
 
 
-def displaced(text: str, rng: np.random.Generator) -> str:
-    """A URDF whose joints' origins are off."""
+def displaced(text: str, joints: tuple[str, ...], rng: np.random.Generator) -> str:
+    """A URDF in which the origins of these joints are off.
+
+    Where a head or a gripper hangs is not read: were it off, its weight would act elsewhere.
+    """
     root: Element = fromstring(text)
-    for joint in root.findall("joint"):
+    for joint in (own for own in root.findall("joint") if own.get("name") in joints):
         origin = joint.find("origin")
         origin = SubElement(joint, "origin") if origin is None else origin
         xyz, rpy = (
@@ -132,7 +135,7 @@ def run(robot: Path, tips: tuple[str, ...], base: str, poses: int, soft: bool, s
         planned = time.process_time() - start
     effects = (*cell.effects, "joint_compliance") if soft else cell.effects
     cell = replace(cell, effects=effects, size_prior={})
-    truth = InMujoco.of(displaced(text, rng), cell, _SOFT if soft else 0.0)
+    truth = InMujoco.of(displaced(text, cell.robot.joints, rng), cell, _SOFT if soft else 0.0)
     start = time.process_time()
     fit = calib.identify(cell, truth.read(plan.poses))
     identified = time.process_time() - start

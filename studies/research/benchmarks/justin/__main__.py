@@ -111,14 +111,21 @@ def _turned(rows: Sequence[Row]) -> list[Row]:
     several("--model", tuple(MODELS), help="Models that are fitted."),
     click.option("--alone", "chains", is_flag=True, help="Each arm as a chain of its own, too."),
     click.option("--plan", is_flag=True, help="Plan days with the last model, and nothing else."),
+    click.option("--match", is_flag=True, help="With --plan: plans like 500 poses at random."),
     count("--refits", 30, least=2, help="Simulated days of each plan."),
 )
 def main(
-    seed: int, days: int, model: Sequence[str], chains: bool, plan: bool, refits: int
+    seed: int,
+    days: int,
+    model: Sequence[str],
+    chains: bool,
+    plan: bool,
+    match: bool,
+    refits: int,
 ) -> Output:
     """Identify both arms of Agile Justin, model by model, and judge them on held-out poses."""
     if plan:
-        rows = planned.rows(MODELS[model[-1]], refits, seed)
+        rows = planned.rows(MODELS[model[-1]], refits, seed, match)
         return [table(_turned(rows))], {"plans": rows}
     cell, data = justin()
     rows = []

@@ -32,6 +32,7 @@ from studies.research.benchmarks.justin.truth import CAMERA, CENTRE, FOCAL, Trut
 INSTRUMENTS = ("tracker", "head camera")
 POSES, CANDIDATES, RANDOM = 40, 2000, 500
 _JUDGED, _MOST_DRAWN = 200, 100_000  # configurations
+_GUESSES = 2  # of a number of poses
 _SIGMA_MM, _SIGMA_PX = 0.5, 0.2
 _SURE = 0.95
 _HEAD = """
@@ -215,25 +216,47 @@ def _random(problem: Problem, count: int, seed: int) -> Array:
     return np.concatenate(found)[:count]
 
 
-def matching(of: Day, effects: Sequence[str], instrument: str, seed: int) -> Row:
-    """How many planned poses expect no more error than so many at random."""
-    problem = of.plan.problem
-    others = assess(problem, Visits(_random(problem, RANDOM, seed + 2))).task_rms
-    poses, error = len(of.plan.poses), of.plan.assessment.task_rms
-    for _ in range(3):
-        poses = int(np.ceil(poses * (error / others) ** 2))
-        error = day(instrument, effects, poses, seed).plan.assessment.task_rms
-        if error <= others:
-            break
-    return {"random_mm": others * 1e3, "like_random": poses, "like_random_mm": error * 1e3}
+def as_many_at_random(of: Day, seed: int) -> Row:
+    """How many poses at random are as good as the plan, and what ``RANDOM`` of them expect."""
+    problem, wanted = of.plan.problem, of.plan.assessment.task_rms
+    q = _random(problem, RANDOM, seed + 2)
+    low, high = len(of.plan.poses), len(q)
+    least = assess(problem, Visits(q)).task_rms
+    while low < high:
+        middle = (low + high) // 2
+        if assess(problem, Visits(q[:middle])).task_rms <= wanted:
+            high = middle
+        else:
+            low = middle + 1
+    return {"like_plan_at_random": high, "random_mm": least * 1e3}
 
 
-def rows(effects: Sequence[str], count: int, seed: int) -> list[Row]:
-    """A row for each instrument."""
+def like_random(
+    of: Day, instrument: str, effects: Sequence[str], random_mm: float, seed: int
+) -> Row:
+    """How many planned poses, polished, expect no more error than ``RANDOM`` at random.
+
+    The second guess follows the slope of the first: near as few as parameters, a pose counts more.
+    """
+    first, error = len(of.plan.poses), of.plan.assessment.task_rms * 1e3
+    count, slope, told = first, 0.5, {}
+    for _ in range(_GUESSES):
+        guess = int(np.ceil(count * (error / random_mm) ** (1.0 / slope)))
+        found = day(instrument, effects, guess, seed).plan.assessment.task_rms * 1e3
+        told[guess] = found
+        slope = float(np.log(error / found) / np.log(guess / count))
+        count, error = guess, found
+    enough = [n for n, mm in told.items() if mm <= random_mm]
+    return {"like_random": min(enough, default=0), "tried_mm": str(told)}
+
+
+def rows(effects: Sequence[str], count: int, seed: int, match: bool) -> list[Row]:
+    """A row for each instrument; match : whether plans of hundreds of poses are sought, too."""
     found: list[Row] = []
     for instrument in INSTRUMENTS:
         of = day(instrument, effects, POSES, seed)
-        plan = of.plan
+        plan, random = of.plan, as_many_at_random(of, seed)
+        own = like_random(of, instrument, effects, random["random_mm"], seed) if match else {}
         found.append(
             {
                 "instrument": instrument,
@@ -243,7 +266,8 @@ def rows(effects: Sequence[str], count: int, seed: int) -> list[Row]:
                 "expected_mm": plan.assessment.task_rms * 1e3,
                 "plan_cpu_s": of.seconds,
                 **refits(of, count, seed),
-                **matching(of, effects, instrument, seed),
+                **random,
+                **own,
             }
         )
     return found

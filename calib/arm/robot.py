@@ -260,6 +260,18 @@ class Robot:
         """Joints that several others move together: these tell where they are."""
         return frozenset(coupling.joint for coupling in self.couplings)
 
+    @cached_property
+    def driven(self) -> Array:
+        """How far each joint goes when one drive turns by one, shape (n, n), a column for each.
+
+        Those that it moves through couplings go with it.
+        """
+        by, place = np.zeros((self.dof, self.dof)), {name: k for k, name in enumerate(self.joints)}
+        for coupling in self.couplings:
+            for name, factor in coupling.factors:
+                by[place[coupling.joint], place[name]] = factor
+        return np.asarray(np.linalg.inv(np.eye(self.dof) - by))
+
     def moved_by(self, joint: int) -> list[int]:
         """Positions of the joints that may move one wrongly: those that move it, else all others."""
         name = self.joints[joint]

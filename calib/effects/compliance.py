@@ -9,8 +9,14 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, turning_joints
-from calib.effects.drive import DriveError, ElasticDrive, compliance_unit
-from calib.effects.protocol import ElasticEffect, Parameter
+from calib.effects.drive import (
+    DriveError,
+    ElasticDrive,
+    along_axis,
+    compliance_unit,
+    moves_of,
+)
+from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter
 from calib.effects.usual import softer
 from calib.poses import Poses
 
@@ -25,6 +31,12 @@ class JointCompliance(ElasticDrive):
     """Elastic drive of a joint: ``dq = compliance * torque`` (paper, equation 2, diagonal k_theta)."""
 
     kind: ClassVar[str] = "joint_compliance"
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        joint = joint_index(context, where)
+        along, moves = along_axis(context.robot, joint), moves_of(context.robot, joint)
+        return cls(where, joint + 1, along, moves=moves)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -73,10 +85,10 @@ class TiltingFrame(ElasticEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "tilt", "urad/(N m)", 1e-6, _TILTS, self.largest),)
 
-    def flexibility(self, poses: Poses) -> Array:
+    def flexibilities(self, poses: Poses) -> Flexibilities:
         K = np.zeros((6, 6))
         K[3:, 3:] = np.eye(3) - np.outer(self.axis, self.axis)
-        return K[None, :, :, None]
+        return {(self.frame, self.frame): K[None, :, :, None]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +160,7 @@ class ToolCompliance(ElasticEffect):
         ]
         return (*slide, *turn)
 
-    def flexibility(self, poses: Poses) -> Array:
+    def flexibilities(self, poses: Poses) -> Flexibilities:
         diagonal = np.zeros((1, 6, 6, 6))
         diagonal[0, range(6), range(6), range(6)] = 1.0
-        return diagonal
+        return {(self.frame, self.frame): diagonal}

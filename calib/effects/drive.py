@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -11,7 +11,14 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, room
 from calib.effects.context import Context, joint_index, turning_joints
-from calib.effects.protocol import ElasticEffect, PoseEffect, State, Twist, TwistEffect
+from calib.effects.protocol import (
+    ElasticEffect,
+    Flexibilities,
+    PoseEffect,
+    State,
+    Twist,
+    TwistEffect,
+)
 from calib.poses import Poses
 
 
@@ -57,22 +64,52 @@ class DriveError(AlongJoint, PoseEffect):
 class ElasticDrive(AlongJoint, ElasticEffect):
     """A joint that yields along its own variable: ``dq = compliance * torque``.
 
-    Paper, equation 2 with a diagonal k_theta.
+    Paper, equation 2 with a diagonal k_theta. A drive that moves joint j by ``factor_j`` of its own
+    motion feels ``factor_j * torque_j`` of it, by virtual work: it yields under the sum, and all that
+    it moves go with it.
+
+    moves : joints that couplings move with it: frame of each, and unit displacement (6,) times factor
     """
+
+    moves: tuple[tuple[int, Array], ...] = field(default=(), kw_only=True)
+
+    @property
+    def _along(self) -> tuple[tuple[int, Array], ...]:
+        """Frames that the drive moves and their displacements (6,), its own joint's first."""
+        return ((self.frame, self.axis), *self.moves)
 
     @abstractmethod
     def shares(self, poses: Poses) -> Array:
         """What each parameter adds to the compliance at each pose, shape (m or 1, p)."""
 
-    def flexibility(self, poses: Poses) -> Array:
-        return np.outer(self.axis, self.axis)[:, :, None] * self.shares(poses)[:, None, None, :]
+    def flexibilities(self, poses: Poses) -> Flexibilities:
+        shares = self.shares(poses)[:, None, None, :]
+        return {
+            (moved, felt): np.outer(way, axis)[:, :, None] * shares
+            for moved, way in self._along
+            for felt, axis in self._along
+        }
 
-    def basis(self, state: State) -> Array:
-        torque = np.einsum("...i,i->...", state.wrench.local[..., self.frame, :], self.axis)
-        by = torque[..., None] * self.shares(state.poses)
-        out = room(by.shape[:-1], 6, by.shape[-1])
-        out[...] = self.axis[:, None] * by[..., None, :]
-        return out
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
+        local = state.wrench.local
+        torque = sum(np.einsum("...i,i->...", local[..., k, :], axis) for k, axis in self._along)
+        by = np.asarray(torque)[..., None] * self.shares(state.poses)
+        found = []
+        for frame, axis in self._along:
+            out = room(by.shape[:-1], 6, by.shape[-1])
+            out[...] = axis[:, None] * by[..., None, :]
+            found.append((frame, out))
+        return tuple(found)
+
+
+def moves_of(robot: Robot, joint: int) -> tuple[tuple[int, Array], ...]:
+    """Joints that couplings move with one: the frame of each, and displacement for one of that (6,)."""
+    column = robot.driven[:, joint].tolist()
+    return tuple(
+        (other + 1, factor * along_axis(robot, other))
+        for other, factor in enumerate(column)
+        if factor and other != joint
+    )
 
 
 def along_axis(robot: Robot, joint: int) -> Array:

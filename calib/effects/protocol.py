@@ -24,7 +24,7 @@ A new cause of error is one file with one such class and one entry in ``calib.ef
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self, TypeAlias
 
@@ -189,6 +189,10 @@ Displacement: TypeAlias = tuple[int, Array]
 """A frame and its displacement xi, (..., m or 1, 6), SI."""
 
 
+Flexibilities: TypeAlias = Mapping[tuple[int, int], Array]
+"""D K / d parameter, (m or 1, 6, 6, p), by frames: that is displaced, and whose wrench does it."""
+
+
 def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...]:
     """Displacements ``basis @ values`` by what is linear; values (..., p), SI."""
     theta = values[..., None, :]
@@ -305,7 +309,7 @@ class FrameEffect(DirectedEffect, PoseEffect):
 
 @dataclass(frozen=True, eq=False)
 class ElasticEffect(TwistEffect):
-    """A displacement in proportion to the wrench that the frame transmits."""
+    """A displacement in proportion to the wrench that frames transmit."""
 
     frame: int
 
@@ -314,19 +318,20 @@ class ElasticEffect(TwistEffect):
         return "load"
 
     @abstractmethod
-    def flexibility(self, poses: Poses) -> Array:
-        """D K / d parameter, shape (m or 1, 6, 6, p): xi = K (force, moment) in the frame's axes."""
+    def flexibilities(self, poses: Poses) -> Flexibilities:
+        """``xi_k = sum_j K_kj (force, moment)_j``, by frames (k, j), each in its own axes."""
 
     def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        return ((self.frame, self.basis(state)),)
+        return tuple(
+            (moved, self._by(K, state.wrench.local[..., felt, :]))
+            for (moved, felt), K in self.flexibilities(state.poses).items()
+        )
 
-    def basis(self, state: State) -> Array:
-        """D xi / d parameter at the frame, shape (..., m, 6, p), SI."""
-        local = state.wrench.local[..., self.frame, :]
-        K = self.flexibility(state.poses)
-        K = np.broadcast_to(K, (len(state.poses), *K.shape[1:]))
-        twists: Array = np.einsum("mijp,...mj->...mip", K, local, optimize=True)
-        return twists
+    @staticmethod
+    def _by(K: Array, local: Array) -> Array:
+        """D xi / d parameter by the wrench of a frame (..., m, 6), shape (..., m, 6, p), SI."""
+        K = np.broadcast_to(K, (local.shape[-2], *K.shape[1:]))
+        return np.asarray(np.einsum("mijp,...mj->...mip", K, local, optimize=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, needs
-from calib.effects.drive import ElasticDrive, along_axis, compliance_unit
+from calib.effects.drive import ElasticDrive, along_axis, compliance_unit, moves_of
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
 from calib.poses import Poses
@@ -36,9 +36,8 @@ class StiffnessVsAngle(ElasticDrive):
             "no angles are given and no poses to take them from",
             f"add [model.knots_deg] {where} = [..] to the cell",
         )
-        return cls(
-            where, joint + 1, along_axis(context.robot, joint), np.sort(context.knots[where])
-        )
+        along, moves = along_axis(context.robot, joint), moves_of(context.robot, joint)
+        return cls(where, joint + 1, along, np.sort(context.knots[where]), moves=moves)
 
     @classmethod
     def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:

@@ -33,7 +33,7 @@ def arm_jacobian(
     state: State,
     given: Loads,
     loads: Loads,
-    elastic: Mapping[int, Array],
+    elastic: Mapping[tuple[int, int], Array],
     tips: Sequence[int],
 ) -> list[Array]:
     """Velocity field of each tip for each parameter, shape (..., m, 6, p), base axes.
@@ -41,7 +41,7 @@ def arm_jacobian(
     parts : each effect and where its parameters stand in the values
     values : ndarray, shape (..., p), SI
     given, loads : Loads, without and with the errors of weights and wrenches
-    elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
+    elastic : dict, (frame, felt at) -> ndarray, shape (..., m, 6, 6), flexibility
     tips : frames of the tips
     Columns of what does not move a tip are zero. A parameter that displaces several frames gets the
     sum of what it does at each.
@@ -120,7 +120,7 @@ def _with_deflection(
     acts_at: Sequence[int],
     pulled: Array,
     wrench: Array,
-    elastic: Mapping[int, Array],
+    elastic: Mapping[tuple[int, int], Array],
     loads: Loads,
     state: State,
     tips: Sequence[int],
@@ -161,8 +161,10 @@ def _joined(blocks: Sequence[Array]) -> Array:
 # again. With y_k the motion that elastic frame k adds and V_l the motion of frame l itself, both as
 # velocity fields,
 #
-#     y_k = T_k K_k (whole_k sum_{l carries k} (V_l + y_l) + beyond sum_{k carries l} (V_l + y_l)) .
+#     y_k = sum_j T_k K_kj
+#           (whole_j sum_{l carries j} (V_l + y_l) + beyond sum_{j carries l} (V_l + y_l)) ,
 #
+# with j other than k where a drive moves several joints.
 # Frames of another branch change nothing: their motion moves no load that frame k carries.
 # Few components of a wrench bend a frame, of a joint's compliance the moment about its axis alone: how
 # these change, at all elastic frames together, is what a small linear system is solved for, pose by
@@ -174,7 +176,7 @@ def coupled(
     own: Array,
     acts_at: IntArray,
     loaded: Array,
-    elastic: Mapping[int, Array],
+    elastic: Mapping[tuple[int, int], Array],
     loads: Loads,
     frames: Frames,
     wrench: Transmitted,
@@ -185,11 +187,16 @@ def coupled(
     own : ndarray, shape (..., m, 6, p), velocity field of each parameter's own displacement
     acts_at : ndarray of int, shape (p,), frame that each parameter displaces
     loaded : ndarray, shape (..., m, F, 6, p), wrench that each parameter adds to the frames
-    elastic : dict, frame -> ndarray, shape (..., m, 6, 6), flexibility
+    elastic : dict, (frame, felt at) -> ndarray, shape (..., m, 6, 6), flexibility
     Returns ndarrays, shape (..., m, 6, p), base axes.
     """
-    felt = {k: np.flatnonzero(K.any(axis=(*range(K.ndim - 2), -2))) for k, K in elastic.items()}
-    at, component = np.repeat([*felt], [len(c) for c in felt.values()]), np.hstack([*felt.values()])
+    felt = {key: np.flatnonzero(K.any(axis=(*range(K.ndim - 2), -2))) for key, K in elastic.items()}
+    strains = list(dict.fromkeys((j, c) for (_, j), own in felt.items() for c in own.tolist()))
+    at, component = np.array(strains).T
+    # What each component that is felt moves, of one frame or several.
+    moving = np.repeat([k for k, _ in felt], [len(c) for c in felt.values()])
+    by = [strains.index((j, c)) for (_, j), own in felt.items() for c in own.tolist()]
+    alone = by == [*range(len(strains))]
     beyond = change_beyond(robot, loads, frames, wrench)
     axis = np.swapaxes(frames.R, -1, -2)[..., at, component % 3, :]
     near = _as_one(axis, component, beyond[..., at, :, 3:], frames.o[..., at, :], wrench, at)
@@ -203,15 +210,19 @@ def coupled(
         return np.where(carried, near @ motion[..., 3:, :], moments)
 
     follow = np.concatenate(
-        [spatial_columns(frames.present, k, elastic[k][..., c]) for k, c in felt.items()], axis=-1
+        [spatial_columns(frames.present, k, elastic[k, j][..., c]) for (k, j), c in felt.items()],
+        axis=-1,
     )
     given = change(own, acts_at) + loaded[..., at, component, :]
-    strain = np.linalg.solve(np.eye(len(at)) - change(follow, at), given)
+    answer = change(follow, moving)
+    answer = answer if alone else answer @ np.eye(len(at))[by]
+    strain = np.linalg.solve(np.eye(len(at)) - answer, given)
+    strain = strain if alone else strain[..., by, :]
 
     def of(tip: int) -> Array:
         if not robot.branched:
             return np.asarray(own + follow @ strain)
-        moved, bent = (robot.carries[frame, tip] for frame in (acts_at, at))
+        moved, bent = (robot.carries[frame, tip] for frame in (acts_at, moving))
         return np.asarray(own * moved + (follow * bent) @ strain)
 
     return [of(tip) for tip in tips]

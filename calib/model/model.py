@@ -532,14 +532,18 @@ class Model:
             J[..., own, :, :] = _moved_by(field_of_tip, points[..., own, :])
         return J
 
-    def _flexibilities(self, values: Array, poses: Poses) -> dict[int, Array]:
-        """Flexibility of each frame that is elastic at the present values, shape (..., m, 6, 6)."""
-        total: dict[int, Array] = {}
+    def _flexibilities(self, values: Array, poses: Poses) -> dict[tuple[int, int], Array]:
+        """What is elastic at the present values, by frames that are displaced and that feel a wrench.
+
+        Shapes (..., m, 6, 6).
+        """
+        total: dict[tuple[int, int], Array] = {}
         for effect, part in self._parts:
             if isinstance(effect, ElasticEffect) and values[..., part].any():
-                K = np.einsum("mijp,...p->...mij", effect.flexibility(poses), values[..., part])
-                total[effect.frame] = total.get(effect.frame, 0.0) + K
-        return {frame: K for frame, K in total.items() if K.any()}
+                for frames, own in effect.flexibilities(poses).items():
+                    K = np.einsum("mijp,...p->...mij", own, values[..., part])
+                    total[frames] = total.get(frames, 0.0) + K
+        return {frames: K for frames, K in total.items() if K.any()}
 
 
 def _moved_by(fields: Array, points: Array) -> Array:

@@ -124,7 +124,9 @@ def static_torques(scene: Scene) -> Array:
                 torques[k, 1] += along(load.mass, hung, cell.gravity)
         mass[parent] += mass[frame]
         moment[parent] += moment[frame]
-    return np.moveaxis(torques, 0, -1)
+    # By virtual work a drive holds its share of what couplings move, too.
+    own = np.moveaxis(torques, 0, -1)
+    return own @ robot.driven if robot.couplings else own
 
 
 def _along(

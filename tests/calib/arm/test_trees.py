@@ -13,6 +13,7 @@ import pytest
 import calib
 from calib import Cell, Tracker
 from calib.arm.kinematics import forward, link_origins
+from calib.arm.mimic import Coupling
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
@@ -134,6 +135,75 @@ def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> Non
     numeric = central_difference(lambda v: model.predict(v, tree.poses), values, model.sizes * 1e-2)
     error = np.abs(J - numeric) * model.sizes
     assert error.max() < 1e-9
+
+
+def coupled(tree: Tree) -> tuple[Robot, Array]:
+    """The robot with a joint that two others move, and one that this moves; how all move, (n, n)."""
+    robot, factors = tree.robot, tree.rng.uniform(-1.5, 1.5, 3).tolist()
+    c, *others = tree.rng.permutation(robot.dof).tolist()
+    names, moved = robot.joints, np.eye(robot.dof)
+    a, b = others[0], others[min(1, len(others) - 1)]
+    by = {names[a]: factors[0], names[b]: factors[1]}
+    found = [Coupling(names[c], tuple(by.items()), 0.1)]
+    moved[c, [a, b]] = by[names[a]], by[names[b]]
+    for d in others[2:3]:
+        found.append(Coupling(names[d], ((names[c], factors[2]),), -0.05))
+        moved[d, [a, b, c]] = factors[2] * moved[c, [a, b, c]]
+    return replace(robot, couplings=tuple(found)), moved
+
+
+def compliant(tree: Tree, robot: Robot) -> Model:
+    """A marker on every tip of a robot whose drives yield under its weight."""
+    context = random_context(tree.rng, robot, len(robot.tips))
+    gravity = tree.stand(tree.poses.q[0])[0].T @ GRAVITY
+    context = replace(context, payload=Payload(), gravity=gravity)
+    frames = np.arange(robot.dof + 1, robot.frame_count)
+    return replace(model_of(context, ("joint_compliance",)), marker_frames=frames)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_drives_yield_under_all_that_they_move_as_in_mujoco(tmp_path: Path, seed: int) -> None:
+    """By virtual work: the drive of a parallelogram holds its own joint and those that follow."""
+    tree = Tree(tmp_path, seed)
+    robot, moved = coupled(tree)
+    model, q = compliant(tree, robot), robot.tied(tree.poses.q)
+    poses = poses_at(q)
+    c = np.where(robot.prismatic, 1e-5, 2e-5) * tree.rng.uniform(0.5, 2.0, robot.dof)
+    tree.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    points = model.tip_points(model.state(c, poses).frames, c, poses)
+    for i, row in enumerate(q):
+        bent = row
+        for _ in range(30):
+            R, p = tree.stand(bent)
+            felt = moved.T @ -tree.data.qfrc_bias[tree.dofs]
+            bent = row + moved @ (c * felt)
+        for j, tip in enumerate(robot.tips):
+            there = tree.data.body(tip)
+            expected = there.xpos + there.xmat.reshape(3, 3) @ model.markers[j]
+            np.testing.assert_allclose(R @ points[i, j] + p, expected, atol=1e-8)
+        # The energy of the links says the same of the torques.
+        for k in range(robot.dof):
+            energy = []
+            for h in (1e-4, -1e-4):
+                tree.stand(bent + h * moved[:, k])
+                energy.append(tree.data.energy[0])
+            work = (energy[1] - energy[0]) / 2e-4
+            assert abs(work - felt[k]) < 1e-5 * max(1.0, abs(felt[k]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_derivatives_where_a_drive_moves_several_joints(tmp_path: Path, seed: int) -> None:
+    tree = Tree(tmp_path, seed)
+    robot, _ = coupled(tree)
+    context = random_context(tree.rng, robot, len(robot.tips))
+    kinds = ("base", "tool", "geometry", "joint_compliance", "bearing_compliance", "link_weight")
+    frames = np.arange(robot.dof + 1, robot.frame_count)
+    model = replace(model_of(context, kinds), marker_frames=frames)
+    values = np.abs(tree.rng.normal(size=len(model.parameters))) * model.sizes * 0.3
+    poses = replace(tree.poses, q=robot.tied(tree.poses.q))
+    _, J = model.jacobian(values, poses)
+    numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes * 1e-2)
+    assert (np.abs(J - numeric) * model.sizes).max() < 1e-9
 
 
 def _soft() -> list[type]:

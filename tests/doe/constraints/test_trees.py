@@ -60,6 +60,19 @@ def test_drives_hold_what_hangs_on_both_sides() -> None:
     np.testing.assert_allclose(loaded, expected, atol=1e-10)
 
 
+def test_a_drive_holds_its_share_of_what_a_coupling_moves() -> None:
+    cell, poses, _ = two_hands(1)
+    free, _ = static_torques(scene_of(cell, poses.q))
+    level = Coupling("right1", (("hip", -0.5), ("torso", -1.0)), 0.0)
+    tied = replace(cell, robot=replace(cell.robot, couplings=(level,)))
+    held, _ = static_torques(scene_of(tied, poses.q))
+    hip, torso, right = (cell.robot.joints.index(name) for name in ("hip", "torso", "right1"))
+    expected = free.copy()
+    expected[:, hip] -= 0.5 * free[:, right]
+    expected[:, torso] -= free[:, right]
+    np.testing.assert_allclose(held, expected, atol=1e-10)
+
+
 def test_a_plan_of_both_arms_keeps_an_undriven_joint_in_place_and_in_its_limits() -> None:
     cell, _, _ = two_hands(0)
     limits = np.tile([-2.0, 2.0], (10, 1))

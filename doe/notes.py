@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.arm.robot import odd_limits
 from calib.cell.planned import Hull
+from calib.effects.protocol import ElasticEffect
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.warm_up import WarmUp
 from doe.constraints import Floor
@@ -67,6 +68,13 @@ def _unseen(design: Design) -> Iterator[str]:
         yield (
             f"no instrument sees an error of {', '.join(joints)}, which carry what reads and what is "
             "read alike. The expected error at the targets is without them"
+        )
+    model = design.problem.model
+    if joints and model.robot.masses.any() and len(model.where(ElasticEffect)):
+        yield (
+            f"if {', '.join(joints)} yield, gravity tilts for the arm as well, and its deflections "
+            "differ from those that the plan foresees. An instrument that does not ride on the robot "
+            "shows it"
         )
 
 

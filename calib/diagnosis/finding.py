@@ -136,7 +136,7 @@ class Finding(Search):
 
     @cached_property
     def shares_beside_scatter(self) -> dict[str, float]:
-        """By key, see :func:`~calib.diagnosis.gap.shares_beside_scatter`."""
+        """Share of each cause in the unmodelled error by its key, where whole poses scatter."""
         return shares_beside_scatter(self.outcome, self.scale)
 
     @property

@@ -9,13 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, turning_joints
-from calib.effects.drive import (
-    DriveError,
-    ElasticDrive,
-    along_axis,
-    compliance_unit,
-    moves_of,
-)
+from calib.effects.drive import DriveError, ElasticDrive, compliance_unit
 from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter
 from calib.effects.usual import softer
 from calib.poses import Poses
@@ -31,12 +25,6 @@ class JointCompliance(ElasticDrive):
     """Elastic drive of a joint: ``dq = compliance * torque`` (paper, equation 2, diagonal k_theta)."""
 
     kind: ClassVar[str] = "joint_compliance"
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        joint = joint_index(context, where)
-        along, moves = along_axis(context.robot, joint), moves_of(context.robot, joint)
-        return cls(where, joint + 1, along, moves=moves)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:

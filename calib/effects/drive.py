@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -73,6 +73,10 @@ class ElasticDrive(AlongJoint, ElasticEffect):
 
     moves: tuple[tuple[int, Array], ...] = field(default=(), kw_only=True)
 
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        return replace(super().at(context, where), moves=moves_of(context, where))
+
     @property
     def _along(self) -> tuple[tuple[int, Array], ...]:
         """Frames that the drive moves and their displacements (6,), its own joint's first."""
@@ -102,8 +106,9 @@ class ElasticDrive(AlongJoint, ElasticEffect):
         return tuple(found)
 
 
-def moves_of(robot: Robot, joint: int) -> tuple[tuple[int, Array], ...]:
+def moves_of(context: Context, where: str) -> tuple[tuple[int, Array], ...]:
     """Joints that couplings move with one: the frame of each, and displacement for one of that (6,)."""
+    robot, joint = context.robot, joint_index(context, where)
     column = robot.driven[:, joint].tolist()
     return tuple(
         (other + 1, factor * along_axis(robot, other))

@@ -36,8 +36,8 @@ class StiffnessVsAngle(ElasticDrive):
             "no angles are given and no poses to take them from",
             f"add [model.knots_deg] {where} = [..] to the cell",
         )
-        along, moves = along_axis(context.robot, joint), moves_of(context.robot, joint)
-        return cls(where, joint + 1, along, np.sort(context.knots[where]), moves=moves)
+        along, knots = along_axis(context.robot, joint), np.sort(context.knots[where])
+        return cls(where, joint + 1, along, knots, moves=moves_of(context, where))
 
     @classmethod
     def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:

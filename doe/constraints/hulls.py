@@ -7,7 +7,7 @@ motion is free.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import Lock
 from typing import Any
 
@@ -25,9 +25,9 @@ _THIN = 1e-6  # m, radius of a segment
 
 @dataclass(frozen=True, eq=False)
 class HullDistances:
-    """Distances of segments to a hull; body : Hull."""
+    """Distances of segments to a hull; hull : Hull."""
 
-    body: Hull
+    hull: Hull
     _lock: Lock = field(default_factory=Lock)
 
     def from_segment(self, start: Array, end: Array, wanted: float | Array = 0.0) -> Array:
@@ -36,7 +36,7 @@ class HullDistances:
         Zero where they meet. Raises CalibError where MuJoCo is not installed.
         """
         start, end = np.broadcast_arrays(start, end)
-        centre, radius = self.body.ball
+        centre, radius = self.hull.ball
         found = np.maximum(point_segment(centre, start, end) - radius, 0.0)
         near = found <= np.asarray(wanted) + _NEAR
         found[near] = self._exact(start[near], end[near])
@@ -67,13 +67,19 @@ class HullDistances:
                 "pip install 'posecal[sim]', or give boxes"
             ) from None
         spec = mujoco.MjSpec()
-        spec.add_mesh(name="hull", uservert=self.body.points.ravel())
+        spec.add_mesh(name="hull", uservert=self.hull.points.ravel())
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="hull")
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[_THIN, 1.0, 0.0])
         model = spec.compile()
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         return mujoco, model, data
+
+
+@lru_cache(maxsize=64)
+def distances_to(hull: Hull) -> HullDistances:
+    """The same for each that asks, so that MuJoCo takes a hull in once."""
+    return HullDistances(hull)
 
 
 def _along_z(vectors: Array, half: Array) -> Array:

@@ -7,7 +7,6 @@ never move, so nothing could be chosen to keep them clear.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from doe.constraints.distances import (
     segment_box,
     segment_halfspace,
 )
-from doe.constraints.hulls import HullDistances
+from doe.constraints.hulls import distances_to
 from doe.constraints.scene import BASE, Scene, named_capsules, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
@@ -52,18 +51,14 @@ class Obstacle(Clearance):
                 return np.maximum(point_segment(centre, start, end) - radius, 0.0)
             case HalfSpace(point, normal):
                 return segment_halfspace(start, end, point, normal)
-            case Hull():
-                return self._hull.from_segment(start, end, wanted)
+            case Hull() as hull:
+                return distances_to(hull).from_segment(start, end, wanted)
 
     def from_point(self, point: Array, wanted: float = 0.0) -> Array:
         """Distance of n points (n, 3), shape (n,), m, as :meth:`from_segment` has it; zero inside."""
         if isinstance(self.body, Box):
             return point_box(_local(self.body.T_base_box, point), self.body.half)
         return self.from_segment(point, point, wanted)
-
-    @cached_property
-    def _hull(self) -> HullDistances:
-        return HullDistances(self.body)  # type: ignore[arg-type]  # asked of hulls alone
 
     @property
     def ball(self) -> tuple[Array, float] | None:

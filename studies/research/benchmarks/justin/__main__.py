@@ -1,6 +1,7 @@
 """DLR's humanoid Agile Justin: two arms of seven joints on one torso, a marker on each hand.
 
-    python -m studies.research.benchmarks.justin [--days 0] [--model NAME ..] [--alone] [--plan]
+    python -m studies.research.benchmarks.justin [--days 0] [--model NAME ..] [--alone]
+        [--plan [--match]]
 
 The public table has 400 poses of both arms; every fifth one is held out, and nothing is fitted again on
 it. Both arms are one robot with two tips. The torso's fourth joint has no drive: it is moved by the two
@@ -10,7 +11,8 @@ intervals of 95 % hold the truth. Published (Tenhumberg and Baeuml 2021), mean o
 nominal, 18.18 with offsets, 10.5 with DH parameters, 5.64 with joint compliances, 3.12 (8.23 at most)
 with lateral ones.
 ``--plan`` plans forty poses for both arms, read by a tracker or watched from a head, and sets what the
-plan promises beside simulated days.
+plan promises beside simulated days; ``--match`` seeks how many planned poses tell as much as 500 at
+random.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from calib.arrays import Array
 from calib.poses import Measurements
 from studies.research.bench import Output, Row, bench, count, several, table
 from studies.research.benchmarks.justin import planned
-from studies.research.benchmarks.justin.robot import SIDES, alone, justin
+from studies.research.benchmarks.justin.robot import SIDES, SIGMA_MM, alone, justin
 
 _GEOMETRY = ("base", "tool", "geometry")
 _SOFT = ("joint_compliance", "bearing_compliance", "base_compliance")
@@ -43,7 +45,6 @@ MODELS: Mapping[str, tuple[str, ...]] = {
 }
 PUBLISHED = dict(zip(MODELS, (21.33, 18.18, 10.5, 5.64, 3.12), strict=False))
 _EVERY, _HELD = 5, 2
-_SIGMA = 0.5e-3  # m, of a coordinate on simulated days
 
 
 def split(data: Measurements) -> tuple[Measurements, Measurements]:
@@ -88,7 +89,7 @@ def coverage(cell: calib.Cell, found: calib.Identification, data: Measurements, 
     for day in range(days):
         rng = np.random.default_rng(day)
         readings = model.predict(found.values, data.poses)
-        drawn = readings + rng.normal(size=readings.shape) * _SIGMA
+        drawn = readings + rng.normal(size=readings.shape) * SIGMA_MM * 1e-3
         again = calib.identify(cell, replace(data, readings=drawn))
         told = {p.id: i for i, p in enumerate(again.model.parameters)}
         for p, truth in zip(model.parameters, found.values, strict=True):

@@ -29,14 +29,21 @@ from doe.problem.visits import Visits
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.research.bench import Row, cell_from, data_folder, rms_3d
-from studies.research.benchmarks.justin.robot import SIDES, justin, robot_text
+from studies.research.benchmarks.justin.robot import (
+    HEAD,
+    SIDES,
+    SIGMA_MM,
+    TRACKED,
+    justin,
+    robot_text,
+)
 from studies.research.benchmarks.justin.truth import CAMERA, CENTRE, FOCAL, Truth
 
 INSTRUMENTS = ("tracker", "head camera", "head camera, rigid torso")
 POSES, CANDIDATES, RANDOM = 40, 2000, 500
 _JUDGED, _MOST_DRAWN = 200, 100_000  # configurations
 _GUESSES = 2  # of a number of poses
-_SIGMA_MM, _SIGMA_PX = 0.5, 0.2
+_SIGMA_PX = 0.2
 _SURE = 0.95
 _HEAD = """
 <joint name="pan" type="revolute"><parent link="l3"/><child link="neck"/><origin xyz="0 -0.4 0"/>
@@ -45,14 +52,6 @@ _HEAD = """
 <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="0" velocity="1"/></joint><link name="head"/>
 """
 _CELL = """
-schema = 1
-name = "justin"
-[robot]
-urdf = "robot.urdf"
-base = "base_link"
-tip = "right_l10"
-[robot.coupled.t4]
-of = {{ t2 = -1, t3 = -1 }}
 [robot.limits_deg]
 {limits}
 [robot.capsules_mm]
@@ -68,13 +67,6 @@ _ARM = """
 {0}_a2 = [{{ from = [0, {1}50, 0], to = [0, {1}400, 0], radius = 60 }}]
 {0}_a4 = [{{ from = [0, 0, 0], to = [0, {1}390, 0], radius = 55 }}]
 {0}_a7 = [{{ from = [0, 0, 0], to = [90, 160, 0], radius = 45 }}]
-"""
-_TRACKER = f"""
-[markers_mm]
-right = [105, 203, -22]
-left = {{ position = [100, 174, 17], on = "left_l10" }}
-[instrument]
-sigma_mm = {_SIGMA_MM}
 """
 _BOARD = """
 [boards.{0}]
@@ -102,12 +94,12 @@ def planned_cell(instrument: str, effects: Sequence[str]) -> calib.Cell:
     """Justin for a plan by one of INSTRUMENTS."""
     urdf = robot_text(data_folder("justin"))
     if instrument == INSTRUMENTS[0]:
-        read = _TRACKER
+        read = TRACKED
     else:
         urdf = urdf.replace("</robot>", f"{_HEAD}</robot>")
         read = "".join(_BOARD.format(side) for side in SIDES)
         read += _CAMERA.format(FOCAL, CENTRE.tolist(), _SIGMA_PX, (CAMERA[:3, 3] * 1e3).tolist())
-    text = _CELL.format(
+    text = HEAD + _CELL.format(
         limits=_limits(),
         arms="".join(_ARM.format(side, "-" if side == "left" else "") for side in SIDES),
         read=read,
@@ -162,7 +154,7 @@ def read(of: Day, poses: Poses, rng: np.random.Generator | None = None) -> Measu
     camera = cell.instruments[0].kind == "camera"
     exact = (of.truth.pixels(poses.q) if camera else of.truth.points(poses.q))[:, marker]
     if rng is not None:
-        exact = exact + (_SIGMA_PX if camera else _SIGMA_MM * 1e-3) * rng.normal(size=exact.shape)
+        exact = exact + (_SIGMA_PX if camera else SIGMA_MM * 1e-3) * rng.normal(size=exact.shape)
     seen = visible(scene_of(cell, poses.q))
     return Measurements(poses, exact * seen[..., None], seen, np.full(seen.shape, np.nan))
 

@@ -14,7 +14,7 @@ from studies.research.bench import Row, data_folder
 
 SIDES = ("left", "right")
 _TORSO = 4
-_HEAD = """
+HEAD = """
 schema = 1
 name = "justin"
 [robot]
@@ -23,11 +23,16 @@ base = "base_link"
 tip = "right_l10"
 [robot.coupled.t4]
 of = { t2 = -1, t3 = -1 }
+"""
+SIGMA_MM = 0.5
+TRACKED = f"""
 [markers_mm]
 right = [105, 203, -22]
-left = { position = [100, 174, 17], on = "left_l10" }
+left = {{ position = [100, 174, 17], on = "left_l10" }}
 [instrument]
-sigma_mm = 0.5
+sigma_mm = {SIGMA_MM}
+"""
+_MODEL = """
 [model]
 effects = ["base", "tool"]
 """
@@ -73,7 +78,7 @@ def justin() -> tuple[calib.Cell, Measurements]:
     with tempfile.TemporaryDirectory() as name:
         folder, rows = Path(name), list(rows_of(source))
         (folder / "robot.urdf").write_text(robot_text(source), encoding="utf-8")
-        (folder / "cell.toml").write_text(_HEAD, encoding="utf-8")
+        (folder / "cell.toml").write_text(HEAD + TRACKED + _MODEL, encoding="utf-8")
         with (folder / "measurements.csv").open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, list(rows[0]))
             writer.writeheader()

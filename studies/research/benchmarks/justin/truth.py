@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,6 +38,7 @@ class Truth:
     masses: Array
     coms: Array
     compliances: Array
+    driven: Array
     markers: Array
     on: IntArray
     head: int = 0
@@ -56,7 +58,7 @@ class Truth:
         moved = np.array([shift[frame] for frame in cell.marker_frames.tolist()])
         seats = [cell.marker_frames[own.start] for own in cell.seats.values()]
         return cls(
-            tuple(robot.parents), steps, robot.axes, robot.masses, robot.coms, soft,
+            tuple(robot.parents), steps, robot.axes, robot.masses, robot.coms, soft, _rod(robot.joints),
             cell.markers + moved, cell.marker_frames, int(seats[0]) if seats else 0,
             CAMERA @ _motion(_LINK_RAD * rng.normal(size=3), 2e-3 * rng.normal(size=3)),
         )  # fmt: skip
@@ -86,10 +88,14 @@ class Truth:
         return found
 
     def at_rest(self, q: Array) -> Array:
-        """Frames where the drives hold the links, which they carry there."""
+        """Frames where the drives hold the links, which they carry there.
+
+        By virtual work a drive feels the torques of all the joints that turn with it.
+        """
         T = self.frames(q)
         for _ in range(_ROUNDS):
-            T = self.frames(q + self.compliances * self.torques(T))
+            yielded = self.compliances * (self.torques(T) @ self.driven)
+            T = self.frames(q + yielded @ self.driven.T)
         return T
 
     def points(self, q: Array) -> Array:
@@ -108,6 +114,13 @@ class Truth:
         return np.asarray(
             np.einsum("mkij,kj->mki", own[..., :3, :3], self.markers) + own[..., :3, 3]
         )
+
+
+def _rod(joints: Sequence[str]) -> Array:
+    """By how much each joint turns for one of each drive: a rod turns t4 back by t2 and t3."""
+    driven = np.eye(len(joints))
+    driven[joints.index("t4")] = [-1.0 if j in ("t2", "t3") else 0.0 for j in joints]
+    return driven
 
 
 def _motion(turn: Array, shift: Array) -> Array:

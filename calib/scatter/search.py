@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _PAYS = 6.0  # fall of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
 _TRIED = 2  # of the most, or the least, promising
+_BEYOND_DOUBT = 1000.0  # fall that each must promise of several that enter together
 _SURELY = 10.0  # times its price: a variance that is worth so much by a quadratic model stays
 _FEWEST = 10  # rows that see the instrument alone, from which on it can be told from the arm
 
@@ -146,16 +147,18 @@ def _entry_price(choices: int) -> float:
 def _entering(
     problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray
 ) -> State | None:
-    """The search with one more variance free, where one pays; None where none does."""
+    """The search with more variances free: all that pay beyond doubt, or one; None where none pays."""
     price = _PAYS if len(free) else _entry_price(len(may))
     promised = np.zeros(len(theta))
     promised[may] = _promises(found, free)[may]
-    # Of two that are one and the same, as of a single point on the tip, rounding must not choose.
-    order = np.argsort(-promised.round(6 - int(np.log10(promised.max() + 1.0))), kind="stable")
-    for j in order[:_TRIED]:
-        if promised[j] < 0.5 * _PAYS:
-            break
-        wider = np.sort(np.append(free, j))
+    # Two that promise the same are one and the same, as of a single point on the tip: the first stands.
+    rounded = promised.round(6 - int(np.log10(promised.max() + 1.0)))
+    order = np.unique(-rounded, return_index=True)[1]
+    together = order[(promised[order] > _BEYOND_DOUBT) & (len(free) > 0)]
+    for more in (together, *order[:_TRIED, None]):
+        if promised[more].sum() < 0.5 * _PAYS:
+            continue
+        wider = np.sort(np.append(free, more))
         fresh, better = maximised(problem, theta, wider, found=found)
         if found.value - better.value > price:
             return fresh, better, wider

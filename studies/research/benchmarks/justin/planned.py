@@ -4,8 +4,8 @@ The public files have no shapes, limits and head. Capsules about torso and arms 
 keep to the angles of the public table. A head, with a joint to pan, one to tilt and a camera, is put on
 the chest.
 
-A torso that yields carries head and hands alike, but tilts gravity for the arms: what a head camera
-alone foresees holds for a rigid one, which is set beside the soft one.
+A torso that yields carries head and hands alike. The rod keeps the chest level, or gravity would tilt
+for the arms, which the head does not see.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from studies.research.benchmarks.justin.robot import (
 )
 from studies.research.benchmarks.justin.truth import CAMERA, CENTRE, FOCAL, Truth
 
-INSTRUMENTS = ("tracker", "head camera", "head camera, rigid torso")
+INSTRUMENTS = ("tracker", "head camera")
 POSES, CANDIDATES, RANDOM = 40, 2000, 500
 _JUDGED, _MOST_DRAWN = 200, 100_000  # configurations
 _GUESSES = 2  # of a number of poses
@@ -140,11 +140,7 @@ def day(instrument: str, effects: Sequence[str], poses: int, seed: int) -> Day:
         cell, poses=poses, candidates=CANDIDATES, fresh=False, reapproach=0, seed=seed
     )
     seconds = time.process_time() - begun
-    truth = Truth.drawn(cell, np.random.default_rng(seed))
-    if instrument == INSTRUMENTS[-1]:
-        unseen = np.isin(cell.robot.joints, cell.unseen_joints)
-        truth = replace(truth, compliances=np.where(unseen, 0.0, truth.compliances))
-    return Day(plan, truth, seconds)
+    return Day(plan, Truth.drawn(cell, np.random.default_rng(seed)), seconds)
 
 
 def read(of: Day, poses: Poses, rng: np.random.Generator | None = None) -> Measurements:

@@ -140,19 +140,8 @@ class Pose(Tracker):
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Place and bodies by hand-eye calibration of the nominal arm."""
-        corners, free = arm.markers.reshape(-1, CORNERS, 3), arm.free.reshape(-1, CORNERS, 3)
-        known, read = ~free.any(axis=(1, 2)), np.asarray(seen.any(axis=0))
-        R, t, frames = hand_eye(
-            (rotation_of(rows), rows[..., :3]),
-            seen,
-            (arm.R_tip, arm.p_tip),
-            _frame(_flat(corners)),
-            np.asarray(known),
-            arm.placed,
-        )
-        found = np.einsum("ab,cbi->cai", np.linalg.inv(DIFFERENCES), frames)
-        corners = np.where(np.asarray(~known & read)[:, None, None], found, corners)
-        told = arm.free & np.repeat(read, CORNERS)[:, None]
+        R, t, corners = hand_eye((rotation_of(rows), rows[..., :3]), seen, arm)
+        told = arm.free & np.repeat(np.any(seen, axis=0), CORNERS)[:, None]
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
 
 

@@ -15,11 +15,12 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from calib.arm.se3 import cross, fit_rigid, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
+from calib.arm.se3 import fit_rigid, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import Motions, hand_eye
 from calib.instruments.posit import LEAST, RESOLUTION, posed, rays_to, refined
 from calib.instruments.protocol import Nominal
+from calib.instruments.riding import CORNERS, corners_of, frame_of
 from calib.solver import levenberg_marquardt
 
 Shape: TypeAlias = tuple[slice, Array]
@@ -271,24 +272,21 @@ def _chosen(
     if mounted.known:  # seen from the base then
         back = camera[0].T
         R, t = back @ R, rotate(back, t - camera[1])
-    frames = np.stack([np.stack([body.t, body.R[:, 0], body.R[:, 1]]) for body in bodies])
-    certain = np.array([body.known for body in bodies])
+    corners = np.concatenate([corners_of(body.R, body.t) for body in bodies])
+    free = np.repeat([not body.known for body in bodies], CORNERS)[:, None] & np.ones(3, dtype=bool)
+    arm = Nominal(*mounted.arm, corners, free, mounted.known)
     which, using = np.zeros(whole.shape, dtype=int), trusted
     i, b = np.indices(whole.shape)
     for _ in range(_TURNS):
-        chosen = R[i, b, which], t[i, b, which]
-        R_base, t_base, frames = hand_eye(
-            chosen, using, mounted.arm, frames, certain, mounted.known
-        )
-        axes = np.swapaxes(frames[:, 1:], -1, -2)
-        axes = np.concatenate([axes, cross(axes[..., 0], axes[..., 1])[..., None]], axis=-1)
-        expected = R_base @ mounted.arm[0][:, None] @ axes
+        R_base, t_base, corners = hand_eye((R[i, b, which], t[i, b, which]), using, arm)
+        origins, axes = frame_of(corners)
+        expected = R_base @ arm.R_tip[:, None] @ np.swapaxes(axes, -1, -2)
         alike = np.einsum("mbij,mbkij->mbk", expected, R)  # 1 + 2 cos of the angle between
         now = alike.argmax(axis=-1)
         if np.array_equal(now, which) and np.array_equal(using, whole):
             break
         which, using = now, whole
-    found = [(own, frame[0]) for own, frame in zip(axes, frames, strict=True)]
+    found = [(own.T, origin) for own, origin in zip(axes, origins, strict=True)]
     return (camera if mounted.known else (R_base, t_base)), found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.se3 import cross, rotate
+from calib.arm.se3 import cross, nearest_rotation, rotate
 from calib.arrays import Array
 from calib.instruments.protocol import Instrument
 
@@ -21,8 +21,14 @@ CORNERS = 3
 
 
 def corners_of(R: Array, p: Array) -> Array:
-    """The three points (3, 3) of a body that stands at R (3, 3), p (3,)."""
-    return np.asarray(_CORNERS @ R.T + p)
+    """The three points (..., 3, 3) of a body that stands at R (..., 3, 3), p (..., 3)."""
+    return np.asarray(_CORNERS @ np.swapaxes(R, -1, -2) + p[..., None, :])
+
+
+def rigid(corners: Array) -> Array:
+    """The three points (..., 3, 3) of the body that stands nearest to three that bend, origin kept."""
+    origin, axes = frame_of(corners)
+    return corners_of(nearest_rotation(np.swapaxes(axes, -1, -2)), origin)
 
 
 def frame_of(corners: Array) -> tuple[Array, Array]:

@@ -113,10 +113,9 @@ def influence(
     points = experiment.model.predict(experiment.nominal, experiment.poses)
     observation, start = experiment.observe(POINTS, points)
     squared = gain(observation.flat(start)[1], prediction.span) ** 2
-    each = experiment.weights[0, ..., 0].size  # numbers of one reading
     read = squared.shape[1] - experiment.model.known_rows  # what is known beside them comes last
-    by_reading = squared[:, :read].reshape(len(squared), -1, configurations, each)
-    share = by_reading.sum(axis=(1, 3))
+    by_reading = squared[:, :read].reshape(len(squared), len(experiment.poses), -1).sum(axis=2)
+    share = by_reading.reshape(len(squared), -1, configurations).sum(axis=1)
     total = share.sum(axis=1, keepdims=True)
     return np.asarray((share / np.where(total > 0.0, total, np.nan)).T)
 

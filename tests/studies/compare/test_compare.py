@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from studies.compare.montecarlo import refits
 from studies.compare.prediction import by_markers, by_poses, influence, influence_by_effect, predict
 from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
 from tests.studies.compare.fields import fields_of, one_marker
+from tests.two_arms import EYE, PLATE, written
 
 
 def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
@@ -206,6 +208,19 @@ def test_noise_at_a_pose_counts_as_its_influence_says(nine: SimulatedExperiment)
     weights[[3, 18]] = np.sqrt(2.0)
     variance = ((gain * weights.ravel()) ** 2).sum(axis=1)
     np.testing.assert_allclose(variance / (gain**2).sum(axis=1), 1.0 + share[3], rtol=1e-8)
+
+
+def test_influence_where_a_pose_shows_one_of_two_boards(tmp_path: Path) -> None:
+    """Rows of channels that are not read are left out of an observation."""
+    other = PLATE.replace("plate", "other").replace('on = "tip"', 'on = "left_hand"')
+    cell = calib.load_cell(written(tmp_path, PLATE, other, EYE, effects='"tool", "joint_offset"'))
+    poses = doe.design(cell, poses=12, candidates=600, refine=False, reapproach=0).poses
+    experiment = experiment_of(cell, poses)
+    assert not experiment.weights.any(axis=-1).all()
+    prediction = predict(experiment, POINTS)
+    share = influence(experiment, prediction, 12)
+    estimated = np.abs(prediction.span).any(axis=1)
+    np.testing.assert_allclose(share[:, estimated].sum(axis=0), 1.0)
 
 
 def calib_rows(experiment: SimulatedExperiment) -> Array:

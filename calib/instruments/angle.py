@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from calib.arm.se3 import cross, moved_as_one, rotate, so3_exp, so3_log
+from calib.arm.se3 import cross, moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
 from calib.files.values import URAD, Positive
 from calib.instruments.points import Tracker
@@ -56,10 +56,6 @@ class Angle(Instrument):
         return (
             "where it stands is found from readings alone; measure, and ask identify and diagnose"
         )
-
-    def read(self, place: Array, points: Array) -> Array:
-        R = so3_exp(place[..., 3:])[..., None, None, :, :]
-        return _angles(rotate(R, points) + place[..., None, None, :3])
 
     def linearise(self, place: Array, points: Array) -> Linear:
         own, R, by_place = moved_as_one(place[..., None, :], points)

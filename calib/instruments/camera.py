@@ -205,12 +205,6 @@ class FixedCamera(Camera):
     def unknowns(self) -> tuple[Unknown, ...]:
         return (*Tracker.unknowns, *self.of_lens)
 
-    def read(self, place: Array, points: Array) -> Array:
-        standing, lens, loose = self._split(place)
-        R, t = so3_exp(standing[..., 3:]), standing[..., :3]
-        own = rotate(R[..., None, None, :, :], points) + t[..., None, None, :]
-        return lens.project(_viewed(own, loose)[0])
-
     def linearise(self, place: Array, points: Array) -> Linear:
         standing, lens, loose = self._split(place)
         own, R, by_standing = moved_as_one(standing[..., None, :], points)
@@ -341,13 +335,6 @@ class ArmCamera(Camera):
             if loose.shape[-1]:
                 by_loose[..., board.channels, :, part] = R @ by_part
         return points, by, by_loose
-
-    def read(self, place: Array, points: Array) -> Array:
-        standing, lens, loose = self._split(place)
-        centre, axes = self._seen_at(points)
-        targets, _, _ = self._targets(standing, loose[..., MOTION.stop :])
-        own = rotate(axes, targets[..., None, :, :] - centre)
-        return lens.project(_viewed(own, loose)[0])
 
     def linearise(self, place: Array, points: Array) -> Linear:
         standing, lens, loose = self._split(place)

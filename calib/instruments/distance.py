@@ -76,10 +76,6 @@ class Distance(Even):
         away = np.linalg.norm(points - self.anchor, axis=-1)
         return np.asarray((away >= self.reach[0]) & (away <= self.reach[1]))
 
-    def read(self, place: Array, points: Array) -> Array:
-        away, offset = self._from(place, points)
-        return np.asarray(np.linalg.norm(away, axis=-1, keepdims=True) + offset)
-
     def _from(self, place: Array, points: Array) -> tuple[Array, Array]:
         """Vectors from the anchor, and the offset."""
         anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor

@@ -34,10 +34,6 @@ class Even(Instrument, ABC):
         names = ("d",) if self.rows == 1 else ("x", "y", "z")
         return tuple(Number(name, "mm", 1e-3) for name in names)
 
-    @property
-    def lengths(self) -> IntArray:
-        return np.arange(self.rows)
-
     def row_of(self, entries: Array) -> Array:
         return np.pad(entries, ((0, 0), (0, self.rows - entries.shape[-1])))
 

@@ -54,18 +54,13 @@ class Plane(Surface):
     def metric(self) -> bool:
         return False
 
-    def read(self, place: Array, points: Array) -> Array:
-        normal = so3_exp(_turn(place)) @ _UP
-        height = np.einsum("...mci,...i->...mc", points, normal)
-        under = place[..., 2:3] - place[..., 3:].sum(axis=-1, keepdims=True)
-        return np.asarray(height[..., None] - under[..., None, None, :])
-
     def linearise(self, place: Array, points: Array) -> Linear:
         turn = _turn(place)
         R = so3_exp(turn)
         by_turn = (-R @ skew(_UP) @ so3_right_jacobian(turn))[..., None, None, :, :2]
         normal = (R @ _UP)[..., None, None, None, :]
-        rows = self.read(place, points)
+        under = place[..., 2:3] - place[..., 3:].sum(axis=-1, keepdims=True)
+        rows = (points * normal[..., 0, :]).sum(axis=-1, keepdims=True) - under[..., None, None, :]
         one = np.ones((*rows.shape, 1))
         by_place = np.concatenate(
             [points[..., None, :] @ by_turn, -one, np.repeat(one, place.shape[-1] - 3, axis=-1)],

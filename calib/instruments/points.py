@@ -78,10 +78,6 @@ class Tracker(Instrument):
         """R_station_base (..., 3, 3) and p_station_base (..., 3), m, of a place (..., 6)."""
         return so3_exp(place[..., 3:]), place[..., :3]
 
-    def read(self, place: Array, points: Array) -> Array:
-        R, p = self.placement(place)
-        return rotate(R[..., None, None, :, :], points) + p[..., None, None, :]
-
     def linearise(self, place: Array, points: Array) -> Linear:
         rows, R, by_place = moved_as_one(place[..., None, :], points)
         return Linear(rows, R if place.any() else None, by_place)

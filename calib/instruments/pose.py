@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_log
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, Mask
 from calib.files.values import MM, SMALLEST, URAD, Positive, Row
 from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
@@ -59,18 +59,8 @@ class Pose(Tracker):
         )
 
     @property
-    def lengths(self) -> IntArray:
-        return np.arange(3)
-
-    @property
     def parts(self) -> Mapping[str, slice]:
         return {f"pose:{self.name}": MOTION}
-
-    def read(self, place: Array, points: Array) -> Array:
-        corners = super().read(place[..., MOTION], points.reshape((*points.shape[:-2], -1, 3)))
-        if place.shape[-1] > MOTION.stop:
-            corners = moved_as_one(place[..., None, MOTION.stop :], corners)[0]
-        return _flat(_frame(corners.reshape((*corners.shape[:-2], -1, 9))))
 
     def linearise(self, place: Array, points: Array) -> Linear:
         """Of the corners, as a tracker reads them; what came loose moves all that is read."""

@@ -5,7 +5,7 @@ pixels, one distance. A reading may take several points of the tip together; thr
 frame, which an instrument may read, or ride on. How it stands against the robot's base is unknown, its
 **place**: nuisance beside the parameters, found without a guess. A new instrument is one file with
 
-    read, linearise     rows of points in base axes, their derivatives by the points and by the place
+    linearise           rows of points in base axes, their derivatives by the points and by the place
     whitening           from the covariance of a row; what the simulator adds follows from it
     start               the place, and the markers if it tells them, from nothing but the rows
     columns             how a row stands in a table
@@ -203,12 +203,12 @@ class Instrument(ABC):
         return True
 
     @abstractmethod
-    def read(self, place: Array, points: Array) -> Array:
-        """Rows (..., m, C, r) of points (..., m, C, 3 k), m, in base axes; place has shape (..., u)."""
-
-    @abstractmethod
     def linearise(self, place: Array, points: Array) -> Linear:
-        """The same with the derivatives."""
+        """Rows and their derivatives of points (..., m, C, 3 k), m, in base axes; place : (..., u)."""
+
+    def read(self, place: Array, points: Array) -> Array:
+        """The rows (..., m, C, r) alone."""
+        return self.linearise(place, points).rows
 
     @property
     def numbers(self) -> tuple[Number, ...]:
@@ -218,7 +218,7 @@ class Instrument(ABC):
     @property
     def lengths(self) -> IntArray:
         """Positions in a row of the numbers whose errors are lengths, m."""
-        return np.flatnonzero([c.quantity == "length" for c in self.columns])
+        return np.flatnonzero([number.unit == "mm" for number in self.numbers])
 
     def shown(self, measured: Array, off: Array) -> Array:
         """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""

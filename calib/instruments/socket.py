@@ -41,12 +41,9 @@ class Socket(Surface):
     def metric(self) -> bool:
         return False
 
-    def read(self, place: Array, points: Array) -> Array:
-        moved = place.reshape((*place.shape[:-1], -1, 3)).sum(axis=-2)  # from where it stood
-        return np.asarray(points - moved[..., None, None, :])
-
     def linearise(self, place: Array, points: Array) -> Linear:
-        rows = self.read(place, points)
+        moved = place.reshape((*place.shape[:-1], -1, 3)).sum(axis=-2)  # from where it stood
+        rows = points - moved[..., None, None, :]
         by_place = np.tile(-np.eye(3), (1, place.shape[-1] // 3))
         return Linear(rows, None, np.broadcast_to(by_place, (*rows.shape, place.shape[-1])))
 

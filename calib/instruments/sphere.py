@@ -43,20 +43,13 @@ class Sphere(Surface):
     def metric(self) -> bool:
         return self.radius is not None
 
-    def read(self, place: Array, points: Array) -> Array:
-        away = points - place[..., None, None, :3]
-        return np.asarray(np.linalg.norm(away, axis=-1, keepdims=True) - self._radius(place))
-
-    def _radius(self, place: Array) -> Array:
-        own = place[..., 3:] if self.radius is None else np.full(1, self.radius)
-        return own[..., None, None, :]
-
     def linearise(self, place: Array, points: Array) -> Linear:
         away = points - place[..., None, None, :3]
         distance = np.linalg.norm(away, axis=-1, keepdims=True)
         along = (away / distance)[..., None, :]
         by_radius = [-np.ones((*distance.shape, 1))] if self.radius is None else []
-        rows = distance - self._radius(place)
+        radius = place[..., 3:] if self.radius is None else np.full(1, self.radius)
+        rows = distance - radius[..., None, None, :]
         return Linear(rows, along, np.concatenate([-along, *by_radius], axis=-1))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calib.arrays import Array
-from calib.instruments.rotation import rotation
+from calib.instruments.placing import rotation
 
 
 def asked(seed: int, rows: int, error: float) -> tuple[Array, Array, Array]:

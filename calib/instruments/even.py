@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.arm.se3 import even_directions, rotate
 from calib.arrays import Array, IntArray, Mask
+from calib.instruments.placing import levers
 from calib.instruments.protocol import Instrument, Nominal, Number, Start, Unknown
 from calib.solver import levenberg_marquardt
 
@@ -96,10 +97,8 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
     pose, channel, nominal = contacts(seen, arm)
     measured, R = rows[seen][:, None], arm.R_tip[pose]
     told = arm.free & np.any(seen, axis=0)[:, None]
-    free, u = np.argwhere(told), len(instrument.unknowns)
-    # Which component of a marker moves which reading, (n, f).
-    own = np.asarray(np.equal(channel[:, None], free[:, 0]))
-    lever = np.where(own[:, None, :], R[:, :, free[:, 1]], 0.0)
+    lever, u = levers(channel, R, told), len(instrument.unknowns)
+    free = lever.shape[-1]
 
     def linearise(values: Array) -> tuple[Array, Array]:
         offsets = values[..., u:]
@@ -111,12 +110,12 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
         off = instrument.difference(measured, found.rows)
         off = off.reshape((*off.shape[:-3], -1)) / _MISSES
         r = np.concatenate([off, -offsets / _STRAYS], -1)
-        held = np.pad(np.eye(len(free)) / _STRAYS, ((0, 0), (u, 0)))
+        held = np.pad(np.eye(free) / _STRAYS, ((0, 0), (u, 0)))
         J = J.reshape((*off.shape, J.shape[-1])) / _MISSES
         return r, np.concatenate([J, np.broadcast_to(held, (*J.shape[:-2], *held.shape))], axis=-2)
 
     room = _ROOM * (np.linalg.norm(nominal, axis=-1).max() + np.abs(measured).max())
-    values = np.pad(starts, ((0, 0), (0, len(free))))
+    values = np.pad(starts, ((0, 0), (0, free)))
     near = np.abs(values).max(axis=-1, initial=0.0) < room
     values = values[near] if near.any() else values
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -18,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arm.se3 import nearest_rotation, rotate, skew, so3_exp, so3_exp_with_jacobian, so3_log
-from calib.arrays import Array, Mask, stacked
+from calib.arrays import Array, IntArray, Mask, stacked
 from calib.instruments.protocol import Nominal
 from calib.instruments.riding import CORNERS, corners_of, rigid
 from calib.solver import levenberg_marquardt
@@ -40,14 +40,21 @@ def placed(points: Array, seen: Mask, arm: Nominal) -> tuple[Array, Array, Array
     R_tip = arm.R_tip[pose]
     y, there = points[pose, marker], arm.p_tip[pose] + rotate(R_tip, arm.markers[marker])
     free = arm.free & (seen.sum(axis=0) > 0)[:, None]
-    own = np.argwhere(free)
-    lever = np.where(marker[:, None, None] == own[:, 0], R_tip[:, :, own[:, 1]], 0.0)
-    apart = Apart(lever, arm.placed)
+    apart = Apart(levers(marker, R_tip, free), arm.placed)
     S: Array = np.eye(3) if arm.placed else rotation(*apart.quadratic(y, there))
     t, offsets = apart.solved(y @ S.T - there)
     markers = arm.markers.copy()
     markers[free] += offsets
     return S.T, S.T @ t, markers
+
+
+def levers(marker: IntArray, R_tip: Array, free: Mask) -> Array:
+    """How readings (n,) of markers follow the components of these that are free, shape (n, 3, f).
+
+    marker : ndarray of int, shape (n,); R_tip : ndarray, shape (n, 3, 3); free : of shape (M, 3)
+    """
+    own = np.argwhere(free)
+    return np.where(marker[:, None, None] == own[:, 0], R_tip[:, :, own[:, 1]], 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +80,11 @@ class Apart:
         if not self.placed:
             rows = rows - rows.mean(axis=0)
         return stacked(rows)
+
+    @property
+    def whole(self) -> bool:
+        """Whether rows tell all of u."""
+        return bool(len(self._directions[1]) == self.lever.shape[-1])
 
     def solved(self, rest: Array) -> tuple[Array, Array]:
         """The shift (3,) and u (f,) of rest (n, 3), m; u of least length."""

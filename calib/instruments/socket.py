@@ -11,6 +11,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, contacts
+from calib.instruments.placing import Apart, levers
 from calib.instruments.protocol import (
     CellParts,
     Instrument,
@@ -52,20 +53,11 @@ class Socket(Surface):
         del rows
         pose, channel, points = contacts(seen, arm)
         told = arm.free & np.any(seen, axis=0)[:, None]
-        free = np.argwhere(told)
-        own = np.asarray(np.equal(channel[:, None], free[:, 0]))
-        lever = np.where(own[:, None, :], arm.R_tip[pose][:, :, free[:, 1]], 0.0)
-        # Without their means rows speak of the markers alone.
-        A = (lever - lever.mean(axis=0)).reshape(3 * len(pose), len(free))
-        off = np.asarray((points - points.mean(axis=0)).reshape(-1))
-        offsets, _, rank, _ = np.linalg.lstsq(A, -off, rcond=_SINGULAR)
+        apart = Apart(levers(channel, arm.R_tip[pose], told), placed=False)
+        back, offsets = apart.solved(-points)
         markers = arm.markers.copy()
         markers[told] += offsets
-        place = points.mean(axis=0) + lever.mean(axis=0) @ offsets
-        return Start(place, markers, told if rank == len(free) else np.zeros_like(told))
-
-
-_SINGULAR = 0.05  # of the largest lever: below, a nominal arm's error would look like a marker's
+        return Start(-back, markers, told if apart.whole else np.zeros_like(told))
 
 
 class SocketTable(KeysTable):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from calib.arrays import Array
+from calib.files.exports.images import Pattern
+from calib.files.exports.points import PointList
+from calib.files.exports.sightings import file_shots, look, point_list
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 SIZE = (960, 720)
@@ -94,3 +99,17 @@ def _rendered(paper: Any, T: Array, over: int = 2) -> Any:
     context.free()
     grey = cv2.cvtColor(image[::-1], cv2.COLOR_RGB2GRAY)
     return cv2.resize(grey, SIZE, interpolation=cv2.INTER_AREA)
+
+
+def read_images(
+    paths: Sequence[Path], patterns: Sequence[Pattern], poses: Collection[str] = ()
+) -> tuple[PointList, tuple[str, ...]]:
+    """Every point of a board that images show, and the poses whose images do not count.
+
+    An image is named as in :func:`file_shots`.
+
+    Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
+    """
+    seen = look(file_shots(paths, poses), patterns)
+    read = point_list(paths[0].parent, seen, patterns)
+    return read, tuple(own.shot.pose for own in seen if own.reason)

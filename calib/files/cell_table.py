@@ -33,7 +33,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "", f"is not valid TOML: {_first_line(error)}") from None
+        raise InputError(path, "", f"is not valid TOML: {str(error).splitlines()[0]}") from None
     except ValueError:  # an integer of thousands of digits
         raise InputError(path, "", "holds a number with too many digits") from None
     except RecursionError:
@@ -49,10 +49,6 @@ def _refuse_long_keys(path: Path, text: str) -> None:
         )
         if max(longest, len(re.findall(r"[\"']\s*\.", line))) > _DEEPEST:
             raise InputError(path, f"line {number}", "is nested too deeply")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0]
 
 
 def _validated(path: Path, raw: dict[str, Any]) -> CellFile:

@@ -77,15 +77,21 @@ def number_at(
 
     what, remedy : that are said of its word
     """
-    if not isinstance(node, Scalar):
-        raise InputError(path, "", "holds a list where a name or number belongs")
+    own = scalar_at(path, node)
     try:
-        value = float(node.word)
+        value = float(own.word)
     except ValueError:
         value = math.nan
     if not abs(value) < largest:
-        raise InputError(path, f"line {node.line}", f"{node.word[:40]!r} {what}", remedy)
+        raise InputError(path, f"line {own.line}", f"{own.word[:40]!r} {what}", remedy)
     return value
+
+
+def scalar_at(path: Path, node: Node) -> Scalar:
+    """The value at a node. Raises InputError for a map or list."""
+    if not isinstance(node, Scalar):
+        raise InputError(path, "", "holds a list where a name or number belongs")
+    return node
 
 
 def leaves(node: Node) -> list[Node]:

@@ -69,7 +69,8 @@ class Angle(Instrument):
             ],
             axis=-2,
         )
-        return Linear(_angles(own), by_own @ R, by_own @ by_place)
+        rows = np.stack([np.arctan2(y, x), np.arctan2(z, level)], axis=-1)
+        return Linear(rows, by_own @ R, by_own @ by_place)
 
     def difference(self, measured: Array, predicted: Array) -> Array:
         """Once around is nothing."""
@@ -102,12 +103,6 @@ class Angle(Instrument):
         R, t = found.R, found.t
         told = arm.free & np.any(seen, axis=0)[:, None]
         return Start(np.concatenate([Q.T @ t, so3_log(Q.T @ R)]), markers, told)
-
-
-def _angles(own: Array) -> Array:
-    """Azimuth and elevation (..., 2), rad, of points (..., 3) in the instrument's axes."""
-    x, y, z = np.moveaxis(own, -1, 0)
-    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
 
 
 class AngleTable(KeysTable):

@@ -76,24 +76,16 @@ class Distance(Even):
         away = np.linalg.norm(points - self.anchor, axis=-1)
         return np.asarray((away >= self.reach[0]) & (away <= self.reach[1]))
 
-    def _from(self, place: Array, points: Array) -> tuple[Array, Array]:
-        """Vectors from the anchor, and the offset."""
-        anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor
-        offset = place[..., self._shifts].sum(axis=-1, keepdims=True)
-        return points - anchor[..., None, None, :], offset[..., None, None, :]
-
-    @property
-    def _shifts(self) -> slice:
-        """Of the place: what is added to the distance, all alike."""
-        return slice(0 if self.known else len(POINT), None)
-
     def linearise(self, place: Array, points: Array) -> Linear:
-        away, offset = self._from(place, points)
+        anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor
+        shifts = place[..., 0 if self.known else len(POINT) :]  # added to the distance, all alike
+        away = points - anchor[..., None, None, :]
         distance = np.linalg.norm(away, axis=-1, keepdims=True)
         along = (away / distance)[..., None, :]
-        shifts = np.ones((*distance.shape, place[..., self._shifts].shape[-1]))
-        by_place = np.concatenate([*([] if self.known else [-along]), shifts], axis=-1)
-        return Linear(distance + offset, along, by_place)
+        by_shifts = np.ones((*distance.shape, shifts.shape[-1]))
+        by_place = np.concatenate([*([] if self.known else [-along]), by_shifts], axis=-1)
+        rows = distance + shifts.sum(axis=-1)[..., None, None, None]
+        return Linear(rows, along, by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """``|p|^2 - d^2 = 2 p c - 2 d o - (|c|^2 - o^2)``, its mirror, and from all around."""

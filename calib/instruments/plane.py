@@ -55,7 +55,7 @@ class Plane(Surface):
         return False
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        turn = _turn(place)
+        turn = np.concatenate([place[..., :2], np.zeros_like(place[..., 2:3])], axis=-1)
         R = so3_exp(turn)
         by_turn = (-R @ skew(_UP) @ so3_right_jacobian(turn))[..., None, None, :, :2]
         normal = (R @ _UP)[..., None, None, None, :]
@@ -87,11 +87,6 @@ def place_of(point: Array, normal: Array) -> Array:
     """The place (3,) of a plane through a point (3,), m, base axes; its normal (3,) is taken upward."""
     up = normal / np.linalg.norm(normal) * (1.0 if normal[2] >= 0.0 else -1.0)
     return np.array([*_tilt(up), up @ point])
-
-
-def _turn(place: Array) -> Array:
-    """The rotation vector of a place (..., 3)."""
-    return np.concatenate([place[..., :2], np.zeros_like(place[..., 2:3])], axis=-1)
 
 
 def _tilt(normal: Array) -> tuple[float, float]:

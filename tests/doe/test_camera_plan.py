@@ -14,7 +14,6 @@ from calib.cell import Cell
 from calib.cell.views import looking, views_of
 from calib.errors import InputError
 from calib.files.exports.images import pattern_of
-from calib.files.exports.sightings import read_images
 from calib.instruments import Camera
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
@@ -22,7 +21,7 @@ from doe.problem.pool import drawn
 from studies.explain.topics import written
 from tests.calib.files.test_images import SQUARES, chessboard
 from tests.camera_cells import kr270_cell
-from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph
+from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph, read_images
 from tests.plain_arm import tips
 
 BOARD = f'[boards.b]\non = "{{on}}"\n{SQUARES}\nposition_mm = {{at}}\nrpy_deg = {{rpy}}\n'

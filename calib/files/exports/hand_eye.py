@@ -24,7 +24,7 @@ from calib.files.exports.points import (
     quaternion_frame,
 )
 from calib.files.exports.sheet import ExportTable, made_sheet
-from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml
+from calib.files.yaml_text import Node, Scalar, leaves, number_at, read_yaml, scalar_at
 
 YAML = (".yaml", ".yml", ".json")
 Eye = Literal["in-hand", "on-base"]
@@ -81,10 +81,10 @@ def joint_states(path: Path) -> ExportTable:
     if not isinstance(names, list) or not isinstance(rows, list) or not names or not rows:
         what = "holds no joint_names and joint_values"
         raise InputError(path, "", what, "give the joint states of MoveIt, or a table")
-    titles = [f"{_word(path, own)}_rad" for own in names]
+    titles = [f"{scalar_at(path, own).word}_rad" for own in names]
     values = []
     for k, row in enumerate(rows, 1):
-        own = [_word(path, value) for value in row] if isinstance(row, list) else []
+        own = [scalar_at(path, value).word for value in row] if isinstance(row, list) else []
         if len(own) != len(titles):
             what = f"has {len(own)} values of {len(titles)} joints"
             raise InputError(path, f"joint_values, entry {k}", what)
@@ -147,9 +147,3 @@ def _frame(path: Path, number: int, sample: Node) -> Array:
     if not np.abs(T[:3, 3]).max() < _FARTHEST:
         raise InputError(path, where, "lies farther than 100 m", "samples count metres")
     return T
-
-
-def _word(path: Path, node: Node) -> str:
-    if not isinstance(node, Scalar):
-        raise InputError(path, "", "holds a list where a name or number belongs")
-    return node.word

@@ -177,20 +177,6 @@ def _nothing(path: Path, sightings: Sequence[Sighting], boards: Sequence[str]) -
     return InputError(path, "", f"none of {len(sightings)} images counts ({reason})", remedy)
 
 
-def read_images(
-    paths: Sequence[Path], patterns: Sequence[Pattern], poses: Collection[str] = ()
-) -> tuple[PointList, tuple[str, ...]]:
-    """Every point of a board that images show, and the poses whose images do not count.
-
-    An image is named as in :func:`file_shots`.
-
-    Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
-    """
-    seen = look(file_shots(paths, poses), patterns)
-    read = point_list(paths[0].parent, seen, patterns)
-    return read, tuple(own.shot.pose for own in seen if own.reason)
-
-
 def _image(cv2: Any, path: Path) -> Any:
     data = np.frombuffer(read_bytes(path, _LARGEST_FILE), dtype=np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None

@@ -16,9 +16,8 @@ import pytest
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.images import pattern_of
-from calib.files.exports.sightings import read_images
 from tests.camera_cells import PINHOLE, camera_cell
-from tests.photographs import DOTS, cv2, facing, photograph, pixels
+from tests.photographs import DOTS, cv2, facing, photograph, pixels, read_images
 
 SIDE = int(0.03 * DOTS)  # of a square
 

@@ -12,11 +12,10 @@ import pytest
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.exports.images import pattern_of
-from calib.files.exports.sightings import read_images
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board, Detection
 from tests.calib.files.test_images import CHARUCO, SQUARES, TAGS, charuco, chessboard, tags
 from tests.camera_cells import PINHOLE, camera_cell
-from tests.photographs import FOCAL, SIZE, cv2, facing, photograph, pixels
+from tests.photographs import FOCAL, SIZE, cv2, facing, photograph, pixels, read_images
 
 PRINTED = {  # keys of the board, the print, the side of its smallest figure [m], which is so many px
     "chessboard": (SQUARES, chessboard, 0.030, LEAST_SQUARE),

@@ -19,7 +19,7 @@ from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.load_blocks import second_times, turns
 from calib.poses.moves import with_moves
-from calib.simulation import drawn_readings
+from calib.simulation import drawn_readings, photographed
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
@@ -101,8 +101,8 @@ def simulate(
 ) -> Measurements:
     """Measurements of a robot that is known, with the noise of the cell's instruments and arm.
 
-    plan : read in its order, of a cell with a [load] every pose free and loaded; measurements, as they
-        were read
+    plan : read in its order, of a cell with a [load] every pose free and loaded, without what a camera
+        has not in its image; measurements, as they were read
     values : the truth, as for :func:`predict`; the nominal robot by default
     rng : a generator, or the seed of one
 
@@ -118,7 +118,8 @@ def simulate(
     data = drawn_readings(model, truth, poses, None, generator, arm=cell.repeatability)
     if not np.isfinite(data.points).all():
         raise NoEquilibrium
-    return data
+    seen = plan.seen if isinstance(plan, Measurements) else photographed(model, truth, poses)
+    return replace(data, readings=data.readings * seen[..., None], seen=seen)
 
 
 def readings(cell: Cell, plan: Poses) -> Poses:

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arm.se3 import rotate, so3_exp
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
-from calib.instruments import Tracker
+from calib.instruments import Camera, Tracker
+from calib.instruments.riding import seen_from
 from calib.model import Model
 from calib.noise import Noise, unwhitened
 from calib.poses import Measurements, Poses
@@ -46,6 +47,21 @@ def drawn_readings(
     readings = exact + noisy
     shape = readings.shape[:-1]
     return Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+
+
+def photographed(model: Model, values: Array, poses: Poses) -> Mask:
+    """Whether each reading can be had, shape (m, C): by a camera, what its detector finds."""
+    points = model.tip_points(model.state(values, poses).frames, values, poses)
+    channels = model.readout.channels
+    found = np.ones((len(poses), len(channels)), dtype=bool)
+    for camera, part in channels.blocks:
+        if isinstance(camera, Camera):
+            own = seen_from(camera, points)[:, camera.read_of(points.shape[1])]
+            found[:, part] = camera.found(own.reshape(len(own), -1, 3 * camera.each))
+            for board in camera.boards:
+                here = found[:, part][:, board.channels]
+                here &= board.enough(here, camera.detection)[:, None]
+    return found
 
 
 def _with_tracker(model: Model, noise: Noise, stands: Array | None) -> Model:

@@ -20,6 +20,7 @@ from calib.errors import CalibError
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
+from doe.constraints import scene_of, visible
 from studies.compare.agreement import agreement, band
 from studies.compare.compare import compare, reason
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
@@ -216,7 +217,9 @@ def test_influence_where_a_pose_shows_one_of_two_boards(tmp_path: Path) -> None:
     cell = calib.load_cell(written(tmp_path, PLATE, other, EYE, effects='"tool", "joint_offset"'))
     poses = doe.design(cell, poses=12, candidates=600, refine=False, reapproach=0).poses
     experiment = experiment_of(cell, poses)
-    assert not experiment.weights.any(axis=-1).all()
+    seen = visible(scene_of(cell, poses.q))
+    assert not seen.all()
+    np.testing.assert_array_equal(calib.simulate(cell, poses).seen, seen)
     prediction = predict(experiment, POINTS)
     share = influence(experiment, prediction, 12)
     estimated = np.abs(prediction.span).any(axis=1)

@@ -16,7 +16,6 @@ from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
-from calib.instruments.camera_table import CameraTable
 from calib.instruments.protocol import WORLD, KeysTable
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
@@ -73,7 +72,7 @@ class _Riding(NamedTuple):
 
 def _frames(table: CellFile) -> Iterator[_Riding]:
     """Frames that are read as poses, and cameras that ride before boards in the world."""
-    frames: dict[str, BodyTable] = {**table.bodies, **_cameras_as_bodies(table)}
+    frames: dict[str, BodyTable] = {**table.bodies, **table.carried}
     for name, own in frames.items():
         T, names = own.frame, (name, f"{name}:x", f"{name}:y")
         yield _Riding(name, names, corners_of(T[:3, :3], T[:3, 3]), table.link(own.on))
@@ -95,20 +94,10 @@ def _seats(table: CellFile) -> list[_Riding]:
     return [_Riding(link, tuple(f"{link}:{end}" for end in "oxy"), corners, link) for link in links]
 
 
-def _cameras_as_bodies(table: CellFile) -> dict[str, CameraTable]:
-    """Cameras on links before boards in the world: what is found of them is where they ride."""
-    return {
-        name: own
-        for name, own in table.instruments.items()
-        if isinstance(own, CameraTable) and own.rides_before(own.seen(table.boards))
-    }
-
-
 def _seated(table: CellFile) -> dict[str, KeysTable]:
     """All other instruments that ride on links."""
-    bodies = _cameras_as_bodies(table)
     every = table.instruments.items()
-    return {name: own for name, own in every if own.on != WORLD and name not in bodies}
+    return {name: own for name, own in every if own.on != WORLD and name not in table.carried}
 
 
 def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], Array]:

@@ -237,8 +237,8 @@ def with_lenses(path: Path, table: CellFile) -> tuple[CellFile, tuple[Path, ...]
     Raises InputError where a file cannot be used, or is of images of another size.
     """
     filled, files = {}, []
-    for name, own in table.instruments.items():
-        if isinstance(own, CameraTable) and own.calibration is not None:
+    for name, own in table.cameras.items():
+        if own.calibration is not None:
             files.append(path.parent / own.calibration)
             filled[name] = _filled(own, f"{path}: instruments.{name}", files[-1])
     return table.model_copy(update={"instruments": {**table.instruments, **filled}}), tuple(files)

@@ -2,43 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from calib.files.values import BoardTable
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.protocol import TIP, WORLD
 
-
-def before_markers(
-    cameras: Mapping[str, CameraTable], boards: Mapping[str, BoardTable], links: frozenset[str]
-) -> Iterator[str]:
-    """Cameras that read markers, of those on these links: all but one that rides before the world."""
-    for name, own in cameras.items():
-        if links - {own.on} and not own.rides_before(own.seen(boards)):
-            yield name
+if TYPE_CHECKING:
+    from calib.files.schema import CellFile
 
 
-def check_boards(
-    cameras: Mapping[str, CameraTable], boards: Mapping[str, BoardTable], links: frozenset[str]
-) -> None:
+def before_markers(cell: CellFile) -> list[str]:
+    """Cameras that read markers: all but those that ride before the world, or with all markers."""
+    links = set(map(cell.on_of, cell.markers_mm))
+    return [n for n, own in cell.cameras.items() if links - {own.on} and n not in cell.carried]
+
+
+def check_boards(cell: CellFile, reading: Collection[str]) -> None:
     """Each camera sees something, and each board is seen; ValueError in one line where not so.
 
-    links : on which markers ride
+    reading : cameras that read markers
     """
-    reading = frozenset(before_markers(cameras, boards, links))
     seen = set[str]()
-    for name, camera in cameras.items():
-        _check_named(name, camera, boards)
-        own = camera.seen(boards)
+    for name, camera in cell.cameras.items():
+        _check_named(name, camera, cell.boards)
+        own = camera.seen(cell.boards)
         if not own and name not in reading:
             raise ValueError(_sees_nothing(name, camera.on))
-        if camera.rides_before(own) and any(board.on != WORLD for board in own.values()):
+        if name in cell.carried and any(board.on != WORLD for board in own.values()):
             raise ValueError(
                 f"has camera {name}, that sees boards in the world and on other links; name some of "
                 "one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
             )
         seen |= own.keys()
-    for name, board in boards.items():
+    for name, board in cell.boards.items():
         if name not in seen:
             other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
             raise ValueError(

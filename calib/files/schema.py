@@ -344,6 +344,17 @@ class CellFile(TomlTable):
         return self.link(self.on_of(marker))
 
     @property
+    def cameras(self) -> dict[str, CameraTable]:
+        """Those of the instruments, by their names."""
+        found = self.instruments.items()
+        return {name: own for name, own in found if isinstance(own, CameraTable)}
+
+    @property
+    def carried(self) -> dict[str, CameraTable]:
+        """Cameras on links before boards in the world: what is found of them is where they ride."""
+        return {n: own for n, own in self.cameras.items() if own.rides_before(self.boards)}
+
+    @property
     def _riding(self) -> list[RidingTable]:
         """All but markers that may ride on a link."""
         found: list[RidingTable] = [*self.bodies.values(), *self.boards.values(), self.payload]
@@ -398,13 +409,11 @@ class CellFile(TomlTable):
             raise ValueError(f"reads {min(facing)} and has no [bodies]; add what is read")
         if self.bodies and not facing:
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        cameras = {n: own for n, own in self.instruments.items() if isinstance(own, CameraTable)}
-        links = frozenset(map(self.on_of, self.markers_mm))
-        if not touching and links and not any(before_markers(cameras, self.boards, links)):
+        reading = before_markers(self)
+        if not touching and self.markers_mm and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        check_boards(cameras, self.boards, links)
-        bodies = [n for n, own in cameras.items() if own.rides_before(own.seen(self.boards))]
-        named = [*self.markers_mm, *self.bodies, *self.boards, *bodies]
+        check_boards(self, reading)
+        named = [*self.markers_mm, *self.bodies, *self.boards, *self.carried]
         if len(named) > len(set(named)):
             twice = next(name for name in named if named.count(name) > 1)
             raise ValueError(f"{twice!r} names two things; rename one")

@@ -96,14 +96,14 @@ class CameraTable(BodyTable, KeysTable):
         named = [*boards] if self.boards is None else self.boards
         return {n: boards[n] for n in named if n in boards and boards[n].on != self.on}
 
-    def rides_before(self, seen: Mapping[str, BoardTable]) -> bool:
-        """Whether it rides on a link and the boards that it sees stand in the world."""
-        return self.on != WORLD and any(board.on == WORLD for board in seen.values())
+    def rides_before(self, boards: Mapping[str, BoardTable]) -> bool:
+        """Whether it rides on a link and boards that it sees of these stand in the world."""
+        return self.on != WORLD and any(own.on == WORLD for own in self.seen(boards).values())
 
     def instrument(self, name: str, cell: CellParts) -> Camera:
         """One of boards in the world, that it rides before, or of what rides elsewhere than itself."""
-        seen = self.seen({own: table for own, (table, *_) in cell.boards.items()})
-        carried = self.rides_before(seen)
+        every = {own: table for own, (table, *_) in cell.boards.items()}
+        seen, carried = self.seen(every), self.rides_before(every)
         boards: list[Board] = []
         reads = [] if carried else [j for j, on in enumerate(cell.links) if on != self.on]
         beside = len(reads)

@@ -1,7 +1,7 @@
 """DLR's humanoid Agile Justin: two arms of seven joints on one torso, a marker on each hand.
 
     python -m studies.research.benchmarks.justin [--days 0] [--model NAME ..] [--alone]
-        [--plan [--match]]
+        [--plan [--match]] [--write FOLDER]
 
 The public table has 400 poses of both arms; each fifth of them is held out in turn, and nothing is
 fitted again on it. Both arms are one robot with two tips. The torso's fourth joint has no drive: it is
@@ -12,7 +12,7 @@ intervals of 95 % hold the truth. Published (Tenhumberg and Baeuml 2021), mean o
 most) with lateral ones.
 ``--plan`` plans forty poses for both arms, read by a tracker or watched from a head, and sets what the
 plan promises beside simulated days; ``--match`` seeks how many planned poses tell as much as 500 at
-random.
+random. ``--write`` only writes cell and table, with the last model, for ``posecal diagnose``.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
@@ -30,7 +31,7 @@ from calib.arrays import Array
 from calib.poses import Measurements
 from studies.research.bench import Output, Row, bench, count, several, table
 from studies.research.benchmarks.justin import planned
-from studies.research.benchmarks.justin.robot import SIDES, SIGMA_MM, alone, justin
+from studies.research.benchmarks.justin.robot import SIDES, SIGMA_MM, alone, justin, write
 
 _GEOMETRY = ("base", "tool", "geometry")
 _SOFT = ("joint_compliance", "bearing_compliance", "base_compliance")
@@ -116,6 +117,12 @@ def _turned(rows: Sequence[Row]) -> list[Row]:
     click.option("--plan", is_flag=True, help="Plan days with the last model, and nothing else."),
     click.option("--match", is_flag=True, help="With --plan: plans like 500 poses at random."),
     count("--refits", 30, least=2, help="Simulated days of each plan."),
+    click.option(
+        "--write",
+        "folder",
+        type=click.Path(file_okay=False, path_type=Path),
+        help="Write cell and table there, and nothing else.",
+    ),
 )
 def main(
     seed: int,
@@ -125,8 +132,11 @@ def main(
     plan: bool,
     match: bool,
     refits: int,
+    folder: Path | None,
 ) -> Output:
     """Identify both arms of Agile Justin, model by model, and judge them on held-out poses."""
+    if folder is not None:
+        return [f"wrote {write(folder, MODELS[model[-1]])}"], {}
     if plan:
         rows = planned.rows(MODELS[model[-1]], refits, seed, match)
         return [table(_turned(rows))], {"plans": rows}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import calib
@@ -34,7 +34,7 @@ sigma_mm = {SIGMA_MM}
 """
 _MODEL = """
 [model]
-effects = ["base", "tool"]
+effects = [{}]
 """
 # Both chains have the torso's last frame, turned by half a turn about the axis of its last joint.
 _MOUNT = (
@@ -72,19 +72,26 @@ def rows_of(folder: Path) -> Iterator[Row]:
             yield {"pose": pose, "marker": side, **joints, **point}
 
 
+def write(folder: Path, effects: Sequence[str]) -> Path:
+    """Cell, URDF and readings of both arms in a folder; returns the path of the cell."""
+    source = data_folder("justin")
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = list(rows_of(source))
+    model = _MODEL.format(", ".join(f'"{effect}"' for effect in effects))
+    (folder / "robot.urdf").write_text(robot_text(source), encoding="utf-8")
+    (folder / "cell.toml").write_text(HEAD + TRACKED + model, encoding="utf-8")
+    with (folder / "measurements.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder / "cell.toml"
+
+
 def justin() -> tuple[calib.Cell, Measurements]:
     """Both arms on the torso, and their public readings."""
-    source = data_folder("justin")
     with tempfile.TemporaryDirectory() as name:
-        folder, rows = Path(name), list(rows_of(source))
-        (folder / "robot.urdf").write_text(robot_text(source), encoding="utf-8")
-        (folder / "cell.toml").write_text(HEAD + TRACKED + _MODEL, encoding="utf-8")
-        with (folder / "measurements.csv").open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-        cell = calib.load_cell(folder / "cell.toml")
-        return cell, calib.load_measurements(cell, folder / "measurements.csv")
+        cell = calib.load_cell(write(Path(name), ("base", "tool")))
+        return cell, calib.load_measurements(cell, Path(name) / "measurements.csv")
 
 
 def alone(side: str) -> tuple[calib.Cell, Measurements]:

@@ -108,6 +108,8 @@ def _regressed(
     if not rank or dof <= 0:
         return None
     noise = float(beside.left @ beside.left - falls.max()) / dof
+    if noise <= 0.0:  # nothing is left to be explained
+        return None
     if min(1.0, len(falls) * float(fdtrc(rank, dof, falls.max() / rank / noise))) > sure:
         return None
     best = grown[:, int(falls.argmax())]

@@ -50,17 +50,18 @@ def drawn_readings(
 
 
 def photographed(model: Model, values: Array, poses: Poses) -> Mask:
-    """Whether each reading can be had, shape (m, C): by a camera, what its detector finds."""
+    """Whether each reading can be had, shape (m, C): by a camera, what its detector finds.
+
+    It reads up to the edge of the image: a plan's margin is kept for a camera that stands aside.
+    """
     points = model.tip_points(model.state(values, poses).frames, values, poses)
     channels = model.readout.channels
     found = np.ones((len(poses), len(channels)), dtype=bool)
     for camera, part in channels.blocks:
         if isinstance(camera, Camera):
             own = seen_from(camera, points)[:, camera.read_of(points.shape[1])]
-            found[:, part] = camera.found(own.reshape(len(own), -1, 3 * camera.each))
-            for board in camera.boards:
-                here = found[:, part][:, board.channels]
-                here &= board.enough(here, camera.detection)[:, None]
+            own = own.reshape(len(own), -1, 3 * camera.each)
+            found[:, part] = camera.found(own, margin=0.0)
     return found
 
 

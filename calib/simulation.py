@@ -10,7 +10,7 @@ from calib.arm.se3 import rotate, so3_exp
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
 from calib.instruments import Camera, Tracker
-from calib.instruments.riding import seen_from
+from calib.instruments.riding import taken
 from calib.model import Model
 from calib.noise import Noise, unwhitened
 from calib.poses import Measurements, Poses
@@ -57,11 +57,11 @@ def photographed(model: Model, values: Array, poses: Poses) -> Mask:
     points = model.tip_points(model.state(values, poses).frames, values, poses)
     channels = model.readout.channels
     found = np.ones((len(poses), len(channels)), dtype=bool)
-    for camera, part in channels.blocks:
+    blocks = zip(model.readout.placed(model.instruments, values), channels.blocks, strict=True)
+    for camera, (_, part) in blocks:
         if isinstance(camera, Camera):
-            own = seen_from(camera, points)[:, camera.read_of(points.shape[1])]
-            own = own.reshape(len(own), -1, 3 * camera.each)
-            found[:, part] = camera.found(own, margin=0.0)
+            limits = replace(camera.detection, margin=0.0)
+            found[:, part] = camera.found(taken(camera, points), limits)
     return found
 
 

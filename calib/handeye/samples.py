@@ -17,7 +17,7 @@ from calib.errors import CalibError
 from calib.instruments import ArmCamera, FixedCamera, Instrument, Pose
 from calib.instruments.pose import rotation_of
 from calib.instruments.posit import refined
-from calib.instruments.riding import CORNERS
+from calib.instruments.riding import CORNERS, taken
 from calib.model import Model
 from calib.poses import Measurements, Poses
 
@@ -57,9 +57,8 @@ class Pair:
         if isinstance(self.instrument, Pose):
             return self._turned(model.predict(values, poses)[:, self.part.start])
         points = model.tip_points(model.state(values, poses).frames, values, poses)
-        own = points[:, self.instrument.read_of(points.shape[1])]
-        own = own.reshape(len(poses), -1, 3 * self.instrument.each)
-        seen = self.instrument.found_at(values[self._place(model)]).viewed(own)
+        placed = self.instrument.found_at(values[self._place(model)])
+        seen = placed.viewed(taken(placed, points))
         if seen is None:
             return np.full((len(poses), 4, 4), np.nan)
         first = next(part for one, part in model.readout.channels.blocks if one is self.instrument)

@@ -140,35 +140,35 @@ class Camera(Instrument):
         None where it is not known. The other end is on the arm.
         """
 
-    def found(self, points: Array, margin: float | None = None) -> Mask:
-        """Which of the readings (m, C) a detector takes, of points (m, C, 3 k), m, base axes.
+    def found(self, points: Array, limits: Detection | None = None) -> Mask:
+        """Which of the readings (m, C) count, of points (m, C, 3 k), m, base axes.
 
-        margin : px, from the edge of the image; None for that of a plan
+        limits : when they do; None for the camera's own, those of a plan
         """
         viewed = self.viewed(points)
         if viewed is None:
             return np.ones(points.shape[:-1], dtype=bool)
-        margin = self.detection.margin if margin is None else margin
-        seen = self._in_image(viewed, margin)
+        limits = self.detection if limits is None else limits
+        seen = self._in_image(viewed, limits)
         focal = float(self.lens.values[FOCAL].min())
         for board in self.boards:
             own = (slice(None), board.channels)
             shown = seen[own]
             if len(board.rim):
-                rim = self._in_image(board.rim_viewed(viewed[own]), margin)
+                rim = self._in_image(board.rim_viewed(viewed[own]), limits)
                 shown &= rim.all(axis=-1, keepdims=True)
-            seen[own] = board.found(viewed[own], shown, focal, self.detection)
+            seen[own] = board.found(viewed[own], shown, focal, limits)
         return seen
 
-    def _in_image(self, viewed: Array, margin: float) -> Mask:
+    def _in_image(self, viewed: Array, limits: Detection) -> Mask:
         """Whether points (..., 3), m, camera axes, are in focus and in the image, if it has a size."""
-        nearest, farthest = self.detection.focus
+        nearest, farthest = limits.focus
         depth = viewed[..., 2]
         ahead = (depth > nearest) & (depth <= farthest)
         if self.image is None:
             return np.asarray(ahead)
         pixels = self.lens.project(viewed)
-        inside = (pixels >= margin) & (pixels <= self.image - margin)
+        inside = (pixels >= limits.margin) & (pixels <= self.image - limits.margin)
         return np.asarray(ahead & inside.all(axis=-1))
 
     @property

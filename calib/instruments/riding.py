@@ -58,6 +58,12 @@ def seen_from(instrument: Instrument, points: Array) -> Array:
     return rotate(axes[..., None, :, :], points - origin[..., None, :])
 
 
+def taken(instrument: Instrument, points: Array) -> Array:
+    """What each reading takes of points (m, M, 3), m, base axes: k of them, shape (m, C, 3 k)."""
+    own = seen_from(instrument, points)[:, instrument.read_of(points.shape[1])]
+    return own.reshape(len(own), -1, 3 * instrument.each)
+
+
 def moves_seen(instrument: Instrument, points: Array, moved: Array) -> Array:
     """How these follow what moves the points by (..., M, 3, k), shape (..., M, 3, k)."""
     if instrument.seat is None:

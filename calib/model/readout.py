@@ -57,6 +57,11 @@ class Readout:
         """The standard deviation of every number, None where one does not say it all."""
         return self.instruments[0].even if len(self.instruments) == 1 else None
 
+    def placed(self, instruments: Iterable[Instrument], values: Array) -> tuple[Instrument, ...]:
+        """Instruments where these values (p,) put them."""
+        places = {base.where: values[part] for base, part in self.bases}
+        return tuple(i.found_at(places[i.name]) if i.name in places else i for i in instruments)
+
     def read(self, values: Array, poses: Poses, points: Array) -> Array:
         """Readings (..., m, C, r) of points (..., m, M, 3), m, in base axes."""
         return self._side_by_side(

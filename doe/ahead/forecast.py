@@ -22,7 +22,6 @@ from calib.arrays import Array, IntArray, Mask, in_parts
 from calib.cell import Cell, Load
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.stage import Fit
-from calib.effects.base import Base
 from calib.effects.protocol import Effect
 from calib.identification import Identification
 from calib.instruments import Camera
@@ -168,11 +167,8 @@ def as_found(cell: Cell, after: Fit | Identification) -> Cell:
     """The cell with its cameras where they were found: what they see of other poses hangs on that."""
     if not any(isinstance(i, Camera) for i in cell.instruments):
         return cell
-    effects = zip(after.model.effects, after.model.slices, strict=True)
-    places = {e.where: after.values[part] for e, part in effects if isinstance(e, Base)}
-    found = (i.found_at(places[i.name]) if i.name in places else i for i in cell.instruments)
-    markers = after.model.marker_positions(after.values)
-    return replace(cell, instruments=tuple(found), markers=markers)
+    placed = after.model.readout.placed(cell.instruments, after.values)
+    return replace(cell, instruments=placed, markers=after.model.marker_positions(after.values))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell.contacts import contacts_of, touched
 from calib.instruments import Camera, Distance, Instrument
 from calib.instruments.detection import Board
-from calib.instruments.riding import frame_of, seen_from
+from calib.instruments.riding import frame_of, taken
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import BASE, PlacedCapsule, Scene, turned
@@ -69,11 +69,9 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
     """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
     for instrument, part in scene.cell.channels.blocks:
         if isinstance(instrument, Camera | Distance):
-            points = seen_from(instrument, scene.markers)
-            points = points[:, instrument.read_of(len(scene.cell.markers))]
+            points = taken(instrument, scene.markers)
             if isinstance(instrument, Camera):
-                each = points.reshape(len(scene), -1, 3 * instrument.each)
-                why, read = "not found in the image", instrument.found(each)
+                why, read = "not found in the image", instrument.found(points)
             else:
                 why, read = "out of reach", instrument.within(points)
             for channel, own in enumerate(read.T, part.start):

@@ -38,8 +38,8 @@ class Rule:
     def __call__(self, value: Any) -> str:
         """The value by the rule.
 
-        >>> MM(0.01234), MM(None), FOUR(1234.56), STD(0.082812), PERCENT(0.1234)
-        ('0.0123', '-', '1235', '0.0828', '12.3')
+        >>> MM(0.01234), MM(None), FOUR(1234.56), STD(0.082812), PERCENT(0.1234), PROBABILITY(1e-5)
+        ('0.0123', '-', '1235', '0.0828', '12.3', '< 0.01')
         """
         return self.absent if value is None else self.show(value)
 
@@ -96,7 +96,7 @@ PROVED = Rule(lambda share: f"{math.floor(share * 1e4) / 1e2:.2f} %")
 """Never rounded up."""
 PERCENT = Rule(lambda share: f"{100.0 * share:.1f}")
 SHARE = Rule(lambda share: f"{100.0 * share:.0f} %")
-PROBABILITY = fixed(2)
+PROBABILITY = Rule(lambda value: f"{value:.2f}" if value >= 0.005 else "< 0.01")
 STD = Rule(lambda value: f"{value:.3g}", absent="open")
 TO_STD = Rule(lambda values: to_std(*values), absent="not estimated")
 TENTH = fixed(1)

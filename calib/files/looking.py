@@ -1,42 +1,34 @@
-"""Which camera of a cell file sees which boards and markers: those that do not ride with it."""
+"""Whether each camera of a cell file sees a board, and each board is seen."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
 
 from calib.files.values import BoardTable
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.protocol import TIP, WORLD
 
-if TYPE_CHECKING:
-    from calib.files.schema import CellFile
 
-
-def before_markers(cell: CellFile) -> list[str]:
-    """Cameras that read markers: all but those that ride before the world, or with all markers."""
-    links = set(map(cell.on_of, cell.markers_mm))
-    return [n for n, own in cell.cameras.items() if links - {own.on} and n not in cell.carried]
-
-
-def check_boards(cell: CellFile, reading: Collection[str]) -> None:
+def check_boards(
+    cameras: Mapping[str, CameraTable], boards: Mapping[str, BoardTable], reading: Collection[str]
+) -> None:
     """Each camera sees something, and each board is seen; ValueError in one line where not so.
 
     reading : cameras that read markers
     """
     seen = set[str]()
-    for name, camera in cell.cameras.items():
-        _check_named(name, camera, cell.boards)
-        own = camera.seen(cell.boards)
+    for name, camera in cameras.items():
+        _check_named(name, camera, boards)
+        own = camera.seen(boards)
         if not own and name not in reading:
             raise ValueError(_sees_nothing(name, camera.on))
-        if name in cell.carried and any(board.on != WORLD for board in own.values()):
+        if camera.rides_before(boards) and any(board.on != WORLD for board in own.values()):
             raise ValueError(
                 f"has camera {name}, that sees boards in the world and on other links; name some of "
                 "one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
             )
         seen |= own.keys()
-    for name, board in cell.boards.items():
+    for name, board in boards.items():
         if name not in seen:
             other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
             raise ValueError(

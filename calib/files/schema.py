@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from calib.arm.robot import FORMS, Form
-from calib.files.looking import before_markers, check_boards
+from calib.files.looking import check_boards
 from calib.files.values import (
     BoardTable,
     BodyTable,
@@ -355,6 +355,12 @@ class CellFile(TomlTable):
         return {n: own for n, own in self.cameras.items() if own.rides_before(self.boards)}
 
     @property
+    def _reading_markers(self) -> list[str]:
+        """Cameras that read markers: all but those that ride before the world, or with all markers."""
+        links = set(map(self.on_of, self.markers_mm))
+        return [n for n, own in self.cameras.items() if links - {own.on} and n not in self.carried]
+
+    @property
     def _riding(self) -> list[RidingTable]:
         """All but markers that may ride on a link."""
         found: list[RidingTable] = [*self.bodies.values(), *self.boards.values(), self.payload]
@@ -409,10 +415,10 @@ class CellFile(TomlTable):
             raise ValueError(f"reads {min(facing)} and has no [bodies]; add what is read")
         if self.bodies and not facing:
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        reading = before_markers(self)
+        reading = self._reading_markers
         if not touching and self.markers_mm and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        check_boards(self, reading)
+        check_boards(self.cameras, self.boards, reading)
         named = [*self.markers_mm, *self.bodies, *self.boards, *self.carried]
         if len(named) > len(set(named)):
             twice = next(name for name in named if named.count(name) > 1)

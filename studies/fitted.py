@@ -6,7 +6,7 @@ The estimate is in SI and read by :func:`calib.files.estimate.load_estimate`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -85,18 +85,17 @@ def estimated(estimate: Estimate) -> Estimated:
     )
 
 
-Lengths: TypeAlias = Three | tuple[Number]
-"""Residual of a point, or of one length, mm."""
+Lengths: TypeAlias = Three | tuple[Number, Number] | tuple[Number]
+"""Residual of a point, of two of its coordinates, or of one length, mm."""
 Pixels: TypeAlias = tuple[Number, Number]
 Angles: TypeAlias = tuple[Number, Number]
 
-_PLACES = (
-    ("x_mm", "y_mm", "z_mm"),
-    ("d_mm",),
-    ("u_px", "v_px"),
-    ("azimuth_mrad", "elevation_mrad"),
-)
-"""What an error may be told in."""
+_NUMBERS = {
+    "mm": ("x_mm", "y_mm", "z_mm", "d_mm"),
+    "px": ("u_px", "v_px"),
+    "mrad": ("azimuth_mrad", "elevation_mrad"),
+}
+"""What an error may be told in, by unit."""
 
 
 class ResidualEntry(Entry):
@@ -118,21 +117,23 @@ class ResidualEntry(Entry):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         if len(self._told) != 1:
-            names = " or ".join(", ".join(place) for place in _PLACES)
-            raise ValueError(f"a residual has either {names}")
+            names = " or ".join(", ".join(own) for own in _NUMBERS.values())
+            raise ValueError(f"a residual has some of either {names}")
         if len(self.before) != len(self.vector):
             raise ValueError("a residual has not as many numbers before as after")
         return self
 
     @property
-    def _told(self) -> list[tuple[float, ...]]:
-        found = [tuple(getattr(self, name) for name in place) for place in _PLACES]
-        return [cast("tuple[float, ...]", place) for place in found if None not in place]
+    def _told(self) -> dict[str, tuple[float, ...]]:
+        every = {unit: [getattr(self, name) for name in own] for unit, own in _NUMBERS.items()}
+        told = {unit: tuple(n for n in own if n is not None) for unit, own in every.items()}
+        return {unit: own for unit, own in told.items() if own}
 
     @property
     def vector(self) -> tuple[float, ...]:
-        """Its numbers: three coordinates, one length, or two of the image."""
-        return self._told[0]
+        """Its numbers: up to three coordinates, one length, two of the image, or two angles."""
+        (told,) = self._told.values()
+        return told
 
     @property
     def before(self) -> tuple[float, ...]:
@@ -142,7 +143,7 @@ class ResidualEntry(Entry):
     @property
     def metric(self) -> bool:
         """Whether it is a length."""
-        return self.x_mm is not None or self.d_mm is not None
+        return "mm" in self._told
 
 
 def residual_fields(

@@ -114,6 +114,8 @@ def run() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal may know few characters
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that files are cleaned up
+    for library in ("OPENBLAS", "MKL"):  # see calib.threads
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
         status = main(sys.argv[1:] or ["--help"], prog_name="posecal", standalone_mode=False)
         if sys.stdout is not None:

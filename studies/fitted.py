@@ -6,6 +6,7 @@ The estimate is in SI and read by :func:`calib.files.estimate.load_estimate`.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
 
 import numpy as np
@@ -123,7 +124,7 @@ class ResidualEntry(Entry):
             raise ValueError("a residual has not as many numbers before as after")
         return self
 
-    @property
+    @cached_property
     def _told(self) -> dict[str, tuple[float, ...]]:
         every = {unit: [getattr(self, name) for name in own] for unit, own in _NUMBERS.items()}
         told = {unit: tuple(n for n in own if n is not None) for unit, own in every.items()}

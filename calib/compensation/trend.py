@@ -91,9 +91,7 @@ def _regressed(
     """
     from scipy.special import fdtrc
 
-    r, J = problem.independent
-    Q, _ = np.linalg.qr(_unit(J @ problem.span)[0])
-    beside = problem.beside(Q, r)
+    beside = problem.complement
 
     def followed(g: Array) -> tuple[float, Array, int]:
         """By how much a function (m,) lowers the sum of squares, its amplitudes, and their rank."""
@@ -104,7 +102,7 @@ def _regressed(
 
     each = [followed(g) for g in grown.T]
     falls, rank = np.array([fall for fall, _, _ in each]), max(shown for _, _, shown in each)
-    dof = int(np.count_nonzero((J @ problem.span).any(axis=1))) - Q.shape[1] - rank
+    dof = beside.rows - beside.Q.shape[1] - rank
     if not rank or dof <= 0:
         return None
     noise = float(beside.left @ beside.left - falls.max()) / dof

@@ -69,6 +69,17 @@ def test_a_criterion_of_ones_own() -> None:
     assert criterion.variance(np.diag([1.0, 4.0])) == pytest.approx(1.0 + 4.0 / 4.0)
 
 
+def test_the_way_of_the_data_names_every_folder() -> None:
+    packages = {
+        f"{top}/{p.parent.name}"
+        for top in ("calib", "doe")
+        for p in ROOT.glob(f"{top}/*/__init__.py")
+    }
+    named = set(re.findall(r"`((?:calib|doe)/\w+)`", README))
+    assert packages <= named
+    assert all((ROOT / name).exists() for name in named)
+
+
 def test_every_line_runs_and_prints_what_is_shown(beside_the_demo: Path) -> None:
     """As a reader types them, up to the report; ``tests.versions`` installs it anew."""
     lines = typed_lines()

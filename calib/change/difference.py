@@ -21,8 +21,6 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.change.known import DayEstimate
 from calib.effects import catalogue
-from calib.effects.readings import ReadingEffect
-from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.population.prior import Key
 
@@ -33,7 +31,6 @@ FALSE_ALARM = 0.02
 LEAVES_MORE = 0.005
 """How often a later fit is said to leave more where it does not."""
 _PLACES = ("base", "tool")
-_OF_THE_DAY = ("base_drift", "step", "warm_up", "tracker_drift")
 _FELT = 0.1  # standard deviations: what an open parameter of plausible size may shift a row by
 _NUMERICAL = 1e-10  # of the largest eigenvalue of a correlation matrix
 
@@ -183,12 +180,9 @@ def difference(before: DayEstimate, after: DayEstimate) -> Difference:
 
 
 def lasting(key: Key) -> bool:
-    """Whether a parameter is the robot's: not of a day's frames, instrument or clock, nor of a tuning
-    by which its others change their meaning.
-    """
+    """Whether a parameter is the robot's own, of an effect that is known here."""
     kind = catalogue().get(key[0])
-    unlike = kind is None or issubclass(kind, ReadingEffect | Tuned)
-    return not (unlike or key[0] in _PLACES or key[0] in _OF_THE_DAY)
+    return kind is not None and kind.lasting
 
 
 def _alone(known: DayEstimate, other: DayEstimate) -> dict[Key, float]:

@@ -26,6 +26,7 @@ class DriftingEffect(DirectedEffect):
 
     clock: str
     uses: ClassVar[tuple[str, ...]] = ("time",)
+    lasting: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -43,6 +43,7 @@ class ReadingEffect(Effect):
 
     of: ClassVar[str] = "points"
     first: ClassVar[bool] = False
+    lasting: ClassVar[bool] = False
 
     def changes(self, instrument: Instrument) -> bool:
         """Whether it changes the rows of an instrument."""
@@ -118,6 +119,7 @@ class PartEffect(DirectedEffect):
 
     numbers: slice
     body: slice | None
+    lasting: ClassVar[bool] = False
 
     @property
     def direction_count(self) -> int:

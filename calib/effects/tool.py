@@ -23,6 +23,8 @@ class Tool(Effect):
     marker: int
     components: tuple[int, ...] = (0, 1, 2)
     kind: ClassVar[str] = "tool"
+    event: ClassVar[str] = "the tool was moved on its flange, or exchanged"
+    lasting: ClassVar[bool] = False
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:

@@ -31,10 +31,13 @@ class Tuned(DirectedEffect):
 
     tuning : float, SI, where its search begins
     smooth : whether the functions have a derivative by it; where not, only a scan finds it
+
+    By another tuning the other parameters mean something else: on no other day are they compared.
     """
 
     tuning: float
     smooth: ClassVar[bool] = True
+    lasting: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -13,17 +13,6 @@ from studies.record import IntervalEntry
 
 _MOST = 12  # parameters that are worth a line each in the terminal
 _LARGE = 3.0  # standard deviations of a parameter that one result alone has
-_WORDS = {
-    "base": "the robot's base or the instrument was knocked (both look the same)",
-    "tool": "the tool was moved on its flange, or exchanged",
-    "marker": "marker {} was moved",
-    "joint_offset": "the zero of {} slipped",
-    "link_geometry": "the link before {} was bent",
-    "backlash": "the gear of {} is worn, or was adjusted",
-    "transmission_scale": "the gear or encoder of {} has another ratio",
-    "transmission_harmonic": "the gear of {} is worn, or was exchanged",
-    "joint_compliance": "the stiffness of {} changed",
-}
 _VERDICTS: dict[str, tuple[str, doc.Mood]] = {
     "holds": ("still holds", "good"),
     "does_not": ("does not hold", "warn"),
@@ -92,7 +81,13 @@ def words(cause: CauseEntry) -> str:
     >>> words(CauseEntry(effect="joint_offset", where="A3"))
     'the zero of A3 slipped'
     """
-    return _WORDS.get(cause.effect, f"{cause.effect} of {{}} changed").format(cause.where)
+    from calib.effects import catalogue
+
+    if cause.effect == "marker":
+        return f"marker {cause.where} was moved"
+    kind = catalogue().get(cause.effect)
+    event = kind.event if kind else ""
+    return (event or f"{cause.effect} of {{}} changed").format(cause.where)
 
 
 def _tolerance(record: ChangesRecord) -> doc.Sentence:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _MOST_DIGITS = 9
 _HEIGHT = 0.62
+_BARE: Any = {"edgecolor": "white", "linewidth": 0.0}
 _TEXT = 0.16  # width of a number, over the longest bar
 
 
@@ -40,7 +41,7 @@ def waterfall(steps: ErrorSteps, floor_mm: float) -> style.Picture:
         low,
         color=style.INK,
         linewidth=1.4,
-        linestyle=(0, (4, 2)),
+        linestyle=style.DASHED,
         label=f"floor: noise alone, {style.short(low)} {steps.unit}",
     )
     panel.set_yticks(range(len(labels)), labels)
@@ -98,15 +99,7 @@ def _bars(panel: Axes, values: Array, digits: int) -> Iterator[tuple[float, str]
 
 
 def _bar(panel: Axes, at: int, start: float, end: float, look: Any) -> None:
-    panel.barh(
-        at,
-        abs(end - start),
-        _HEIGHT,
-        left=min(start, end),
-        edgecolor="white",
-        linewidth=0.0,
-        **look,
-    )
+    panel.barh(at, abs(end - start), _HEIGHT, left=min(start, end), **_BARE, **look)
 
 
 def _step(panel: Axes, above: int, at: float) -> None:
@@ -116,35 +109,19 @@ def _step(panel: Axes, above: int, at: float) -> None:
 
 
 def _number(panel: Axes, at: int, end: float, text: str) -> None:
-    panel.annotate(
-        text,
-        (end, at),
-        (5.0, -0.5),
-        textcoords="offset points",
-        va="center",
-        ha="left",
-        color=style.INK,
-    )
+    place: Any = {"textcoords": "offset points", "va": "center", "ha": "left"}
+    panel.annotate(text, (end, at), (5.0, -0.5), color=style.INK, **place)
 
 
 def _key(values: Array) -> list[Any]:
     """Entries for what the bars mean, those that occur."""
-    from matplotlib.patches import Patch
-
     change = np.diff(values)
     found = []
     if (change <= 0.0).any():
-        found.append(Patch(facecolor=style.BLUE, label="taken off by an effect"))
+        found.append(style.patch_key("taken off by an effect", facecolor=style.BLUE))
     if (change > 0.0).any():
-        found.append(
-            Patch(
-                facecolor=style.VERMILLION,
-                hatch="//",
-                edgecolor="white",
-                linewidth=0.0,
-                label="added by an effect",
-            )
-        )
+        worse: Any = {"facecolor": style.VERMILLION, "hatch": "//", **_BARE}
+        found.append(style.patch_key("added by an effect", **worse))
     return found
 
 
@@ -157,20 +134,16 @@ def error_curve(curve: ErrorCurveEntry) -> style.Picture:
     """A panel for each direction, one above the other or in two columns."""
     from matplotlib.ticker import MaxNLocator
 
-    panels, levels, grid, variable = (
-        curve.panels,
-        curve.levels,
-        _array(curve.grid),
-        _array(curve.variable),
-    )
+    panels, levels = curve.panels, curve.levels
+    grid, variable = _array(curve.grid), _array(curve.variable)
     columns = 1 if len(panels) < 3 else 2
-    rows = -(-len(panels) // columns)
-    figure = style.sheet(
-        style.PANEL if columns == 1 else 9.6, 1.0 + (3.2 if rows == 1 else 2.5) * rows
-    )
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+
+    def size(across: int, down: int) -> tuple[float, float]:
+        return style.PANEL if across == 1 else 9.6, 1.0 + (3.2 if down == 1 else 2.5) * down
+
+    figure, axes = style.small_panels(len(panels), columns, size, sharex=True)
     handles: dict[str, Any] = {}
-    for panel, shown in zip(axes, panels, strict=False):
+    for panel, shown in zip(axes, panels, strict=True):
         style.tidy(panel)
         panel.axhline(0.0, color=style.SOFT, linewidth=0.8, zorder=1)
         drawn = _fitted(panel, shown, grid, variable, levels)
@@ -178,9 +151,7 @@ def error_curve(curve: ErrorCurveEntry) -> style.Picture:
             drawn.append(_named(panel, shown, grid, variable, curve))
         handles |= {handle.get_label(): handle for handle in drawn}
         panel.set(ylabel=shown.label, ylim=_limits(shown))
-    for panel in axes[len(panels) :]:
-        panel.set_visible(False)
-    for panel in axes[max(0, len(panels) - columns) : len(panels)]:
+    for panel in axes[-columns:]:
         panel.set_xlabel(curve.variable_label)
         panel.tick_params(labelbottom=True)
     if levels:
@@ -193,14 +164,8 @@ def error_curve(curve: ErrorCurveEntry) -> style.Picture:
         own = [] if shown.effect is None else [curve.effect]
         of = ("curve", "standard deviation", "this pose alone", *own)
         header += [f"{shown.label}, {part}".replace("\n", " ") for part in of]
-    return style.Picture(
-        curve.name,
-        curve.title,
-        curve.caption,
-        figure,
-        tuple(header),
-        tuple(_curve_rows(curve)),
-    )
+    rows = tuple(_curve_rows(curve))
+    return style.Picture(curve.name, curve.title, curve.caption, figure, tuple(header), rows)
 
 
 def _array(values: Row) -> Array:

@@ -86,7 +86,7 @@ def _draw(axis: Axes, panel: SpectrumEntry, own: Sequence[style.Look]) -> None:
     alarm = panel.false_alarm**0.5
     fall = np.maximum(panel.fall, _LOWEST**2)
     axis.plot(panel.cycles_1_turn, np.sqrt(fall), color=style.SOFT, linewidth=0.7)
-    axis.axhline(alarm, color=style.INK, linewidth=1.1, linestyle=(0, (4, 2)))
+    axis.axhline(alarm, color=style.INK, linewidth=1.1, linestyle=style.DASHED)
     axis.set_title(style.elided(panel.joint), loc="left", pad=3.0)
     repeats = panel.repeats_1_turn
     if repeats is not None:
@@ -144,17 +144,8 @@ def _highest(panels: Sequence[SpectrumEntry]) -> float:
 def _key(
     panels: Sequence[SpectrumEntry], shared: Sequence[frozenset[tuple[int, int]]]
 ) -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    alarm = Line2D(
-        [],
-        [],
-        color=style.INK,
-        linewidth=1.1,
-        linestyle=(0, (4, 2)),
-        label="chance passes it in 1 figure of 100",
-    )
-    found = [alarm]
+    alarm: Any = {"color": style.INK, "linewidth": 1.1, "linestyle": style.DASHED}
+    found = [style.line_key("chance passes it in 1 figure of 100", **alarm)]
     for family, look in zip(shared, cycle(_SHARED), strict=False):
         joints = ", ".join(style.elided(panels[i].joint) for i in sorted({i for i, _ in family}))
         found.append(_entry(look, f"lines that {joints} share"))
@@ -164,9 +155,7 @@ def _key(
 
 
 def _entry(look: style.Look, label: str) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=look.color, marker=look.marker, linewidth=1.6, label=label)
+    return style.line_key(label, color=look.color, marker=look.marker, linewidth=1.6)
 
 
 def _rows(panels: Sequence[SpectrumEntry]) -> Iterator[tuple[style.Cell, ...]]:

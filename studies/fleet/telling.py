@@ -269,13 +269,9 @@ def _drawn(values: Sequence[float | None]) -> Any:
 
 def _small(count: int) -> tuple[Figure, list[Axes]]:
     """So many panels of one scale."""
-    across = min(count, _ACROSS)
-    down = -(-count // across)
-    figure = style.sheet(max(4.2, 1.0 + 2.3 * across), 1.4 + 2.0 * down)
-    panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel().tolist()
-    for panel in panels[count:]:
-        panel.set_axis_off()
-    return figure, panels[:count]
+    return style.small_panels(
+        count, _ACROSS, lambda a, b: (max(4.2, 1.0 + 2.3 * a), 1.4 + 2.0 * b), sharey=True
+    )
 
 
 def _finish(

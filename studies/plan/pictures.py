@@ -20,7 +20,7 @@ _MOST = 32  # causes on the map; the others are easier to tell and stand in the 
 _HARDEST = 30.0  # times the smallest size at which the colours end
 _CELL = 0.26  # inch
 _COLUMNS = 4
-_NINE = style.Look("found nine times in ten", style.SOFT, "", (0, (4, 3)), "", "")  # type: ignore[arg-type]
+_NINE = style.Look("found nine times in ten", style.SOFT, "", (0, (4, 3)))
 _USUAL = style.Look("usual size", style.SOFT, "^", "", "", "")
 _FAR = 100.0  # a usual size that is farther from what is found is not drawn
 
@@ -177,7 +177,7 @@ def _looks(record: PlanRecord) -> dict[str, style.Look]:
     places = {cause.where for cause in record.seen}
     look = style.looks([joint for joint in record.joints if joint in places])
     if ARM in places:
-        look[ARM] = style.Look(ARM, style.SKY, "", (0, (3, 1, 1, 1)), "", "")  # type: ignore[arg-type]
+        look[ARM] = style.Look(ARM, style.SKY, "", (0, (3, 1, 1, 1)))
     return look
 
 

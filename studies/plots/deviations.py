@@ -49,7 +49,7 @@ def by_approach(
         panel.set_xlabel(f"standard deviation [{units[rows[0]]}]")
     handles = [style.key_of(look[key], linestyle="") for key in std]
     if absent:
-        missing = style.Look("cannot be estimated", style.SOFT, "x", "", "", "")
+        missing = style.Look("cannot be estimated", style.SOFT, "x")
         handles.append(style.key_of(missing))
     style.legend_below(figure, handles)
     caption = (
@@ -97,7 +97,7 @@ def predicted_against_simulated(
         else:
             panel.set_xlim(left - pad, right + pad * (1.0 + _any_missing(ratios)))
     handles = [style.key_of(look[key], linestyle="") for key in predicted]
-    handles.append(_band_key(f"95 % of chance, {trials} trials"))
+    handles.append(style.patch_key(f"95 % of chance, {trials} trials", facecolor=style.FAINT))
     style.legend_below(figure, handles)
     every = np.concatenate(list(ratios.values()))
     counted = np.isfinite(every)
@@ -243,12 +243,6 @@ def _numbers(
                 look[key].sign, (1.0, -0.85), (shift, 0.0), ha="right", va="center",
                 color=look[key].color, annotation_clip=False, **place,
             )  # fmt: skip
-
-
-def _band_key(label: str) -> Any:
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=style.FAINT, label=label)
 
 
 # -- tables ------------------------------------------------------------------------------------

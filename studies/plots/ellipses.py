@@ -40,13 +40,10 @@ def ellipses(
     """
     look = style.looks(covariances)
     samples = samples or {}
-    columns = min(3, len(pairs))
-    lines = -(-len(pairs) // columns)
-    figure = style.sheet(max(4.2, 3.1 * columns), 0.7 + 3.0 * lines)
-    axes = figure.subplots(lines, columns, squeeze=False)
-    for panel in axes.flat[len(pairs) :]:
-        panel.remove()
-    for i, (pair, panel) in enumerate(zip(pairs, axes.flat, strict=False)):
+    figure, panels = style.small_panels(
+        len(pairs), 3, lambda a, b: (max(4.2, 3.1 * a), 0.7 + 3.0 * b)
+    )
+    for i, (pair, panel) in enumerate(zip(pairs, panels, strict=True)):
         _prepare(panel, pair)
         for key, covariance in covariances.items():
             if key in samples:

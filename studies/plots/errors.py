@@ -22,14 +22,14 @@ _ROOM = 1.5  # times the least and the largest error: the ends of a log axis
 _BEFORE = style.Look("before: nominal model", style.VERMILLION, "^", "", "", "▲")
 _FITTED = style.Look("after: identified, fitted poses", style.BLUE, "o", "", "", "●")
 _HELD = style.Look("after: identified, held-out poses", style.GREEN, "D", "", "", "◆")
-_NOISE = style.Look("noise of the instrument alone", style.INK, "", (0, (4, 2)), "", "")  # type: ignore[arg-type]
+_NOISE = style.Look("noise of the instrument alone", style.INK, "", style.DASHED)
 _MODELS = ("nominal model, base and markers fitted", "identified model")
 _BINS_A_DECADE = 8
 _BELOW = 0.005  # of the points may lie left of the axis, and count in the first bin
 _DECADES = 1e-7  # shown at most, of the largest
 _MEAN: Any = {"color": style.INK, "linewidth": 1.6, "linestyle": ":"}
 _P95: Any = {"color": style.INK, "marker": "^", "markersize": 7.0, "linestyle": ""}
-_FLOOR: Any = {"color": style.INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+_FLOOR: Any = {"color": style.INK, "linewidth": 1.2, "linestyle": style.DASHED}
 _CHI_95 = 2.795483  # 95 % of |noise| / sigma in three coordinates (chi with 3 degrees of freedom)
 
 
@@ -130,8 +130,6 @@ def histogram(before: Array, after: Array, sigma: float) -> style.Picture:
 
     Raises ValueError where neither a distance nor sigma is above zero.
     """
-    from matplotlib.lines import Line2D
-
     lengths = [np.linalg.norm(part, axis=-1) * _MM for part in (before, after)]
     low, high = _limits(np.concatenate(lengths), sigma * _MM)
     count = max(6, round(_BINS_A_DECADE * np.log10(high / low)))
@@ -148,11 +146,8 @@ def histogram(before: Array, after: Array, sigma: float) -> style.Picture:
         panel.axvline(_CHI_95 * sigma * _MM, **_FLOOR)
     style.log_ticks(panels[-1].xaxis, low, high)
     panels[-1].set_xlabel("distance measured \N{MINUS SIGN} predicted [mm]")
-    style.legend_below(
-        figure,
-        [Line2D([], [], label="mean", **_MEAN), Line2D([], [], label="95 % of the points", **_P95),
-         Line2D([], [], label="95 % of the noise", **_FLOOR)],
-    )  # fmt: skip
+    keys = {"mean": _MEAN, "95 % of the points": _P95, "95 % of the noise": _FLOOR}
+    style.legend_below(figure, [style.line_key(label, **own) for label, own in keys.items()])
     caption = (
         "Distances in space, on a log axis. Noise alone would put 95 % of them left of the dashed line "
         f"({style.short(_CHI_95 * sigma * _MM)} mm at sigma {style.short(sigma * _MM)} mm)."

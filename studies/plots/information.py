@@ -23,9 +23,6 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
 
     shares : of each pose, effect -> how many of its parameters the pose determines; the same effects
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     groups = list(shares[0])
     parts = np.array([[own[group] for group in groups] for own in shares])
     look = style.looks(groups, solid=True)
@@ -34,21 +31,20 @@ def by_pose(pose_names: Sequence[str], shares: Sequence[Mapping[str, float]]) ->
     panel = figure.subplots()
     style.tidy(panel, "y")
     below, many = np.zeros(m), len(groups) > 1
+    bare: Any = {"edgecolor": "white", "linewidth": 0.0}
     for group, part in zip(groups, parts.T, strict=True):
         own: Any = {"color": look[group].color, "hatch": look[group].hatch if many else ""}
-        panel.bar(range(m), part, 0.78, bottom=below, edgecolor="white", linewidth=0.0, **own)
+        panel.bar(range(m), part, 0.78, bottom=below, **bare, **own)
         below = below + part
     mean = float(parts.sum()) / m
-    panel.axhline(mean, color="0.2", linewidth=1.0, linestyle=(0, (4, 2)))
+    dashed: Any = {"color": "0.2", "linewidth": 1.0, "linestyle": style.DASHED}
+    panel.axhline(mean, **dashed)
     style.pose_ticks(panel, pose_names)
     panel.set(xlabel="pose", ylabel="share of the information\n[parameters]", xlim=(-0.6, m - 0.4))
     handles = [
-        Patch(
-            facecolor=look[g].color, hatch=look[g].hatch, edgecolor="white", linewidth=0.0, label=g
-        )
-        for g in groups
+        style.patch_key(g, facecolor=look[g].color, hatch=look[g].hatch, **bare) for g in groups
     ]
-    even = Line2D([], [], color="0.2", linewidth=1.0, linestyle=(0, (4, 2)), label="equal shares")
+    even = style.line_key("equal shares", **dashed)
     style.legend_below(figure, [*handles, even] if many else [even])
     total = parts.sum()
     caption = (
@@ -126,15 +122,13 @@ def derivative(
 
 def _crowd(panel: Axes, at: Array, score: Array, others: NDArray[np.int_]) -> Any:
     """The candidates that were not chosen; returns their entry in the legend."""
-    from matplotlib.lines import Line2D
-
     dot: Any = {"color": "0.55", "marker": "o", "linestyle": "", "markeredgewidth": 0.0}
     many = len(others) > _VECTOR
     if many:
         panel.plot(at[others], score[others], markersize=1.2, rasterized=True, **dot)
     else:
         style.cloud(panel, at[others], score[others], 2.0, color=dot["color"], zorder=2)
-    return Line2D([], [], label=f"candidates ({len(others)})", markersize=4.0, **dot)
+    return style.line_key(f"candidates ({len(others)})", markersize=4.0, **dot)
 
 
 def _spread(degrees: Array, marks: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from studies.plots.style import (
     BLUE,
+    DASHED,
     FAINT,
     INK,
     PANEL,
@@ -23,9 +24,12 @@ from studies.plots.style import (
     dots,
     key_of,
     legend_below,
+    line_key,
     looks,
+    patch_key,
     pose_ticks,
     sheet,
+    small_panels,
     styled,
     tidy,
 )
@@ -36,6 +40,7 @@ if TYPE_CHECKING:
 
 _MM = 1e3
 _A_POSE = 0.14  # inch
+_RING: Any = {"color": INK, "linestyle": "", "markerfacecolor": "none"}
 
 
 @styled
@@ -83,9 +88,10 @@ def by_pose_and_axis(
     pose_ticks(panels[-1], pose_names)
     panels[-1].set_xlabel("pose")
     handles = [key_of(look[marker], linestyle="") for marker in marker_names]
-    handles.append(_patch(f"\N{PLUS-MINUS SIGN}2 sigma, sigma = {sigma * _MM:.3g} mm"))
+    band = f"\N{PLUS-MINUS SIGN}2 sigma, sigma = {sigma * _MM:.3g} mm"
+    handles.append(patch_key(band, facecolor=FAINT))
     if flagged.any():
-        handles.append(_ring())
+        handles.append(line_key("outlier", marker="o", markersize=9.0, **_RING))
     legend_below(figure, handles)
     caption = _caption(values, flagged, sigma * _MM, limit)
     header = ("pose", "RMS [mm]", "largest [mm]", "axis", "marker", "outlier")
@@ -132,7 +138,7 @@ def _limit(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:
 def _flag(panel: Axes, at: Array, values: Array, flagged: NDArray[np.bool_], limit: float) -> None:
     """Rings around outliers; triangles at the edge for what lies beyond it."""
     inside = flagged & (np.abs(values) <= limit)
-    ring: Any = {"color": INK, "linestyle": "", "markerfacecolor": "none", "clip_on": False}
+    ring: Any = {**_RING, "clip_on": False}
     if inside.any():
         panel.plot(at[inside], values[inside], marker="o", markersize=10.0, **ring)
     for sign, arrow in ((1.0, "^"), (-1.0, "v")):
@@ -140,19 +146,6 @@ def _flag(panel: Axes, at: Array, values: Array, flagged: NDArray[np.bool_], lim
         edge = np.full(int(beyond.sum()), sign * limit)
         if beyond.any():
             panel.plot(at[beyond], edge, marker=arrow, markersize=6.0, **ring)
-
-
-def _patch(label: str) -> Any:
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=FAINT, label=label)
-
-
-def _ring() -> Any:
-    from matplotlib.lines import Line2D
-
-    ring: Any = {"color": INK, "linestyle": "", "markerfacecolor": "none"}
-    return Line2D([], [], marker="o", markersize=9.0, label="outlier", **ring)
 
 
 def _row(
@@ -177,6 +170,10 @@ def _row(
 _COLUMNS = 4
 _BINS = 6
 _FEWEST = 3  # poses of a bin worth a median
+_FITTED = Look("fitted poses", BLUE, "o")
+_HELD = Look("held-out poses", VERMILLION, "^")
+_MEDIAN = Look("median of a sixth", SOFT, "_", "-")
+_NOISE = Look("noise alone", INK, "", DASHED)
 
 
 @styled
@@ -193,22 +190,16 @@ def against(
     variables : label with unit -> ndarray, shape (m,); sigma : of one coordinate [m]
     heldout : ndarray of bool, shape (m,), poses that took no part in the fit
     """
-    columns = min(_COLUMNS, len(variables))
-    lines = -(-len(variables) // columns)
-    figure = sheet(2.6 * columns + 0.4, 2.1 * lines + 0.7)
-    axes = figure.subplots(lines, columns, squeeze=False, sharey=True)
-    for panel in axes.flat[len(variables) :]:
-        panel.remove()
+    figure, panels = small_panels(
+        len(variables), _COLUMNS, lambda a, b: (2.6 * a + 0.4, 2.1 * b + 0.7), sharey=True
+    )
     shown = error * _MM
-    looks = [
-        Look("fitted poses", BLUE, "o", "", "", ""),
-        *([Look("held-out poses", VERMILLION, "^", "", "", "")] if heldout.any() else []),
-    ]
+    looks = [_FITTED, *([_HELD] if heldout.any() else [])]
     size = 4.0 if len(error) <= 100 else 2.2
     rows: list[tuple[Cell, ...]] = []
-    for panel, (label, values) in zip(axes.flat, variables.items(), strict=False):
+    for panel, (label, values) in zip(panels, variables.items(), strict=True):
         tidy(panel, "y")
-        panel.axhline(np.sqrt(3.0) * sigma * _MM, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
+        panel.axhline(np.sqrt(3.0) * sigma * _MM, color=INK, linewidth=1.0, linestyle=DASHED)
         for look, mask in zip(looks, (~heldout, heldout), strict=False):
             own = [name for name, chosen in zip(pose_names, mask, strict=True) if chosen]
             dots(
@@ -219,12 +210,9 @@ def against(
         panel.plot(centre, median, color=SOFT, linewidth=1.6, marker="_", markersize=9.0)
         panel.set(xlabel=label, ylim=(0.0, 1.08 * float(np.nanmax(shown))))
         rows.append((label, cell(_trend(values, shown)), cell(median.max()), cell(median.min())))
-    for line in axes:
-        line[0].set_ylabel("error of a pose [mm]")
-    handles: list[Any] = [key_of(look) for look in looks]
-    handles.append(key_of(Look("median of a sixth", SOFT, "_", "-", "", "")))
-    handles.append(key_of(Look("noise alone", INK, "", (0, (4, 2)), "", "")))  # type: ignore[arg-type]
-    legend_below(figure, handles)
+    for panel in panels[::_COLUMNS]:
+        panel.set_ylabel("error of a pose [mm]")
+    legend_below(figure, [key_of(look) for look in (*looks, _MEDIAN, _NOISE)])
     caption = (
         "RMS distance between measured and predicted markers of each pose. Where the model holds, the "
         "medians lie level near the dashed line; a slope or a bow points to what is not modelled."

@@ -43,6 +43,7 @@ BLACK, BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = (
     "#56B4E9",
 )
 INK, SOFT, FAINT = "0.15", "0.45", "0.85"
+DASHED: Any = (0, (4, 2))
 ON_LIGHT, ON_DARK = "#262627", "#fffffe"
 """Text on coloured cells: no greys, which a page turns round in dark colours."""
 DPI = 200
@@ -107,9 +108,9 @@ class Look:
     label: str
     color: str
     marker: str
-    linestyle: str
-    hatch: str
-    sign: str
+    linestyle: Any = ""
+    hatch: str = ""
+    sign: str = ""
     face: str = ""
 
     @property
@@ -138,9 +139,9 @@ SERIES: tuple[Look, ...] = (
     Look("", BLUE, "s", "--", "//", "■"),
     Look("", VERMILLION, "^", "-.", "\\\\", "▲"),
     Look("", GREEN, "D", ":", "xx", "◆"),
-    Look("", PURPLE, "v", (0, (5, 1, 1, 1, 1, 1)), "..", "▼"),  # type: ignore[arg-type]
-    Look("", ORANGE, "P", (0, (8, 2)), "++", "✚"),  # type: ignore[arg-type]
-    Look("", SKY, "X", (0, (1, 1)), "oo", "✖"),  # type: ignore[arg-type]
+    Look("", PURPLE, "v", (0, (5, 1, 1, 1, 1, 1)), "..", "▼"),
+    Look("", ORANGE, "P", (0, (8, 2)), "++", "✚"),
+    Look("", SKY, "X", (0, (1, 1)), "oo", "✖"),
 )
 
 
@@ -183,6 +184,23 @@ def sheet(width: float, height: float, layout: str = "constrained") -> Figure:
     figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[union-attr, call-arg]
     return figure
+
+
+def small_panels(
+    count: int, across: int, size: Callable[[int, int], tuple[float, float]], **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure of so many panels, row by row.
+
+    across : most in a row; size : of the sheet, inches, by the numbers of columns and rows
+    shared : what ``Figure.subplots`` takes
+    """
+    columns = min(across, count)
+    lines = -(-count // columns)
+    figure = sheet(*size(columns, lines))
+    panels = figure.subplots(lines, columns, squeeze=False, **shared).ravel().tolist()
+    for panel in panels[count:]:
+        panel.remove()
+    return figure, panels[:count]
 
 
 def tidy(panel: Axes, grid: str = "both") -> None:
@@ -254,9 +272,21 @@ def aside(values: Array, most: float) -> Array:
 
 def key_of(look: Look, **changed: Any) -> Any:
     """Entry of a legend."""
+    return line_key(look.label, **(look.line | changed))
+
+
+def line_key(label: str, **look: Any) -> Any:
+    """Entry of a legend: a line or a mark."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], label=look.label, **(look.line | changed))
+    return Line2D([], [], label=label, **look)
+
+
+def patch_key(label: str, **look: Any) -> Any:
+    """Entry of a legend: an area."""
+    from matplotlib.patches import Patch
+
+    return Patch(label=label, **look)
 
 
 def log_ticks(axis: Axis, low: float, high: float) -> None:

@@ -21,9 +21,8 @@ from doe.constraints.clearance import Clearance
 from doe.day.day import day_of
 from doe.day.straight import straight
 from studies.cli import main
-from studies.programs.krl import axis_names, identifier
-from studies.programs.languages import LANGUAGES, Stop, plan_stops
-from studies.programs.stops import plain_text
+from studies.programs.languages import LANGUAGES, axis_names, identifier
+from studies.programs.stops import Stop, plain_text, plan_stops
 from tests.helpers import cell_of, random_robot
 from tests.studies.command_line import paper_cell
 

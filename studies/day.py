@@ -10,7 +10,7 @@ import numpy as np
 from studies import document as doc
 from studies.document import Sentence, Shown, listed, mm
 from studies.entries import JointValues, read_joints, shown_joints
-from studies.record import Count, Entry, Maybe, NotNegative, Number
+from studies.record import Count, Entry, From, Maybe, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -33,7 +33,7 @@ class WayEntry(Entry):
     start: str
     end: str
     meets: str
-    known: bool
+    known: Annotated[bool, From("free")]
     points: tuple[WayPoint, ...] = ()
 
 
@@ -56,9 +56,9 @@ class DayEntry(Entry):
     direct: Count
     others: tuple[WayEntry, ...] = ()
     checked: tuple[str, ...] = ()
-    margin_mm: NotNegative = 0.0
+    margin_mm: Annotated[NotNegative, From("cell.design.margin")] = 0.0
     followed: tuple[str, ...] = ()
-    speed_percent: NotNegative
+    speed_percent: Annotated[NotNegative, From("cell.pace.speed")]
     seconds: Maybe
     moving_s: Maybe
     standing_s: NotNegative
@@ -101,29 +101,19 @@ def day_entry(day: PlannedDay) -> DayEntry:
     """The entry of a day."""
     cell, names = day.cell, day.stops.names
     others = [
-        WayEntry(
+        WayEntry.from_result(
+            way,
             start=names[i],
             end=names[i + 1],
-            meets=way.meets,
-            known=way.free,
-            points=tuple(WayPoint(**shown_joints(cell.robot, q)) for q in way.between),
+            points=[WayPoint(**shown_joints(cell.robot, q)) for q in way.between],
         )
         for i, way in enumerate(day.ways)
         if way.meets
     ]
-    return DayEntry(
-        ways=len(day.ways),
-        direct=day.direct,
-        others=tuple(others),
-        checked=day.checked,
-        margin_mm=1e3 * cell.design.margin,
-        followed=tuple(sorted({way.follows for way in day.ways} - {""})),
-        speed_percent=100.0 * cell.pace.speed,
-        seconds=day.seconds,
-        moving_s=day.moving,
-        standing_s=day.standing,
-        least_moving_s=day.least_moving,
-        speedless=day.speedless,
+    return DayEntry.from_result(
+        day,
+        others=others,
+        followed=sorted({way.follows for way in day.ways} - {""}),
         visited=() if day.stops is day.poses else names,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -138,20 +138,15 @@ def joint_columns(
     rows: Sequence[JointValues], rule: Rule = JOINT, *, detail: bool = True
 ) -> tuple[Column[JointValues], ...]:
     """A column for each joint; detail : whether they are for the page only."""
-    turning = rows[0].joints_deg if rows else {}
-    sliding = rows[0].joints_mm if rows else {}
-    return (
-        *(Column(name, _turned(name), rule, "deg", detail) for name in turning),
-        *(Column(name, _slid(name), rule, "mm", detail) for name in sliding),
+
+    def column(name: str, unit: str) -> Column[JointValues]:
+        return Column(name, lambda row: getattr(row, f"joints_{unit}")[name], rule, unit, detail)
+
+    first = rows[:1]
+    turning, sliding = (
+        [n for r in first for n in getattr(r, f"joints_{u}")] for u in ("deg", "mm")
     )
-
-
-def _turned(name: str) -> Callable[[JointValues], float]:
-    return lambda row: row.joints_deg[name]
-
-
-def _slid(name: str) -> Callable[[JointValues], float]:
-    return lambda row: row.joints_mm[name]
+    return (*(column(n, "deg") for n in turning), *(column(n, "mm") for n in sliding))
 
 
 _MM = 1e3

@@ -24,7 +24,7 @@ _HOMES = {
     "next": ("next.record", "NextRecord", "next.record"),
     "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
     "hand-eye": ("hand_eye.record", "HandEyeRecord", "hand_eye.telling"),
-    "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.telling"),
+    "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.record"),
     "changes": ("changes.record", "ChangesRecord", "changes.telling"),
     "report": ("report.page", "ReportRecord", "report.page"),
     "demo": ("demo.record", "DemoRecord", "demo.record"),

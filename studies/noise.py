@@ -153,14 +153,12 @@ def in_its_unit(sigma_mm: float, pixel_mm: float | None, unit: str) -> str:
 
 def noise_words(noise: NoiseEntry) -> list[str]:
     """Lines on the noise of a result."""
-    return [_instrument(noise), *_each(noise), *_arm(noise), *_untold(noise)]
-
-
-def _each(noise: NoiseEntry) -> Iterator[str]:
-    """Instruments whose noise is other than stated, where that is worth a word."""
-    for own in noise.noise_scales:
-        if abs(own.times - 1.0) >= _HEARD:
-            yield f"noise of {own.instrument}: {own.times:.1f} times as stated"
+    each = [
+        f"noise of {own.instrument}: {own.times:.1f} times as stated"
+        for own in noise.noise_scales
+        if abs(own.times - 1.0) >= _HEARD
+    ]
+    return [_instrument(noise), *each, *_arm(noise), *_untold(noise)]
 
 
 def _instrument(noise: NoiseEntry) -> str:

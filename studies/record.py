@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import (
@@ -117,9 +117,9 @@ class Entry(BaseModel):
         A field takes the attribute of its name, or the one that :class:`From` in its annotation says.
         One whose name ends in a unit takes the attribute of the name without it, times the unit:
         ``rms_mm`` is 1e3 ``rms``, and ``drift_um_per_h`` 3.6e9 ``drift``. Values take the shape of the
-        field's type: arrays become tuples; an object that stands where an entry does is filled in the
-        same way, also within tuples and dicts; None stays None, and NaN becomes None where the field
-        may be undefined.
+        field's type: arrays become tuples, and paths texts; a count is the number of what is listed;
+        an object that stands where an entry does is filled in the same way, also within tuples and
+        dicts; None stays None, and NaN becomes None where the field may be undefined.
 
         >>> from types import SimpleNamespace
         >>> class Error(Entry):
@@ -225,6 +225,10 @@ def _shaped(value: Any, kind: Any) -> Any:
         return value
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
+    if kind is int and isinstance(value, Sized):
+        return len(value)
+    if kind is str and isinstance(value, Path):
+        return str(value)
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return _shaped(value, inner[0])

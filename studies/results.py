@@ -41,7 +41,11 @@ def kind_of(path: Path) -> str:
 
     Raises InputError where the file is no result, or of another version of the format.
     """
-    head = _head(read_text(path, _MOST_BYTES), path)
+    try:
+        head = _Head.model_validate_json(read_text(path, _MOST_BYTES))
+    except ValidationError:
+        remedy = "write one with --json of a command"
+        raise InputError(path, "", "is no result of posecal", remedy) from None
     if head.format != 1:
         raise InputError(path, "schema", "is not 1", "write the result anew with this version")
     return head.kind
@@ -93,15 +97,6 @@ def located(result: Path, file: str, digest: str) -> Input:
             continue
         state = "changed since"
     return Input(file, digest, state, None)
-
-
-def _head(text: str, path: Path) -> _Head:
-    try:
-        return _Head.model_validate_json(text)
-    except ValidationError:
-        raise InputError(
-            path, "", "is no result of posecal", "write one with --json of a command"
-        ) from None
 
 
 def _place(error: ErrorDetails) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +16,11 @@ from calib.files.read import sha256
 from calib.poses import Poses
 from studies.identify.record import IdentifyRecord
 from studies.results import located, read_as
+
+_LEANING = (
+    "identified beside the robot's type ([model.prior]): what the readings say little of looks "
+    "unchanged; identify both days without it to be sure"
+)  # both results then err towards the same mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,7 @@ def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> Comp
         estimate,
         (
             *estimate.notes,
-            *_leaning(before, after),
+            *([_LEANING] if before.of_type is not None or after.of_type is not None else []),
             *(note for _, notes in tables for note in notes),
         ),
     )
@@ -88,15 +92,6 @@ def _cell_file(path: Path, record: IdentifyRecord) -> Path:
             path, "inputs", f"its cell {source.file} is {source.state}", "give it with --cell"
         )
     return source.path
-
-
-def _leaning(before: IdentifyRecord, after: IdentifyRecord) -> Iterator[str]:
-    """A note where a result leans on the robot's type: both then err towards the same mean."""
-    if before.of_type is not None or after.of_type is not None:
-        yield (
-            "identified beside the robot's type ([model.prior]): what the readings say little of looks "
-            "unchanged; identify both days without it to be sure"
-        )
 
 
 def _check_robot(cell: Cell, path: Path, record: IdentifyRecord) -> None:

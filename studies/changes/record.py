@@ -44,7 +44,7 @@ class DifferenceTest(Entry):
     """
 
     statistic: NotNegative
-    rows: Count
+    rows: Annotated[Count, From("whitened")]
     dof: Maybe
     p: Annotated[NotNegative, From("p_value")]
     false_alarm: Positive
@@ -199,7 +199,6 @@ def changes_record(found: Changes, days: ComparedDays, made_from: Envelope) -> C
         status="changed" if apart.changed else "unchanged",
         test=DifferenceTest.from_result(
             apart,
-            rows=len(apart.whitened),
             dof=apart.dof if apart.dof < _KNOWN else None,
             false_alarm=FALSE_ALARM,
         ),

@@ -92,6 +92,7 @@ def compare(
     from calib.model.build import build
     from studies.compare.compare import compare as compare_plans
     from studies.compare.make import compare_record
+    from studies.compare.montecarlo import MOST_TRIALS
     from studies.compare.prediction import read_by_each
     from studies.compare.stated_noise import stated_noise
     from studies.engines import engine
@@ -113,7 +114,7 @@ def compare(
         if values_path is not None:
             values = load_values(values_path, build(cell, loaded[0]).model.parameters)
         with (
-            engine(_processes(workers, trials), scheduler) as executor,
+            engine(processes(workers, trials > MOST_TRIALS), scheduler) as executor,
             progress_bar(trials * len(plans), "simulated experiments") as progress,
         ):
             result = compare_plans(
@@ -133,10 +134,3 @@ def compare(
     made_from = envelope(cell.name, inputs, seed)
     record = compare_record(result, made_from, curves=folder is not None, read_by=read_by)
     deliver(record, json_path, folder)
-
-
-def _processes(workers: int | None, trials: int) -> int:
-    """One for each processor, and none of their own where a single block is all there is."""
-    from studies.compare.montecarlo import MOST_TRIALS
-
-    return processes(workers, trials > MOST_TRIALS)

@@ -199,7 +199,10 @@ def compare(
     why_not = _NOT_INSTALLED if truth is None and find_spec("mujoco") is None else ""
     if truth == "mujoco" or (truth is None and trials and not why_not):
         try:
-            prepared = [(_in_mujoco(cell, experiment), own) for experiment, own in prepared]
+            prepared = [
+                (replace(e, exact=points_in_mujoco(cell, e.model, e.truth, e.poses)), own)
+                for e, own in prepared
+            ]
         except InputError as error:
             if truth is not None:
                 raise
@@ -240,19 +243,10 @@ def _prepared(
     experiment = experiment_of(cell, plan, values=own, stated=stated, length=length, seed=seed)
     refuse_unseen(experiment, name)
     predictions = [predict(experiment, way) for way in experiment.ways]
-    return replace(experiment, truth=_visible_truth(experiment, predictions)), predictions
-
-
-def _in_mujoco(cell: Cell, experiment: SimulatedExperiment) -> SimulatedExperiment:
-    """The same with readings of MuJoCo's arm."""
-    exact = points_in_mujoco(cell, experiment.model, experiment.truth, experiment.poses)
-    return replace(experiment, exact=exact)
-
-
-def _visible_truth(experiment: SimulatedExperiment, predictions: list[Prediction]) -> Array:
-    """The truth without what some way leaves open: no fit could answer for it."""
+    # The truth without what some way leaves open: no fit could answer for it.
     known = np.all([np.isfinite(p.std) for p in predictions], axis=0)
-    return np.where(known, experiment.truth, experiment.nominal)
+    truth = np.where(known, experiment.truth, experiment.nominal)
+    return replace(experiment, truth=truth), predictions
 
 
 def _verdict(

@@ -33,6 +33,10 @@ from studies.compare.record import (
 from studies.record import Envelope
 
 _MM = 1e3
+_NO_PLACE = (
+    "the cell does not say where the instrument stands ([instrument] position_mm): its ranges count "
+    "from the robot's base"
+)
 _PAIRS = 6  # error ellipses: the parameters most entangled
 _POINTS = 400  # simulated experiments of an ellipse that are kept; more only darken its cloud
 
@@ -56,18 +60,9 @@ def compare_record(
         warnings=(),
         plans=tuple(_plan(found.cell, study, curves) for study in found.plans),
         task_at="markers" if tool else "tip origin",
-        notes=_notes(found.cell),
+        notes=(_NO_PLACE,) if found.cell.noise.grows and found.cell.instrument is None else (),
         agreement=_agreement(found),
         read_by=tuple(read_by),
-    )
-
-
-def _notes(cell: Cell) -> tuple[str, ...]:
-    if not cell.noise.grows or cell.instrument is not None:
-        return ()
-    return (
-        "the cell does not say where the instrument stands ([instrument] position_mm): its ranges "
-        "count from the robot's base",
     )
 
 

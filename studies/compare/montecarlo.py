@@ -253,9 +253,10 @@ def refits(
     whole = {p.way.key: share_of(p.way, trials, scratch) for p in predictions}
     moves = {p.way.key: np.subtract(*without_noise(experiment, p)) for p in predictions if sizes}
     jobs = [
-        (experiment, predictions, size, own, moves, _evenly(whole, index, len(sizes)))
+        (experiment, predictions, size, own, moves,
+         {key: len(range(index, count, len(sizes))) for key, count in whole.items()})
         for index, (size, own) in enumerate(zip(sizes, seeds, strict=True))
-    ]
+    ]  # fmt: skip
     done: dict[int, Refits] = {}
     try:
         with closing(computed(refit, jobs, executor)) as blocks:
@@ -272,11 +273,6 @@ def refits(
 
     scratch_of = {key: [one for own in ordered for one in own.scratch[key]] for key in keys}
     return Refits(joined("errors"), joined("settled"), joined("cost"), scratch_of, trials)
-
-
-def _evenly(whole: Mapping[str, int], block: int, blocks: int) -> dict[str, int]:
-    """One block's part of what is counted over all of them."""
-    return {key: len(range(block, count, blocks)) for key, count in whole.items()}
 
 
 def _block_sizes(experiment: SimulatedExperiment, trials: int) -> list[int]:

@@ -62,16 +62,11 @@ def predict(experiment: SimulatedExperiment, way: Way) -> Prediction:
         span = np.eye(len(start))[:, kept]
         return Prediction(way, span, observation.covariance(start, span))
     observation, start = experiment.observe(way, points)
-    span = _of_bodies(observation.span(), kept)
+    span, lost = observation.span(), np.setdiff1d(np.arange(len(start)), kept)
+    span = span[:, ~np.abs(span[lost]).any(axis=0)]  # that moves nothing but what is kept
     known, _ = experiment.observe(FULL, points)
     span = span[:, choose_directions(known, start, span).kept]
     return Prediction(way, span, observation.covariance(start, span))
-
-
-def _of_bodies(span: Array, kept: IntArray) -> Array:
-    """Directions (p, k) that move nothing but parameters that are kept."""
-    lost = np.setdiff1d(np.arange(len(span)), kept)
-    return span[:, ~np.abs(span[lost]).any(axis=0)]
 
 
 def accuracy_at(

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, TypeAlias
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
+from calib.arrays import Array
 from studies import document as doc
-from studies.compare.pictures import pictures
-from studies.compare.record import ComparedApproach, ComparedPlan, CompareRecord, ReadBy
+from studies.compare.agreement import BELIEVED, band
+from studies.compare.record import ByNumber, ComparedApproach, ComparedPlan, CompareRecord, ReadBy
 from studies.document import Shown, listed, mm, plural
-from studies.plots.style import APPROACHES
+from studies.plots import accuracy, deviations, ellipses, information
+from studies.plots.style import APPROACHES, Picture
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _MOST_NAMES = 4
 _SAME = 1.005
 _ARM_RULES = 1.25  # times what the arm alone leaves: below, its scatter sets the limit
 _OPEN = 3  # figures that stand open
+_MOODS: dict[bool | None, doc.Mood] = {None: "", True: "good", False: "warn"}
 _TITLES = {
     "pose plain": "#1\nplain",
     "pose normalised": "#1\nnorm.",
@@ -27,17 +35,15 @@ _TITLES = {
 def told(record: CompareRecord) -> doc.Document:
     """The answer, accuracy of every approach at every plan, and what each parameter is known to."""
     says = record.agreement.says
-    headline = _best(record), doc.Sentence(f"{says[:1].upper()}{says[1:]}.", _mood(record))
+    headline = (
+        _best(record),
+        doc.Sentence(f"{says[:1].upper()}{says[1:]}.", _MOODS[record.agreement.believed]),
+    )
     sections = [doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))]
     if record.read_by:
         parts = tuple(_instruments(record))
         sections.insert(0, doc.Section("instruments", "Instruments side by side", parts))
     return doc.Document(headline, tuple(sections))
-
-
-def _mood(record: CompareRecord) -> doc.Mood:
-    believed = record.agreement.believed
-    return "" if believed is None else "good" if believed else "warn"
 
 
 def _best(record: CompareRecord) -> doc.Sentence:
@@ -163,8 +169,6 @@ def _loss(plan: ComparedPlan) -> float:
 
 
 def _belief(record: CompareRecord) -> Iterator[doc.Sentence]:
-    from studies.compare.agreement import BELIEVED
-
     found = record.agreement
     if not record.trials:
         return
@@ -315,3 +319,103 @@ def _tables(plan: ComparedPlan, values: _Values, name: str) -> Iterator[doc.Part
     if placing:
         table = doc.Table(columns, list(rows(placing)))
         yield doc.Detail((table,), f"{name}, base and tool")
+
+
+Draw = Callable[[], Picture]
+
+_MOST = 20  # plans that a figure can keep apart; the table holds them all
+
+
+def pictures(record: CompareRecord) -> Iterator[Draw]:
+    """Every figure, plan by plan; file names begin with the plan's where there are several."""
+    if 1 < len(record.plans) <= _MOST:
+        yield lambda: by_plan(record)
+    for plan in record.plans:
+        for draw in of_plan(plan):
+            yield draw if len(record.plans) == 1 else partial(_named, plan, draw)
+
+
+def _named(plan: ComparedPlan, draw: Draw) -> Picture:
+    picture = draw()
+    start = re.sub(r"[^\w.-]+", "_", plan.plan.removesuffix(".csv"))
+    return replace(picture, name=f"{start}_{picture.name}", title=f"{plan.plan}: {picture.title}")
+
+
+def by_plan(record: CompareRecord) -> Picture:
+    """Standard deviations of approach #2 at every plan of the same parameters side by side."""
+    first = record.plans[0]
+    return deviations.by_approach(
+        first.ids,
+        _units(first),
+        {plan.plan: _deviations(plan.points) for plan in record.plans if plan.ids == first.ids},
+        name="plans",
+        title="Uncertainty of each parameter, by plan (approach #2)",
+    )
+
+
+def of_plan(plan: ComparedPlan) -> Iterator[Draw]:
+    """Figures of one plan, as far as the result holds what they show."""
+    yield lambda: by_approach(plan)
+    if any(own.agreement for own in plan.approaches):
+        yield lambda: simulated(plan)
+    if plan.entangled:
+        yield lambda: entangled(plan)
+    if plan.correlation:
+        yield lambda: ellipses.correlation(plan.ids, np.array(plan.correlation, dtype=float))
+    if plan.by_pose and plan.by_pose[0].effects:
+        yield lambda: information_by_pose(plan)
+    if plan.by_poses.counts:
+        yield lambda: _against(plan.by_poses, "poses")
+    if len(plan.by_markers.counts) > 1:
+        yield lambda: _against(plan.by_markers, "markers")
+
+
+def by_approach(plan: ComparedPlan) -> Picture:
+    """Standard deviations by approach."""
+    return deviations.by_approach(
+        plan.ids, _units(plan), {own.key: _deviations(own) for own in plan.approaches}
+    )
+
+
+def simulated(plan: ComparedPlan) -> Picture:
+    """Predicted and simulated ones, where there are trials."""
+    tried = [own for own in plan.approaches if own.agreement]
+    scatter = {
+        own.key: np.array([p.monte_carlo_std for p in own.parameters], dtype=float) for own in tried
+    }
+    predicted = {own.key: _deviations(own) for own in tried}
+    return deviations.predicted_against_simulated(
+        plan.ids, _units(plan), predicted, scatter, plan.trials, band(plan.trials)
+    )
+
+
+def entangled(plan: ComparedPlan) -> Picture:
+    """Error ellipses of the parameters that go together most."""
+    unit, first = dict(zip(plan.ids, _units(plan), strict=True)), plan.entangled[0]
+    return ellipses.ellipses(
+        [(a, unit[a], b, unit[b]) for a, b in (pair.ids for pair in plan.entangled)],
+        {k: np.array([pair.covariance[k] for pair in plan.entangled]) for k in first.covariance},
+        {
+            key: np.stack([np.array(pair.simulated[key]) for pair in plan.entangled], axis=1)
+            for key in first.simulated
+        },
+    )
+
+
+def information_by_pose(plan: ComparedPlan) -> Picture:
+    """What each pose counts for, by effect."""
+    poses = plan.by_pose
+    return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
+
+
+def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
+    rms = {key: np.array(v, dtype=float) / 1e3 for key, v in curve.task_rms_mm.items()}
+    return accuracy.against_number(curve.counts, rms, of, "expected error, median of subsets")
+
+
+def _units(plan: ComparedPlan) -> list[str]:
+    return [p.unit for p in plan.points.parameters]
+
+
+def _deviations(own: ComparedApproach) -> Array:
+    return np.array([p.std for p in own.parameters], dtype=float)

@@ -97,17 +97,15 @@ def _causes(effects: Sequence[FoundCause]) -> Iterator[str]:
     """The causes in shorter and shorter forms: names, kinds with the count of places, a count."""
     if len(effects) <= _SINGLY:
         yield _and([effect.names for effect in effects])
-        yield _and([f"{own.key}{_others(own)}" for own in effects])
+        more = [
+            f" (or {plural(n, 'other')})" if (n := len(e.alike) - 1) > 0 else "" for e in effects
+        ]
+        yield _and([f"{own.key}{also}" for own, also in zip(effects, more, strict=True)])
     counts = Counter(effect.effect for effect in effects)
     kinds = [f"{kind} ({n} places)" if n > 1 else kind for kind, n in counts.most_common()]
     for most in range(len(kinds), 0, -1):
         left = sum(n for _, n in counts.most_common()[most:])
         yield _and([*kinds[:most], *([f"{left} more"] if left else [])])
-
-
-def _others(effect: FoundCause) -> str:
-    others = len(effect.alike) - 1
-    return f" (or {plural(others, 'other')})" if others > 0 else ""
 
 
 def _board_or_links(effects: Sequence[FoundCause]) -> Iterator[str]:

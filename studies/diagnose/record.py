@@ -296,7 +296,7 @@ class ErrorCurveEntry(Entry):
     variable_label: str
     grid: tuple[Number, ...] = Field(min_length=2)
     variable: Row
-    pose_names: tuple[str, ...]
+    pose_names: Annotated[tuple[str, ...], From("poses.names")]
     panels: tuple[CurvePanel, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

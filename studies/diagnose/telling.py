@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from studies import document as doc
 from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
-from studies.diagnose.pictures import error_curve, waterfall
+from studies.diagnose.pictures import error_curve, spectra, waterfall
 from studies.diagnose.record import (
     CauseParameter,
     DiagnoseRecord,
@@ -21,7 +21,6 @@ from studies.diagnose.record import (
     SpectrumEntry,
     SpectrumLine,
 )
-from studies.diagnose.spectra import spectra
 from studies.document import Shown, labelled, listed, mm
 from studies.entries import DetectionLimitEntry, joint_columns, not_asked
 from studies.noise import noise_words

@@ -132,18 +132,13 @@ class Writer:
         below = Markup()
         if figure.numbers and picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
-            below = self._folded(
-                title, self._table(_numbers(picture, title, figure.highlight), highlight)
-            )
+            columns = plain_columns(picture.header, picture.rows)
+            of_poses = figure.highlight and picture.header[0] == "pose"
+            numbers = Table(columns, picture.rows, title, of_poses=of_poses)
+            below = self._folded(title, self._table(numbers, highlight))
         broad = picture.figure.get_figwidth() > _BROAD
         made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below, broad)
         return made
-
-
-def _numbers(picture: Picture, title: str, highlight: bool) -> Table[Any]:
-    """The table of a picture's numbers."""
-    columns = plain_columns(picture.header, picture.rows)
-    return Table(columns, picture.rows, title, of_poses=highlight and picture.header[0] == "pose")
 
 
 def plain_columns(

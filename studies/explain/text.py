@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from itertools import groupby
 from operator import itemgetter
+from textwrap import indent
 from typing import Any
 
 from studies.document import Column, Document, Lines, Part, Section, Sentence, Table
@@ -37,7 +38,7 @@ def document_of(text: str, made: Callable[[str], Rows]) -> Document:
 
     made : gives the table that ``{name}`` stands for
     """
-    body = _FENCE.sub(lambda found: _indented(found[1]), text.partition("\n")[2])
+    body = _FENCE.sub(lambda found: indent(found[1], "    ", bool), text.partition("\n")[2])
     first, *others = re.split(r"^## ", body, flags=re.MULTILINE)
     sections = [Section("", "", tuple(_parts(first, made)))]
     for other in others:
@@ -53,10 +54,6 @@ def table_of(rows: Rows) -> Table[tuple[str, ...]]:
     return Table(columns, cells)
 
 
-def _indented(lines: str) -> str:
-    return "".join(f"    {line}\n" for line in lines.splitlines())
-
-
 def _parts(text: str, made: Callable[[str], Rows]) -> Iterator[Part]:
     """Parts with an empty line between them; tables keep their own."""
     before = ""
@@ -64,7 +61,8 @@ def _parts(text: str, made: Callable[[str], Rows]) -> Iterator[Part]:
         if kind == "lines":
             yield Lines(block)
         elif kind == "table":
-            yield table_of(_rows(block))
+            heads, *rows = (_row(line) for line in block.splitlines() if not _RULE.fullmatch(line))
+            yield table_of((heads, rows))
         elif found := _MADE.fullmatch(block):
             yield table_of(made(found[1]))
         else:
@@ -91,11 +89,6 @@ def _sentences(block: str) -> list[str]:
     """A paragraph, or the entries of a list."""
     entries = re.split(r"^(?=- |\d+\. )", block, flags=re.MULTILINE)
     return [" ".join(entry.replace("**", "").split()) for entry in entries if entry.strip()]
-
-
-def _rows(block: str) -> Rows:
-    heads, *rows = (_row(line) for line in block.splitlines() if not _RULE.fullmatch(line))
-    return heads, rows
 
 
 def _row(line: str) -> tuple[str, ...]:
@@ -164,17 +157,14 @@ def _keys(schema: Any, known: dict[str, Any], path: str) -> Iterator[tuple[str, 
             yield from _keys(own, known, f"{dot}{key}")
     elif isinstance(own := schema.get("additionalProperties"), dict):
         inner = [*_keys(own, known, f"{dot}NAME")]
-        yield path, f"by name: {_either(form for key, form in inner if key == f'{dot}NAME')}"
+        forms = dict.fromkeys(form for key, form in inner if key == f"{dot}NAME")
+        yield path, f"by name: {' or '.join(forms) or 'table'}"
         yield from (pair for pair in inner if pair[0] != f"{dot}NAME")
     elif schema.get("type") == "array" and "$ref" in str(schema.get("items")):
         yield path, "list of tables"
         yield from _keys(schema["items"], known, f"{path}[]")
     elif form := _form(schema):
         yield path, form
-
-
-def _either(forms: Iterator[str]) -> str:
-    return " or ".join(dict.fromkeys(forms)) or "table"
 
 
 def _form(schema: Any) -> str:

@@ -130,7 +130,9 @@ def effect_text(name: str) -> str:
 
     kind = catalogue()[name]
     needs = "; ".join(_needs(kind)) or "only joints and readings"
-    return "\n\n".join((f"# {name}", _prose(kind), f"**Needs**: {needs}.", _parameters(name)))
+    return "\n\n".join(
+        (f"# {name}", *map(_clean, _told(kind)), f"**Needs**: {needs}.", _parameters(name))
+    )
 
 
 def criterion_text(name: str) -> str:
@@ -218,11 +220,6 @@ def _summary(kind: type) -> str:
     """
     text = _clean(_told(kind)[0])
     return re.split(r"(?<!\.)\.(?:\s|$)", text)[0].replace("`", "")
-
-
-def _prose(kind: type) -> str:
-    """What is told of a class by paragraphs."""
-    return "\n\n".join(map(_clean, _told(kind)))
 
 
 def _told(kind: type) -> list[str]:

@@ -1,15 +1,189 @@
-"""From the tables of a fleet to the record of it."""
+"""Who stands out of a fleet, what a type shares, and what moves from day to day."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from itertools import groupby
 from statistics import median
 
-from studies.fleet.record import FleetErrors, FleetRecord, RobotTrend, SessionEntry, TypeEntry
-from studies.fleet.spread import by_type, days_of, latest, off, shared, trend_p
+import numpy as np
+
+from calib.arrays import Array
+from studies.fleet.record import (
+    FleetErrors,
+    FleetRecord,
+    OutlyingFigure,
+    RobotTrend,
+    SessionEntry,
+    SharedEntry,
+    TypeEntry,
+)
 from studies.fleet.tables import FleetTask, TableOutcome
 from studies.record import Envelope, InputFile
+
+_FEWEST = 6
+"""Robots of a type by which one of them can stand out."""
+_ALARM = 0.05  # chance that anything stands out of a type where nothing is the matter
+_MOST = 4
+"""One robot in so many may stand out of one figure; the others are its type."""
+
+
+_EQUAL = 1e-9  # of a value, below which the spread is that of the last digits
+
+
+def latest(done: Sequence[TableOutcome]) -> list[TableOutcome]:
+    """The last table of each robot that could be identified or diagnosed; the tables are in order."""
+    last = {own.robot: own for own in done if own.status or own.verdict}
+    return list(last.values())
+
+
+def by_type(done: Iterable[TableOutcome]) -> dict[str, list[TableOutcome]]:
+    """Tables by the name of the robot's model."""
+    found: dict[str, list[TableOutcome]] = defaultdict(list)
+    for own in done:
+        if own.type:
+            found[own.type].append(own)
+    return dict(sorted(found.items()))
+
+
+def off(robots: Sequence[TableOutcome]) -> list[OutlyingFigure]:
+    """What stands out among robots of one type, the farthest first.
+
+    Errors are compared by their logarithm, parameters with what their own standard deviations exceed
+    the usual ones by. The limit counts everything that was asked.
+    """
+    figures = [*_errors(robots), *_parameters(robots)]
+    asked = sum(len(values) for _, _, _, values, _ in figures)
+    found = (row for figure in figures for row in _beyond(*figure, asked))
+    return sorted(found, key=lambda row: -row.deviation / row.limit)
+
+
+_Figure = tuple[list[TableOutcome], str, str, Array, Array]
+
+
+def _errors(robots: Sequence[TableOutcome]) -> Iterator[_Figure]:
+    for key in ("nominal", "fitted", "heldout"):
+        known = [own for own in robots if own.rms_mm.get(key)]
+        values = np.array([own.rms_mm[key] for own in known], dtype=float)
+        yield known, f"{key} RMS", "mm", values, np.zeros(0)
+
+
+def _parameters(robots: Sequence[TableOutcome]) -> Iterator[_Figure]:
+    """Each over the robots that have it.
+
+    Which of those that go together a model holds may differ from robot to robot: what one means then
+    differs a little too, and its spread counts that.
+    """
+    having: dict[tuple[str, str], list[tuple[TableOutcome, int]]] = defaultdict(list)
+    for own in robots:
+        if own.values is not None and own.status == "converged":
+            for column, parameter in enumerate(own.values.names):
+                having[parameter].append((own, column))
+    for (name, unit), known in having.items():
+        values = np.array([own.values.value[k] for own, k in known if own.values is not None])
+        std = np.array([own.values.std[k] for own, k in known if own.values is not None])
+        yield [own for own, _ in known], name, unit, values, std
+
+
+def _beyond(
+    known: list[TableOutcome], what: str, unit: str, values: Array, std: Array, asked: int
+) -> Iterator[OutlyingFigure]:
+    """Who exceeds the limit; std : shape (n,), empty for errors, compared by their logarithm.
+
+    The farthest is taken out and compared with those that are left, then the next: all up to the last
+    that exceeds its limit stand out, so that two do not hide each other (Rosner's generalised ESD).
+    """
+    if len(values) < _FEWEST:
+        return
+    shown = values if len(std) else np.log(values)
+    out = _standing_out(shown, asked)
+    rest = np.delete(shown, out)
+    typical, spread, limit = float(rest.mean()), _spread(rest), _limit(len(rest), asked)
+    if spread <= _EQUAL * abs(typical):
+        return
+    vague = np.maximum(0.0, std**2 - np.median(std**2)) if len(std) else np.zeros(len(shown))
+    for i in out:
+        deviation = abs(float(shown[i]) - typical) / float(np.sqrt(spread**2 + vague[i]))
+        if deviation > limit:
+            yield OutlyingFigure.from_result(
+                known[i],
+                what=what,
+                unit=unit,
+                value=values[i],
+                typical=typical if len(std) else np.exp(typical),
+                spread=spread if len(std) else np.exp(typical) * spread,
+                deviation=deviation,
+                limit=limit,
+            )
+
+
+def _standing_out(shown: Array, asked: int) -> list[int]:
+    """The farthest first; it is at one end of those that are left, in their order."""
+    order = np.argsort(shown, kind="stable")
+    rest, taken, last = shown[order], list[int](), 0
+    while len(taken) < len(shown) // _MOST:
+        middle = rest.mean()
+        above = rest[-1] - middle > middle - rest[0]
+        taken.append(int(order[-1] if above else order[0]))
+        kept = slice(None, -1) if above else slice(1, None)
+        rest, order = rest[kept], order[kept]
+        if abs(shown[taken[-1]] - rest.mean()) > _limit(len(rest), asked) * _spread(rest):
+            last = len(taken)
+    return taken[:last]
+
+
+def _spread(rest: Array) -> float:
+    """Standard deviation of one more from the mean of these."""
+    return float(rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(rest)))
+
+
+@cache
+def _limit(rest: int, asked: int) -> float:
+    """By Student's t, in spreads; over all that was asked."""
+    from scipy.stats import t
+
+    return float(t.isf(_ALARM / (2 * asked), rest - 1))
+
+
+def shared(robots: Sequence[TableOutcome]) -> list[SharedEntry]:
+    """The causes named in robots of a type, the most frequent first."""
+    from scipy.stats import binomtest
+
+    diagnosed = [own for own in robots if own.verdict is not None]
+    named, possible = Counter[tuple[str, str]](), Counter[str]()
+    for own in diagnosed:
+        named.update({(cause.effect, cause.where) for cause in own.causes})
+        possible.update({key for cause in own.causes for key in cause.alike})
+    rows = [
+        SharedEntry(
+            effect=effect,
+            where=where,
+            robots=count,
+            possible=possible[f"{effect}:{where}"],
+            share_ci95=tuple(binomtest(count, len(diagnosed)).proportion_ci(0.95, "exact")),
+        )
+        for (effect, where), count in named.items()
+    ]
+    return sorted(rows, key=lambda row: (-row.robots, -row.possible, row.effect, row.where))
+
+
+def days_of(tables: Sequence[TableOutcome]) -> list[int] | None:
+    """Days from a robot's first table to each, None where one has no date."""
+    from datetime import date
+
+    dates = [date.fromisoformat(own.day) for own in tables if own.day]
+    return [(day - dates[0]).days for day in dates] if len(dates) == len(tables) else None
+
+
+def trend_p(values: Sequence[float]) -> float | None:
+    """Chance that values in any order rise or fall as steadily (Kendall), None of fewer than four."""
+    from scipy.stats import kendalltau
+
+    if len(values) < 4 or np.ptp(values) == 0.0:
+        return None
+    return float(kendalltau(range(len(values)), values).pvalue)
 
 
 def fleet_record(

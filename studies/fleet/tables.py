@@ -22,7 +22,6 @@ from studies.fleet.record import NamedEntry
 
 if TYPE_CHECKING:
     from studies.command.session import MeasuredTable
-    from studies.diagnose.record import DiagnoseRecord
     from studies.identify.record import IdentifyRecord
     from studies.record import Record
 
@@ -250,7 +249,11 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
         if isinstance(record, IdentifyRecord):
             _identified(record, done)
         elif isinstance(record, DiagnoseRecord):
-            _diagnosed(record, done)
+            done.verdict = record.verdict
+            done.causes = tuple(
+                NamedEntry.from_result(e, alike=dict.fromkeys((e.key, *(c.key for c in e.alike))))
+                for e in record.effects
+            )
 
 
 def _day_of(session: MeasuredTable) -> str | None:
@@ -324,11 +327,3 @@ def _at_points(record: IdentifyRecord, key: str, pixel_mm: float) -> float | Non
     """An error of cameras alone in mm at the points; of several cameras that of the worst."""
     of_each = [getattr(own, key) for own in record.instruments if own.unit == record.noise.unit]
     return max((pixel_mm * px for px in of_each if px is not None), default=None)
-
-
-def _diagnosed(record: DiagnoseRecord, done: TableOutcome) -> None:
-    done.verdict = record.verdict
-    done.causes = tuple(
-        NamedEntry.from_result(own, alike=dict.fromkeys((own.key, *(c.key for c in own.alike))))
-        for own in record.effects
-    )

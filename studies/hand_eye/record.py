@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
@@ -12,7 +11,7 @@ from pydantic import Field, model_validator
 from calib.handeye.opencv import Method
 from studies.document import FOUR, Rule, Shown
 from studies.entries import JointValues, check_same_joints, shown_joints
-from studies.identify.lenses import UnfitLensEntry
+from studies.identify.parameters import UnfitLensEntry
 from studies.record import (
     Count,
     Entry,
@@ -52,7 +51,7 @@ class MethodEntry(Entry):
     target: Annotated[str, From("pair.target")]
     method: Method
     used: bool
-    images: Count
+    images: Annotated[Count, From("missed.group")]
     px: Annotated[IntervalEntry | None, Shown("points", _FIGURE, "px")]
     mm: Annotated[IntervalEntry | None, Shown("place", _FIGURE, "mm")]
     mrad: Annotated[IntervalEntry | None, Shown("turn", _FIGURE, "mrad")]
@@ -190,7 +189,14 @@ def hand_eye_record(
         ahead,
         **made_from,
         warnings=tuple(dict.fromkeys((*warnings, *found.found.warnings))),
-        methods=_methods(found),
+        methods=[
+            MethodEntry.from_result(
+                own,
+                used=own.method == found.used,
+                **{unit: own.missed.rms(unit) for unit in ("px", "mm", "mrad")},
+            )
+            for own in found.judged
+        ],
         cameras=[_camera(own, found) for own in found.standing],
         goal_mm=None if goal is None else goal * _MM,
         goal_beyond_reach=answer is not None and answer.beyond_reach,
@@ -208,16 +214,6 @@ def _to_goal(answer: Enough | None) -> int | None:
     if answer is None or answer.goal is None:
         return None
     return 0 if answer.needed == 0 else answer.fresh_needed
-
-
-def _methods(found: HandEye) -> Iterator[MethodEntry]:
-    for own in found.judged:
-        yield MethodEntry.from_result(
-            own,
-            used=own.method == found.used,
-            images=len(own.missed.group),
-            **{unit: own.missed.rms(unit) for unit in ("px", "mm", "mrad")},
-        )
 
 
 def _camera(own: Standing, found: HandEye) -> CameraEntry:

@@ -39,10 +39,6 @@ def _value(entry: MethodEntry) -> float:
     return float("inf") if figure is None else figure[0].value
 
 
-def _of(record: HandEyeRecord, method: str) -> list[MethodEntry]:
-    return [own for own in record.methods if own.method == method and _figure(own) is not None]
-
-
 def _said(entry: MethodEntry) -> str:
     figure = _figure(entry)
     return "" if figure is None else f"{FOUR(figure[0].value)} {figure[1]}"
@@ -59,7 +55,8 @@ def _use(record: HandEyeRecord) -> Iterator[doc.Sentence]:
         yield from (doc.Sentence(own.said, "next") for own in record.unfit_lenses)
         yield doc.Sentence("Whether the arm limits this hand-eye is known after that.")
         return
-    plain, whole = (_of(record, method) for method in _OURS)
+    judged = [own for own in record.methods if _figure(own) is not None]
+    plain, whole = ([own for own in judged if own.method == method] for method in _OURS)
     fell = [
         f"{_named(record, a)}{FOUR(_value(a))} to {_said(b)}"
         for a, b in zip(plain, whole, strict=False)

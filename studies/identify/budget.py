@@ -212,7 +212,7 @@ class AcceptanceEntry(Entry):
     tolerance_mm: Positive
     rule: Literal["simple", "guarded"]
     verdict: Verdict | None
-    points: Count
+    points: Annotated[Count, From("verdicts")]
     passed: Count
     failed: Count
     undecided: Count
@@ -249,7 +249,6 @@ def acceptance_entry(judged: ConformityTest) -> AcceptanceEntry:
     return AcceptanceEntry.from_result(
         judged,
         judged.acceptance,
-        points=len(judged.verdicts),
         passed=count("pass"),
         failed=count("fail"),
         undecided=count("undecided"),

@@ -35,9 +35,9 @@ from studies.identify.errors import (
     rms_of,
     together_entry,
 )
-from studies.identify.lenses import lens_entries
 from studies.identify.parameters import (
     absorbed_entries,
+    lens_entries,
     of_type_entry,
     parameter_entries,
     sizes_entry,
@@ -106,7 +106,6 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         holdout=session.holdout,
         advice=ADVICE[found.status],
         noise=_noise(found),
-        poses=len(fit.data),
         points=int(fit.data.seen.sum()),
         parameters=parameter_entries(found),
         unused_poses=(*found.unused, *found.waiting),

@@ -20,8 +20,14 @@ from studies.identify.errors import (
     OutliersTogether,
     PairErrors,
 )
-from studies.identify.lenses import LensValue, UnfitLensEntry
-from studies.identify.parameters import IdentifiedParameter, OfType, RedundantParameter, SizePrior
+from studies.identify.parameters import (
+    IdentifiedParameter,
+    LensValue,
+    OfType,
+    RedundantParameter,
+    SizePrior,
+    UnfitLensEntry,
+)
 from studies.noise import NoiseEntry
 from studies.record import (
     BeforeAfter,
@@ -74,7 +80,7 @@ class IdentifyRecord(Record):
     approach: Literal["points", "pose"]
     method: Literal["joint", "two-step"]
     noise: IdentifyNoise
-    poses: Count
+    poses: Annotated[Count, From("fit.data")]
     points: Count
     rank: Count
     degrees_of_freedom: Annotated[Count, From("dof")]

@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calib.arrays import Array
 from studies import document as doc
 from studies.document import MRAD, Shown, listed, mm, plural
 from studies.entries import over_the_workspace
 from studies.identify.budget import accepted, budget_section
 from studies.identify.drift import drift_section
 from studies.identify.errors import Model, OfInstrument, rms_of, told_outliers
-from studies.identify.lenses import told_lenses
 from studies.identify.parameters import (
     IdentifiedParameter,
     RedundantParameter,
-    SizePrior,
+    told_lenses,
     told_of_type,
-)
-from studies.identify.pictures import (
-    correlation,
-    distances,
-    errors_by_pose,
-    errors_over_image,
-    point_errors,
-    residuals_by_pose,
 )
 from studies.identify.record import IdentifyRecord
 from studies.noise import lacks, noise_words, unusual
+from studies.plots import ellipses, residuals
+from studies.plots.errors import by_pose, histogram
+from studies.plots.residuals import over_image
+from studies.plots.style import Picture
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
 _OF_TYPE = "Is it as others of its type?"
@@ -164,22 +162,17 @@ def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
 
 
 def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
+    """RMS, 95th percentile and largest distance of each model, mm."""
     trimmed = {"fitted": record.outliers, "heldout_trimmed": record.heldout_outliers}
     for key, label in _MODELS.items():
-        if key == "heldout":
-            yield from _nominal_at_heldout(record)
+        held = [r for r in record.residuals if r.heldout and r.metric] if key == "heldout" else []
+        if held:
+            lengths = np.array([np.linalg.norm(row.before) for row in held])
+            p95, most = np.quantile(lengths, (0.95, 1.0)).tolist()
+            yield "held-out poses, nominal model", rms_of(lengths), p95, most
         row = [getattr(figures, key) for figures in (record.rms_mm, record.p95_mm, record.max_mm)]
         if row[0] is not None and trimmed.get(key, True):
             yield label, *row
-
-
-def _nominal_at_heldout(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:
-    """RMS, 95th percentile and largest distance, mm, where anything is held out."""
-    rows = [row for row in record.residuals if row.heldout and row.metric]
-    if rows:
-        lengths = np.array([np.linalg.norm(row.before) for row in rows])
-        p95, most = np.quantile(lengths, (0.95, 1.0)).tolist()
-        yield "held-out poses, nominal model", rms_of(lengths), p95, most
 
 
 _POSES = doc.heads(
@@ -263,7 +256,14 @@ def _doubts(record: IdentifyRecord) -> Iterator[doc.Sentence]:
     for entry in record.unidentifiable:
         yield doc.Sentence(f"{listed(entry.names)}: {entry.reason}", "warn", "open")
     if record.sizes is not None:
-        yield _told_sizes(record.sizes)
+        widths = [f"{w.effect} {doc.TWO(w.width)} {w.unit}" for w in record.sizes.widths]
+        yield doc.Sentence(
+            f"the readings barely determine about {doc.TENTH(record.sizes.parameters)} combinations "
+            f"of parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
+            '[model] size_prior = "off" switches it off',
+            "note",
+            "sizes",
+        )
     if record.weak:
         said = f"{listed(record.weak)}: the uncertainty is larger than such errors usually are"
         yield doc.Sentence(said, "warn", "weak")
@@ -314,13 +314,122 @@ def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:
                 yield record.parameters[a].id, record.parameters[b].id, r
 
 
-def _told_sizes(sizes: SizePrior) -> doc.Sentence:
-    """That sizes decided, and which."""
-    widths = [f"{own.effect} {doc.TWO(own.width)} {own.unit}" for own in sizes.widths]
-    return doc.Sentence(
-        f"the readings barely determine about {doc.TENTH(sizes.parameters)} combinations of "
-        f"parameters. There the result leans on usual sizes of errors: {listed(widths)}. "
-        '[model] size_prior = "off" switches it off',
-        "note",
-        "sizes",
-    )
+K = TypeVar("K")
+HELD_OUT = " (held out)"
+"""After the name of a held-out pose that is called as a fitted one."""
+
+_MM = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class PointErrors:
+    """Measured minus predicted points of m poses and M markers.
+
+    poses, markers : tuple of str, names in the order of the rows
+    before, after : ndarray, shape (m, M, 3), m, by the nominal model and as found; zero where hidden
+    seen : ndarray of bool, shape (m, M)
+    heldout : ndarray of bool, shape (m,), poses that took no part in the fit
+    """
+
+    poses: tuple[str, ...]
+    markers: tuple[str, ...]
+    before: Array
+    after: Array
+    seen: NDArray[np.bool_]
+    heldout: NDArray[np.bool_]
+
+    def take(self, chosen: NDArray[np.bool_]) -> PointErrors:
+        """The poses of a mask, shape (m,)."""
+        return replace(
+            self,
+            poses=tuple(name for name, own in zip(self.poses, chosen, strict=True) if own),
+            **{
+                name: getattr(self, name)[chosen] for name in ("before", "after", "seen", "heldout")
+            },
+        )
+
+    def by_pose(self, errors: Array) -> Array:
+        """RMS over the markers of each pose, shape (m,), of ``before`` or ``after``."""
+        squared = np.where(self.seen, (errors**2).sum(axis=-1), np.nan)
+        return np.asarray(np.sqrt(np.nanmean(squared, axis=1)))
+
+
+def point_errors(record: IdentifyRecord) -> PointErrors:
+    """Arrays from the residuals of a record that are lengths."""
+    rows = [row for row in record.residuals if row.metric]
+    # Two tables of a session may call their poses alike.
+    poses = _places((row.pose, row.heldout) for row in rows)
+    read = {(row.pose, row.heldout, row.marker) for row in rows}
+    alone = len(read) == len(rows)  # several instruments may read one marker at a pose
+    what = [row.marker if alone else f"{row.instrument}: {row.marker}" for row in rows]
+    markers = _places(what)
+    shape = len(poses), len(markers), 3
+    before, after = np.zeros(shape), np.zeros(shape)
+    seen = np.zeros(shape[:2], dtype=bool)
+    at = [poses[row.pose, row.heldout] for row in rows], [markers[name] for name in what]
+    before[at] = np.array([_in_space(row.before) for row in rows]).reshape(-1, 3) / _MM
+    after[at] = np.array([_in_space(row.vector) for row in rows]).reshape(-1, 3) / _MM
+    seen[at] = True
+    names = tuple(name + HELD_OUT * (held and (name, False) in poses) for name, held in poses)
+    heldout = np.array([held for _, held in poses], dtype=bool)
+    return PointErrors(names, tuple(markers), before, after, seen, heldout)
+
+
+def _in_space(error: Sequence[float]) -> tuple[float, ...]:
+    """Three numbers; one length by itself takes the place of the first."""
+    return (*error, *[0.0] * (3 - len(error)))
+
+
+def _places(keys: Iterable[K]) -> dict[K, int]:
+    """The place of each key, in the order in which they come first."""
+    return {key: i for i, key in enumerate(dict.fromkeys(keys))}
+
+
+def distances(record: IdentifyRecord) -> Picture:
+    """Distances before and after as a histogram."""
+    fitted = _part(record, heldout=False)
+    sigma = record.noise.instrument_mm / _MM
+    return histogram(fitted.before[fitted.seen], fitted.after[fitted.seen], sigma)
+
+
+def errors_by_pose(record: IdentifyRecord) -> Picture:
+    """How far each pose was off and is now."""
+    found, sigma = point_errors(record), record.noise.instrument_mm / _MM
+    before, after = (found.by_pose(own) for own in (found.before, found.after))
+    return by_pose(found.poses, before, after, found.heldout, sigma)
+
+
+def residuals_by_pose(record: IdentifyRecord, heldout: bool) -> Picture:
+    """Residuals by pose and axis, of the poses fitted or held out."""
+    own = _part(record, heldout)
+    out = {entry.pose for entry in (record.heldout_outliers if heldout else record.outliers)}
+    where = "held-out" if heldout else "fitted"
+    return residuals.by_pose_and_axis(
+        own.poses, own.after, own.seen, own.markers, record.noise.instrument_mm / _MM,
+        np.array([pose.removesuffix(HELD_OUT) in out for pose in own.poses]),
+        name=f"residuals{'_heldout' * heldout}", title=f"Residuals at the {where} poses",
+    )  # fmt: skip
+
+
+def errors_over_image(record: IdentifyRecord) -> Picture:
+    """What cameras measured beyond what is predicted, over their images."""
+    fields = {}
+    seen = [row for row in record.residuals if row.at_px is not None]
+    for camera in dict.fromkeys(row.instrument for row in seen):
+        own = [row for row in seen if row.instrument == camera]
+        at, off = np.array([row.at_px for row in own]), np.array([row.vector for row in own])
+        fields[camera] = at, off, tuple(f"{row.pose} {row.marker}" for row in own)
+    return over_image(fields)
+
+
+def correlation(record: IdentifyRecord) -> Picture:
+    """Correlation of the parameters that were estimated."""
+    known = np.array([p.std is not None for p in record.parameters])
+    matrix = np.array(record.correlation, dtype=np.float64)
+    matrix = np.where(known[:, None] & known, matrix, np.nan)
+    return ellipses.correlation([p.id for p in record.parameters], matrix)
+
+
+def _part(record: IdentifyRecord, heldout: bool) -> PointErrors:
+    errors = point_errors(record)
+    return errors.take(errors.heldout == heldout)

@@ -139,9 +139,8 @@ def import_(
     from calib.files.csv_table import csv_text
     from calib.files.exports import read_export, read_joints
     from calib.files.exports.join import join
-    from studies.imports.read_back import read_back
-    from studies.imports.record import import_record
-    from studies.imports.with_boards import BoardImport
+    from studies.imports.images import BoardImport
+    from studies.imports.record import import_record, read_back
     from studies.record import envelope
 
     cell = None if cell_path is None else calib.load_cell(cell_path)
@@ -190,8 +189,7 @@ def _import_whole(
     """Write whole tables anew as one, as ``measurements.csv`` is written. Raises InputError."""
     from calib.files.csv_table import csv_text
     from calib.files.exports.joints import one_table, read_whole
-    from studies.imports.read_back import read_back
-    from studies.imports.record import whole_record
+    from studies.imports.record import read_back, whole_record
     from studies.record import envelope
 
     inputs = [*files, *([] if cell is None else [cell.path, *cell.robot_files])]

@@ -1,21 +1,25 @@
-"""Images of boards, of folders or recordings, as readings of the cameras that took them."""
+"""Images of boards, of folders or recordings, imported: the table, its record, and a page of them."""
 
 from __future__ import annotations
 
+import base64
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from calib import Cell
 from calib.arrays import Array
 from calib.errors import InputError
+from calib.files.csv_table import csv_text
 from calib.files.exports import Joined, JointTable, PointList
-from calib.files.exports.bags import Recording
-from calib.files.exports.images import Pattern, pattern_of
+from calib.files.exports.bags import Recording, is_bag, recordings
+from calib.files.exports.images import Pattern, opencv, pattern_of
 from calib.files.exports.join import join
 from calib.files.exports.sightings import (
     IMAGES,
@@ -26,6 +30,12 @@ from calib.files.exports.sightings import (
     point_list,
 )
 from calib.instruments import Camera
+from studies.command.deliver import check_outputs, progress_bar
+from studies.document import Raw, Section
+from studies.document.page import Writer, template
+from studies.imports.record import ImportRecord, import_record, read_back
+from studies.record import envelope
+from studies.report.page import asset
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +192,11 @@ def joined_images(
         camera = cameras.get(own.camera)
         found = look(own.shots, patterns, None if camera is None else camera.image, seen)
         if partial:
-            found = [_with_joints(one, own.joints) for one in found]
+            known = {row.pose for row in own.joints.rows}
+            found = [
+                one if one.shot.pose in known or one.reason else replace(one, reason="no joints")
+                for one in found
+            ]
         points = point_list(own.path, found, patterns)
         bad = {one.shot.pose for one in found if one.reason}
         rows = [row for row in own.joints.rows if row.pose not in bad]
@@ -193,11 +207,6 @@ def joined_images(
         lists.append(points)
         sightings[own.camera] = found
     return Images(lists, batches[0].joints, together(joined), sightings)
-
-
-def _with_joints(own: Sighting, joints: JointTable) -> Sighting:
-    known = any(row.pose == own.shot.pose for row in joints.rows)
-    return own if known or own.reason else replace(own, reason="no joints")
 
 
 def together(joined: Sequence[Joined]) -> Joined:
@@ -219,3 +228,147 @@ def together(joined: Sequence[Joined]) -> Joined:
         without_points=tuple(sorted(missing)),
         without_joints={k: v for own in joined for k, v in own.without_joints.items()},
     )
+
+
+@dataclass(frozen=True, eq=False)
+class BoardImport:
+    """What is to be imported: image files and folders with joints, or one recording without.
+
+    boards : names of the cell's; camera : where the cell has several, or None
+    by_order, partial : as :func:`calib.files.exports.join.join` has them
+    """
+
+    paths: Sequence[Path]
+    boards: Sequence[str]
+    cell: Cell | None
+    joints: JointTable | None
+    camera: str | None
+    by_order: bool
+    partial: bool
+
+    def run(
+        self,
+        table_path: Path,
+        outputs: Sequence[Path | None],
+        page_path: Path | None,
+        topics: Sequence[str],
+        moving: bool,
+    ) -> tuple[ImportRecord, dict[Path, str | bytes]]:
+        """The record, and the texts of the files to write. Raises InputError."""
+        if self.cell is None:
+            remedy = "give --cell CELL, whose [boards] say what is printed"
+            raise InputError("--board", "", "names a board of a cell", remedy)
+        cell, patterns = self.cell, patterns_of(self.cell, self.boards)
+        own = [] if self.joints is None else [self.joints.path]
+        inputs = [*_files(self.paths), *own, cell.path, *cell.robot_files]
+        check_outputs(outputs, inputs)
+        gallery = Gallery() if page_path is not None else None
+        with ExitStack() as stack:
+            batches, notes = self._batches(cell, stack, topics, moving)
+            total = sum(len(batch.shots) for batch in batches)
+            bar = stack.enter_context(progress_bar(total, "looking for boards"))
+
+            def seen(own: Sighting, pixels: Any) -> None:
+                bar(1)
+                if gallery is not None:
+                    gallery.add(own, pixels)
+
+            images = joined_images(batches, patterns, cell, self.partial, seen)
+        table = csv_text(images.joined.columns, images.joined.rows)
+        every = len(cell.instruments) == 1 and not self.partial
+        warnings = read_back(cell, table, table_path, every)
+        record = import_record(
+            images.lists, images.joints, images.joined, warnings,
+            envelope(cell.name, inputs), images.seen, notes,
+        )  # fmt: skip
+        texts: dict[Path, str | bytes] = {table_path: table}
+        if page_path is not None and gallery is not None:
+            texts[page_path] = gallery.page(record, images.seen)
+        return record, texts
+
+    def _batches(
+        self, cell: Cell, stack: ExitStack, topics: Sequence[str], moving: bool
+    ) -> tuple[list[Batch], list[str]]:
+        """The images of each camera, and what was taken of a recording."""
+        bags = [path for path in self.paths if is_bag(path)]
+        if not bags:
+            if topics or moving:
+                option = "--topic" if topics else "--moving"
+                raise InputError(option, "", "is of recordings, these are images", "leave it out")
+            if self.joints is None:
+                raise InputError("--joints", "", "is missing", "give the joint values of the poses")
+            return file_batches(self.paths, self.joints, cell, self.camera, self.by_order), []
+        if len(self.paths) > 1:
+            raise InputError(bags[0], "", "is a recording beside others", "import one at a time")
+        if self.joints is not None:
+            what = f"is given beside {bags[0]}, which holds the joints"
+            raise InputError("--joints", "", what, "leave it out")
+        own = stack.enter_context(recordings(bags[0], cell.robot, topics, moving))
+        return recorded_batches(bags[0], own, cell, self.camera), recorded_notes(own, cell)
+
+
+def _files(paths: Sequence[Path]) -> list[Path]:
+    """Files of what is given: of a recording's folder all of it, of other folders their images."""
+    found: list[Path] = []
+    for path in paths:
+        if is_bag(path):
+            found += sorted(path.iterdir()) if path.is_dir() else [path]
+        else:
+            found += image_files([path])
+    return found
+
+
+_WIDTH = 420  # px, of an image on the page
+_QUALITY = 80  # per cent, of JPEG
+_COLOURS = ((0, 158, 230), (180, 105, 0), (115, 158, 0))  # BGR, of boards: orange, blue, green
+_CSS = """.shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(15rem,1fr));gap:1rem}
+.shots figure{margin:0}.shots img{width:100%;height:auto;display:block}
+.shots .bad img{opacity:.55}.shots .bad figcaption{font-weight:600}"""
+
+
+class Gallery:
+    """Small images with what was found in them, in the order in which they are added."""
+
+    def __init__(self) -> None:
+        self.images: list[bytes] = []
+
+    def add(self, own: Sighting, pixels: Any) -> None:
+        """One image: crosses at the points, a colour for each board."""
+        cv2 = opencv("--page")
+        scale = _WIDTH / pixels.shape[1]
+        small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        drawn = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+        for k, (_, at) in enumerate(own.boards.values()):
+            for u, v in np.rint(at * scale).astype(int).tolist():
+                colour = _COLOURS[k % len(_COLOURS)]
+                cv2.drawMarker(drawn, (u, v), colour, cv2.MARKER_CROSS, 9, 2, cv2.LINE_AA)
+        _, data = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        self.images.append(data.tobytes())
+
+    def page(self, record: ImportRecord, seen: Mapping[str, Sequence[Sighting]]) -> str:
+        """The page as HTML that names nothing outside itself."""
+        from studies.kinds import tell
+
+        writer, images = Writer.fresh(), iter(self.images)
+        sections = [replace(own, key="summary") for own in tell(record).sections]
+        for camera, every in seen.items():
+            shown = Markup("\n").join(_figure(own, next(images)) for own in every)
+            grid = Markup('<div class="shots">{}</div>').format(shown)
+            title = f"Images of {camera}" if camera else "Images"
+            sections.append(Section(f"images-{camera}", title, (Raw(grid),)))
+        return template("studies.report", "page.html.j2").render(
+            title="Imported images",
+            told={"cell": record.cell},
+            sections=[(own, writer.section(own, {})) for own in sections],
+            styles=[asset("page.css"), Markup(_CSS)],  # noqa: S704
+            scripts=[],
+        )
+
+
+def _figure(own: Sighting, image: bytes) -> Markup:
+    said = ", ".join(f"{name} {len(ids)}" for name, (ids, _) in own.boards.items())
+    text = f"{own.shot.pose}: {own.reason or said}"
+    data = base64.b64encode(image).decode("ascii")
+    return Markup(
+        '<figure{}><img alt="{}" src="data:image/jpeg;base64,{}"><figcaption>{}</figcaption></figure>'
+    ).format(Markup(' class="bad"' if own.reason else ""), text, data, text)  # noqa: S704

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
+import calib
+from calib import Cell
+from calib.errors import InputError
 from calib.files.exports.join import some
 from calib.files.exports.joints import UNITS
 from studies.document import Document, Part, Section, Table, heads, labelled
@@ -26,7 +30,7 @@ class ReadList(Entry):
     points : how many; reads : what they are
     """
 
-    file: str
+    file: Annotated[str, From("path")]
     points: Count
     reads: Literal["points", "readings"] = "points"
     columns: tuple[str, ...]
@@ -63,11 +67,11 @@ class ImportRecord(Record):
     names: Annotated[str, From("pattern")]
     names_tried: Annotated[dict[str, Count], From("tried")]
     poses: Count
-    points: Count
+    points: Annotated[Count, From("rows")]
     markers: dict[str, Count]
     columns: tuple[str, ...]
     lists: tuple[ReadList, ...] = Field(min_length=1)
-    joint_file: str = ""
+    joint_file: Annotated[str, From("path")] = ""
     joint_rows: Count = 0
     joints: tuple[str, ...]
     carried_columns: Annotated[tuple[str, ...], From("carried")] = ()
@@ -97,10 +101,7 @@ def import_record(
         joints,
         **made_from,
         warnings=warnings,
-        poses=len(joined.poses),
-        points=len(joined.rows),
         lists=map(_list, lists),
-        joint_file=str(joints.path),
         joint_rows=len(joints.rows),
         notes=(*joined.notes, *notes),
         images=tuple(
@@ -150,10 +151,9 @@ _COORDINATES = ("x", "y", "z", "u", "v")
 
 def _whole_list(own: CsvTable) -> ReadList:
     units = {n.rpartition("_")[2] for n in own.columns if n.partition("_")[0] in _COORDINATES}
-    return ReadList(
-        file=str(own.path),
-        points=len(own.rows),
-        columns=own.columns,
+    return ReadList.from_result(
+        own,
+        points=own.rows,
         unit=", ".join(sorted(units)) or "none",
         unit_from="stated in the file",
         ignored_columns=(),
@@ -162,8 +162,7 @@ def _whole_list(own: CsvTable) -> ReadList:
 
 def _list(own: PointList) -> ReadList:
     points = own.written[0] == "x_mm" and len(own.written) == 3
-    reads = "points" if points else "readings"
-    return ReadList.from_result(own, file=str(own.path), points=len(own.points), reads=reads)
+    return ReadList.from_result(own, reads="points" if points else "readings")
 
 
 _SHOWN = 3  # names in one line
@@ -244,14 +243,32 @@ def _left_out(record: ImportRecord) -> Iterator[str]:
     if strays:
         shown = ", ".join(strays[:_SHOWN])
         yield f"left out, {len(strays)} points of no pose or marker, as {shown}"
-    for file, ignored in _ignored(record):
-        if ignored:
-            yield f"{file}: columns not read: {', '.join(ignored)}"
+    ignored = [(own.file, own.ignored_columns) for own in record.lists]
+    for file, columns in (
+        *ignored,
+        (record.joint_file or "the joint file", record.ignored_joint_columns),
+    ):
+        if columns:
+            yield f"{file}: columns not read: {', '.join(columns)}"
     if any("ux" in own.columns for own in record.lists):
         yield "sigma_mm is the root mean square of Ux, Uy, Uz, taken as one standard deviation each"
 
 
-def _ignored(record: ImportRecord) -> Iterator[tuple[str, tuple[str, ...]]]:
-    for own in record.lists:
-        yield own.file, own.ignored_columns
-    yield record.joint_file or "the joint file", record.ignored_joint_columns
+def read_back(cell: Cell | None, table: str, target: Path, every_marker: bool) -> tuple[str, ...]:
+    """Warnings of the table as ``load_measurements`` reads it; none where there is no cell.
+
+    every_marker : whether each that the cell reads must be there
+
+    Raises InputError naming the target.
+    """
+    if cell is None:
+        return ()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text(table, encoding="utf-8", newline="")
+        try:
+            read = calib.load_measurements(cell, path, every_marker=every_marker)
+        except InputError as error:
+            where = f"as joined, {error.where}" if error.where else "as joined"
+            raise InputError(target, where, error.what, error.remedy) from None
+        return tuple(text.replace(str(path), str(target)) for text in read.warnings)

@@ -68,7 +68,11 @@ poses = 30                     # EDIT: as many as you can measure in a day
 
 [model]                        # what is to be identified
 effects = ["base", "tool", "geometry"]
-{_elastic(robot)}
+# add "joint_compliance" where {
+        "the arm bends under its own weight, payload or load"
+        if robot.masses.any()
+        else "a load, payload or wrench bends the arm"
+    }
 """
 
 
@@ -137,9 +141,3 @@ def _markers(robot: Robot) -> str:
         for j, place in enumerate(places, 1)
     ]
     return "\n".join([*rows, ""])
-
-
-def _elastic(robot: Robot) -> str:
-    if robot.masses.any():
-        return '# add "joint_compliance" where the arm bends under its own weight, payload or load'
-    return '# add "joint_compliance" where a load, payload or wrench bends the arm'

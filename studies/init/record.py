@@ -45,18 +45,9 @@ class InitRecord(Record):
 
 def init_record(found: Proposal, name: str, table: Path, made_from: Envelope) -> InitRecord:
     """The record of a proposal."""
-    robot = found.robot
-    return InitRecord(
-        **made_from,
-        warnings=found.lacks,
-        table=str(table),
-        name=name,
-        robot=Proposed(form=found.form, base=robot.base, tip=robot.tip),
-        joints=robot.joints,
-        held=found.held,
-        others=robot.others,
-        notes=found.notes,
-    )
+    arm = Proposed.from_result(found, found.robot)
+    own = {"warnings": found.lacks, "table": table, "name": name, "robot": arm}
+    return InitRecord.from_result(found, found.robot, **made_from, **own)
 
 
 def told(record: InitRecord) -> Document:

@@ -142,7 +142,8 @@ def histogram(before: Array, after: Array, sigma: float) -> style.Picture:
         panel.hist(np.clip(own, low, high), edges, edgecolor="white", linewidth=0.0, **look)
         panel.set(xscale="log", xlim=(low, high), ylabel="points")
         panel.set_title(label, loc="left")
-        _mark(panel, own)
+        panel.axvline(float(own.mean()), **_MEAN)
+        panel.plot([float(np.quantile(own, 0.95))], [0.0], clip_on=False, zorder=4, **_P95)
         panel.axvline(_CHI_95 * sigma * _MM, **_FLOOR)
     style.log_ticks(panels[-1].xaxis, low, high)
     panels[-1].set_xlabel("distance measured \N{MINUS SIGN} predicted [mm]")
@@ -186,9 +187,3 @@ def figures(distances: Array) -> tuple[style.Cell, ...]:
         style.cell(distances.max()),
         style.cell(mean + 3.0 * spread),
     )
-
-
-def _mark(panel: Axes, own: Array) -> None:
-    """Mean as a dotted line, the 95th percentile as a triangle on the axis."""
-    panel.axvline(float(own.mean()), **_MEAN)
-    panel.plot([float(np.quantile(own, 0.95))], [0.0], clip_on=False, zorder=4, **_P95)

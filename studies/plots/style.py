@@ -367,16 +367,13 @@ def brief(names: Sequence[str]) -> list[str]:
     >>> brief(["geometry:A2.x", "bearing_compliance:A2.x"])
     ['geometry:A2.x', 'bearing_compliance:A2.x']
     """
-    labels = [_tail(name) for name in names]
+    labels = [
+        name.rsplit(":", 1)[-1].replace(".", " ", 1) if ":" in name else name for name in names
+    ]
     return [
         elided(label if labels.count(label) == 1 else name, _PARAMETER)
         for name, label in zip(names, labels, strict=True)
     ]
-
-
-def _tail(name: str) -> str:
-    place = name.rsplit(":", 1)[-1]
-    return place.replace(".", " ", 1) if ":" in name else name
 
 
 def cell(value: Any) -> float | None:
@@ -427,14 +424,9 @@ def csv_text(picture: Picture) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(picture.header)
-    writer.writerows([_plain(value) for value in row] for row in picture.rows)
+    for row in picture.rows:
+        writer.writerow(v if v is None or isinstance(v, str) else f"{v:.6g}" for v in row)
     return buffer.getvalue()
-
-
-def _plain(value: Cell) -> str:
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else f"{value:.6g}"
 
 
 def _saved(picture: Picture, kind: str, headed: bool, **metadata: str | None) -> bytes:

@@ -43,13 +43,14 @@ def program_record(
     made_from: Envelope,
 ) -> ProgramRecord:
     """The record of a program that was written to a path."""
-    return ProgramRecord(
+    return ProgramRecord.from_result(
+        made,
         **made_from,
+        warnings=(),
         program=path,
-        poses=tuple(stop.name for stop in stops),
+        poses=[stop.name for stop in stops],
         stops=sum(len(stop.tasks) for stop in stops),
         load_changes=int(day.changes.sum()),
-        notes=made.notes,
         unchecked=unchecked,
         day=day_entry(day),
     )

@@ -198,7 +198,9 @@ def _dots(part: Dot, sheet: DrawingPlane) -> Iterator[Markup]:
 
 
 def _rods(part: Rods, sheet: DrawingPlane) -> Iterator[Markup]:
-    rods = sorted(zip(part.at, part.mm, strict=True), key=lambda rod: _depth(sheet, rod[0]))
+    rods = sorted(
+        zip(part.at, part.mm, strict=True), key=lambda rod: sheet.depths[list(rod[0])].mean()
+    )
     yield Markup('<g class="{}">').format(part.css)
     for run, radius in rods:
         for css, wider in part.layers:
@@ -206,10 +208,6 @@ def _rods(part: Rods, sheet: DrawingPlane) -> Iterator[Markup]:
                 css, _track(sheet.places[list(run)]), 2.0 * radius * sheet.scale + wider
             )
     yield Markup("</g>")
-
-
-def _depth(sheet: DrawingPlane, run: Run) -> float:
-    return float(sheet.depths[list(run)].mean())
 
 
 def _text(part: Text, sheet: DrawingPlane) -> Iterator[Markup]:

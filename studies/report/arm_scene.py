@@ -86,7 +86,8 @@ class ArmScene:
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
         row = zip(self.joint_words, self.values[pose], strict=True)
-        joints = [f"{before}{_shown(value)}{after}" for (before, after), value in row]
+        shown = [(f"{value:.2f}".replace("-", "\N{MINUS SIGN}"), said) for said, value in row]
+        joints = [f"{before}{value}{after}" for value, (before, after) in shown]
         lost = self.lost(pose)
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
         words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
@@ -141,7 +142,8 @@ def scene(
     ridden = np.zeros((len(q), 0, 3))
     if not _of_tracker(cell):
         hidden, markers = {}, on_tips(placed, found.markers[own], cell.marker_frames[own])
-        at = _origins(cell)
+        # Of a frame its origin alone: markers and points of boards.
+        at = [j for j, name in enumerate(cell.marker_names) if not name.endswith((":x", ":y"))]
         ridden = on_tips(placed, found.markers[at], cell.marker_frames[at])
     chain, branches = _ways(placed)
     reached = np.concatenate([chain, *branches.values(), whole_mm(ridden)], axis=1)
@@ -164,8 +166,7 @@ def scene(
         stems=whole_mm(placed.origins[:, cell.marker_frames[own]]),
         hidden={key: why for key, why in hidden.items() if key[0] < len(poses)},
         seen=seen,
-        bodies=_capsules(placed)
-        or _links((chain, *branches.values()), max(1, round(_SLIM * length))),
+        bodies=_bodies(placed, (chain, *branches.values()), _SLIM * length),
         shaped=bool(placed.capsules),
         around=replace(around, frame=frame),
         fixtures=kept,
@@ -228,11 +229,6 @@ def _own_markers(cell: Cell) -> list[int]:
     return [j for j in range(len(cell.markers)) if j not in of_bodies]
 
 
-def _origins(cell: Cell) -> list[int]:
-    """What tips carry, by position: markers and points of boards, of a frame its origin alone."""
-    return [j for j, name in enumerate(cell.marker_names) if not name.endswith((":x", ":y"))]
-
-
 def _of_tracker(cell: Cell) -> bool:
     return [(type(i), i.seat) for i in cell.instruments] == [(Tracker, None)]
 
@@ -273,16 +269,12 @@ def _markers(
     return hidden, placed.markers, "" if cell.instrument is None else "in sight"
 
 
-def _capsules(placed: Scene) -> tuple[ArmBody, ...]:
-    return tuple(
-        ArmBody(whole_mm(np.stack([c.start, c.end], axis=1)), max(1, round(c.radius * 1e3)))
-        for c in placed.capsules
-    )
-
-
-def _links(ways: Sequence[IntArray], radius: int) -> tuple[ArmBody, ...]:
-    ends = (way[:, j : j + 2] for way in ways for j in range(way.shape[1] - 1))
-    return tuple(ArmBody(own, radius) for own in ends)
+def _bodies(placed: Scene, ways: Sequence[IntArray], slim: float) -> tuple[ArmBody, ...]:
+    """The cell's capsules; without them links along the ways, as slim as so many mm."""
+    found = [(whole_mm(np.stack([c.start, c.end], 1)), 1e3 * c.radius) for c in placed.capsules]
+    if not found:
+        found = [(way[:, j : j + 2], slim) for way in ways for j in range(way.shape[1] - 1)]
+    return tuple(ArmBody(ends, max(1, round(radius))) for ends, radius in found)
 
 
 def _unread(data: Measurements, hidden: dict[tuple[int, int], str]) -> dict[tuple[int, int], str]:
@@ -302,7 +294,3 @@ def _in_base(cell: Cell, data: Measurements, nominal: Array) -> Array:
     R, p = model.placement(values, data.poses)
     points = rotate(R.swapaxes(-1, -2)[:, None], data.points - p[:, None])
     return np.where(data.seen[:, :, None], points, nominal)
-
-
-def _shown(value: float) -> str:
-    return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")

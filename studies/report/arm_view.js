@@ -1,4 +1,4 @@
-// Draws a picture at any pose and from anywhere: the parts are those that arm_parts.py describes.
+// Draws a picture at any pose and from anywhere: the parts are those that arm_view.py puts together.
 // Figures speak with the page by the event `posecal:pose` on document, detail {pose, source, pinned}.
 (() => {
   "use strict";

@@ -51,7 +51,7 @@ def certificate(evidence: ReportEvidence, told: Mapping[str, str]) -> Iterator[S
     about = {**record.about, **told}
     used = {key for keys in _ASKED.values() for key in keys}
     rows = [
-        *((label, _first(about, keys)) for label, keys in _ASKED.items()),
+        *_asked(about),
         *_found(evidence, result, record),
         *((key, value) for key, value in about.items() if key not in used),
     ]
@@ -62,9 +62,10 @@ def certificate(evidence: ReportEvidence, told: Mapping[str, str]) -> Iterator[S
     )
 
 
-def _first(about: Mapping[str, str], keys: tuple[str, ...]) -> str:
-    found = next((about[key] for key in keys if key in about), None)
-    return f"not given; write {keys[0]} into [report]" if found is None else found
+def _asked(about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    for label, keys in _ASKED.items():
+        known = (about[key] for key in keys if key in about)
+        yield label, next(known, f"not given; write {keys[0]} into [report]")
 
 
 def _found(

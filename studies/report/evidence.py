@@ -14,9 +14,8 @@ from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
 from calib.poses import Poses, poses_at
 from studies.design.record import DesignRecord
-from studies.diagnose.record import DiagnoseRecord
-from studies.identify.pictures import HELD_OUT
-from studies.identify.record import IdentifyRecord
+from studies.entries import read_joints
+from studies.identify.telling import HELD_OUT
 from studies.kinds import tell
 from studies.record import Record
 from studies.results import Input, located, read
@@ -164,7 +163,8 @@ def _of_one_cell(results: tuple[ReportedResult, ...]) -> tuple[ReportedResult, .
 def _measured(cell: Cell, result: ReportedResult) -> tuple[MeasuredTables | None, list[str]]:
     """The tables of a result, and what is missing of them."""
     sources = result.inputs[1 + len(cell.robot_files) :]
-    held = [source for source in sources[1:] if source.file == _holdout(result.record)]
+    holdout = getattr(result.record, "holdout", None)  # as the user gave it
+    held = [source for source in sources[1:] if source.file == holdout]
     wanted = [*sources[:1], *held]
     lost = [
         f"{source.file} is {source.state}: figures that need it are left out"
@@ -176,11 +176,6 @@ def _measured(cell: Cell, result: ReportedResult) -> tuple[MeasuredTables | None
         return None, lost
     tables = [load_measurements(cell, path, every_marker=False) for path in paths]
     return MeasuredTables(tables[0], tables[1] if held else None), lost
-
-
-def _holdout(record: Record) -> str | None:
-    """As the user gave it."""
-    return record.holdout if isinstance(record, IdentifyRecord | DiagnoseRecord) else None
 
 
 def _result(path: Path) -> ReportedResult:
@@ -207,13 +202,11 @@ def _cell(results: tuple[ReportedResult, ...]) -> tuple[Cell | None, list[str]]:
 
 def plan_poses(cell: Cell, record: DesignRecord, path: Path) -> Poses:
     """The poses of a design. Raises InputError where they are not of the cell's joints."""
-    robot = cell.robot
-    values = [{**pose.joints_deg, **pose.joints_mm} for pose in record.poses]
-    if set(values[0]) != set(robot.joints):
+    robot, first = cell.robot, record.poses[0]
+    if {*first.joints_deg, *first.joints_mm} != set(robot.joints):
         joints = ", ".join(robot.joints)
         raise InputError(path, "poses", "name other joints than the cell", f"these are {joints}")
-    scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
-    q = np.array([[own[name] for name in robot.joints] for own in values]) * scale
+    q = np.array([read_joints(robot, pose) for pose in record.poses])
     if not (np.abs(q) < _LARGEST_JOINT).all():
         raise InputError(path, "poses", "stand at joints of no plausible size", _ANEW)
     return poses_at(q, [pose.pose for pose in record.poses])

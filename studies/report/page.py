@@ -12,7 +12,7 @@ from markupsafe import Markup
 from studies.document import Detail, Document, Section, Sentence, labelled, plural
 from studies.document.page import Writer, template
 from studies.record import Record
-from studies.report.evidence import ReportEvidence, load_evidence
+from studies.report.evidence import load_evidence
 from studies.report.sections import sections
 
 
@@ -36,21 +36,16 @@ def report_page(
     Raises InputError where a file is no result, or one that misses what results of its kind hold.
     """
     evidence, writer = load_evidence(results), Writer.fresh()
+    named = [own.record.cell for own in evidence.results if own.record.cell] or ["Calibration"]
+    name = named[0] if evidence.cell is None else evidence.cell.name
     html = template("studies.report", "page.html.j2").render(
-        title=title or _name(evidence),
+        title=title or name,
         told=told,
         sections=[(own, writer.section(own, poses)) for own, poses in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )
     return html, evidence.notes
-
-
-def _name(evidence: ReportEvidence) -> str:
-    """Of the cell, also where its file is gone."""
-    if evidence.cell is not None:
-        return evidence.cell.name
-    return next((own.record.cell for own in evidence.results if own.record.cell), "Calibration")
 
 
 class ReportRecord(Record):

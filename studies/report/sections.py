@@ -9,20 +9,22 @@ import numpy as np
 
 from calib import Cell
 from calib.arm.robot import Robot
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.instruments import ArmCamera, Camera, Instrument, Tracker
+from calib.instruments.detection import Board
+from calib.instruments.posit import LEAST, posed
 from calib.poses import Measurements, Poses
 from studies.day import ways_in_turn
 from studies.design.record import DesignRecord
 from studies.document import Figure, Part, Raw, Section, Sentence
 from studies.document.page import shown, table_of
-from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
+from studies.identify.telling import point_errors
 from studies.kinds import KINDS
 from studies.plots import residuals
+from studies.plots.coverage import BoardViews, seen_where
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
-from studies.report.cameras import coverage
 from studies.report.certificate import certificate
 from studies.report.evidence import ReportedResult, ReportEvidence
 from studies.report.summary import summary
@@ -39,7 +41,8 @@ def cell(evidence: ReportEvidence) -> Section | None:
     joints = table_of(
         ("joint", "moves", "from", "to", "unit", "mass of its link [kg]"),
         [
-            (name, "slides" if slides else "turns", *_range(limits * factor), unit, mass or None)
+            (name, "slides" if slides else "turns",
+             *(float(x) if np.isfinite(x) else None for x in limits * factor), unit, mass or None)
             for name, slides, limits, factor, unit, mass in zip(
                 own.robot.joints, own.robot.prismatic, own.robot.limits, scale, units,
                 own.robot.masses.tolist(), strict=True,
@@ -48,13 +51,6 @@ def cell(evidence: ReportEvidence) -> Section | None:
         "Joints, with the limits of the cell",
     )  # fmt: skip
     return Section("cell", "The cell", (facts, joints))
-
-
-def _range(
-    limits: np.ndarray[tuple[int], np.dtype[np.float64]],
-) -> tuple[float | None, float | None]:
-    low, high = (float(x) if np.isfinite(x) else None for x in limits)
-    return low, high
 
 
 def _facts(own: Cell) -> Iterator[tuple[str, str]]:
@@ -128,13 +124,57 @@ def _noise(own: Cell) -> str:
     noise = own.noise
     if not noise.grows:
         return f"{shown(noise.along * 1e3)} mm"
+    parts = [noise.deviations(np.array([away, 0.0, 0.0])) for away in (1.0, 5.0)]
     near, far = (
-        noise.deviations(np.array([1.0, 0.0, 0.0])),
-        noise.deviations(np.array([5.0, 0.0, 0.0])),
+        f"{shown(float(along) * 1e3)} mm along and {shown(float(across) * 1e3)} mm across the beam"
+        for along, across in parts
     )
-    said = [f"{shown(float(along) * 1e3)} mm along and {shown(float(across) * 1e3)} mm across the beam"
-            for along, across in (near, far)]  # fmt: skip
-    return f"{said[0]} at 1 m, {said[1]} at 5 m"
+    return f"{near} at 1 m, {far} at 5 m"
+
+
+def coverage(evidence: ReportEvidence, result: ReportedResult) -> Section | None:
+    """Which parts of the images were used; None where no camera saw a board, or the tables are gone."""
+    cell, tables = evidence.cell, evidence.data.get(result.path)
+    if cell is None or tables is None or not isinstance(result.record, IdentifyRecord):
+        return None
+    views = list(board_views(cell, tables.data))
+    if not views:
+        return None
+    figure = Figure(lambda: seen_where(views), highlight=False)
+    return Section("coverage", "Where the boards were seen", (figure,))
+
+
+def board_views(cell: Cell, data: Measurements) -> Iterator[BoardViews]:
+    """Every board as every camera saw it."""
+    for camera, part in cell.channels.blocks:
+        for board in camera.boards if isinstance(camera, Camera) else ():
+            own = slice(part.start + board.channels.start, part.start + board.channels.stop)
+            uv, seen = data.readings[:, own, :2], data.seen[:, own]
+            if isinstance(camera, Camera) and seen.any():
+                size = uv[seen].max(axis=0) if camera.image is None else camera.image
+                distance, tilt = _places(camera, board, uv, seen)
+                yield BoardViews(camera.name, board.name, size, uv[seen], distance, tilt)
+
+
+def _places(camera: Camera, board: Board, uv: Array, seen: Mask) -> tuple[Array, Array]:
+    """Distance, m, and tilt, rad, of the board in each image that shows enough of it, (k,)."""
+    ideal = camera.lens.ideal(uv)
+    found = []
+    for rays, here in zip(ideal, seen, strict=True):
+        if here.sum() < LEAST:
+            continue
+        points = board.points[here]
+        R, t, sound = posed(rays[here], points)
+        if not sound:
+            continue
+        viewed = np.einsum("kij,nj->kni", R, points) + t[:, None]
+        off = viewed[..., :2] / viewed[..., 2:] - rays[here]
+        best = int((off**2).sum(axis=(1, 2)).argmin())
+        middle = R[best] @ board.points.mean(axis=0) + t[best]
+        away = float(np.linalg.norm(middle))
+        found.append((away, float(np.arccos(min(1.0, abs(R[best][:, 2] @ middle) / away)))))
+    distance, tilt = np.array(found).reshape(-1, 2).T
+    return distance, tilt
 
 
 Reading = tuple[Poses, int]
@@ -160,10 +200,9 @@ def against(evidence: ReportEvidence, result: ReportedResult) -> Section | None:
 def _variables(robot: Robot, rows: list[Reading]) -> Iterator[tuple[str, Array]]:
     q = np.array([poses.q[i] for poses, i in rows])
     for k, (joint, slides) in enumerate(zip(robot.joints, robot.prismatic, strict=True)):
-        shown = (
+        yield (
             (f"{joint} [mm]", q[:, k] * 1e3) if slides else (f"{joint} [deg]", np.degrees(q[:, k]))
         )
-        yield shown
     force = np.array([float(np.linalg.norm(poses.wrench[i, :3])) for poses, i in rows])
     if np.ptp(force) > 0.0:
         yield "force on the tool [N]", force
@@ -183,31 +222,18 @@ def _known(values: list[float | None]) -> Array | None:
 def provenance(evidence: ReportEvidence, told: dict[str, str]) -> Section:
     """Everything needed to make the same figures again."""
     commands = [
-        (
-            result.path.name,
-            "diagnose --plan-only" if result.kind == "plan" else result.kind,
-            result.record.version,
-            str(result.record.seed),
-        )
-        for result in evidence.results
-    ]
-    inputs = {
-        (entry.file, entry.sha256): entry for result in evidence.results for entry in result.inputs
-    }
+        (own.path.name, "diagnose --plan-only" if own.kind == "plan" else own.kind,
+         own.record.version, str(own.record.seed))
+        for own in evidence.results
+    ]  # fmt: skip
+    inputs = {(one.file, one.sha256): one.state for own in evidence.results for one in own.inputs}
+    warnings = [f"{own.path.name}: {w}" for own in evidence.results for w in own.record.warnings]
     parts: list[Part] = [
         table_of(("", ""), list(told.items())),
         table_of(("result", "command", "posecal", "seed"), commands, "Results"),
-        table_of(
-            ("file", "sha256", "today"),
-            [(entry.file, entry.sha256, entry.state) for entry in inputs.values()],
-            "Inputs",
-        ),
+        table_of(("file", "sha256", "today"), [(*one, s) for one, s in inputs.items()], "Inputs"),
+        *(Sentence(note, "note") for note in (*evidence.notes, *warnings)),
     ]
-    parts += [Sentence(note, "note") for note in evidence.notes]
-    for result in evidence.results:
-        parts += [
-            Sentence(f"{result.path.name}: {line}", "note") for line in result.record.warnings
-        ]
     return Section("provenance", "Where the figures come from", tuple(parts))
 
 
@@ -231,14 +257,11 @@ def arm(evidence: ReportEvidence) -> Section | None:
         return None
     lit = evidence.highlight[path]
     kept = _once(lit, shown)
-    number = {name: i for i, name in enumerate(_names(kept))}
+    names = (kept.poses if isinstance(kept, Measurements) else kept).names
+    number = {name: i for i, name in enumerate(names)}
     stops = [(number[lit[name]], way) for name, way in ways]
     drawn = scene(evidence.cell, kept, level_joint=level, stops=stops)
     return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
-
-
-def _names(shown: Poses | Measurements) -> tuple[str, ...]:
-    return (shown.poses if isinstance(shown, Measurements) else shown).names
 
 
 def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:
@@ -274,8 +297,10 @@ def sections(
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
             highlight = evidence.highlight.get(result.path, {})
-            for section in _of(evidence, result):
-                own = _own(section, result, number) if len(several) > 1 else section
+            for own in _of(evidence, result):
+                if len(several) > 1:  # under a name of its own
+                    key, title = f"{own.key}-{number}", f"{own.title}: {result.path.name}"
+                    own = replace(own, key=key, title=title)
                 yield own, highlight
     for section in certificate(evidence, told):
         yield section, {}
@@ -286,9 +311,3 @@ def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:
     yield from result.told.sections
     told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
     yield from (section for section in told if section is not None)
-
-
-def _own(section: Section, result: ReportedResult, number: int) -> Section:
-    """The section under a name of its own, where several results are of its kind."""
-    title = f"{section.title}: {result.path.name}"
-    return replace(section, key=f"{section.key}-{number}", title=title)

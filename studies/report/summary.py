@@ -160,7 +160,13 @@ def summary(evidence: ReportEvidence, told: Mapping[str, str]) -> Section:
     """
     said = [line for kind in dict.fromkeys((*_FIRST, *KINDS)) for line in _said(evidence.of(kind))]
     drawn = list(_bars(evidence))
-    fall = [bars(drawn, _caption(evidence))] if drawn else []
+    held = "held-out poses, which took no part in the fit"
+    where = held if _held(evidence) else "the fitted poses"
+    caption = (
+        f"RMS distance between measured and predicted points at {where} [mm], on a logarithmic scale. "
+        "The dashed line is the noise of the instrument alone."
+    )
+    fall = [bars(drawn, caption)] if drawn else []
     mixed = [Sentence(note, "warn") for note in evidence.mixed]
     box = verdict(evidence, told)
     top = [] if box is None else [box]
@@ -191,17 +197,6 @@ _LABELS = {
 }
 
 
-def _caption(evidence: ReportEvidence) -> str:
-    """Of the bars: where the errors are, and what the line is."""
-    where = (
-        "held-out poses, which took no part in the fit" if _held(evidence) else "the fitted poses"
-    )
-    return (
-        f"RMS distance between measured and predicted points at {where} [mm], on a logarithmic scale. "
-        "The dashed line is the noise of the instrument alone."
-    )
-
-
 def _held(evidence: ReportEvidence) -> bool:
     """Whether every result with bars has held-out poses, so that they can be compared there."""
     drawn = [own for own in _records(evidence) if own is not None]
@@ -213,8 +208,9 @@ def _records(evidence: ReportEvidence) -> tuple[IdentifyRecord | None, DiagnoseR
     first, second = evidence.first("identify"), evidence.first("diagnose")
     identified = None if first is None else first.record
     diagnosed = None if second is None else second.record
-    if first is not None and second is not None and not _same_data(first, second):
-        diagnosed = None
+    if first is not None and second is not None:
+        one, other = ({entry.sha256 for entry in own.inputs} for own in (first, second))
+        diagnosed = diagnosed if one <= other or other <= one else None  # of the same data
     if not isinstance(identified, IdentifyRecord) or identified.rms_mm.nominal is None:
         identified = None  # no reading is a length
     if not isinstance(diagnosed, DiagnoseRecord) or diagnosed.gap.unit != "mm":
@@ -241,12 +237,6 @@ def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
     if noise is not None:
         sigma = 3.0**0.5 * noise.believed_sigma_mm
         yield Bar("noise of the instrument alone, as stated", sigma, "floor")
-
-
-def _same_data(first: ReportedResult, second: ReportedResult) -> bool:
-    """Whether two results are of the same cell, robot and table."""
-    inputs = [{entry.sha256 for entry in result.inputs} for result in (first, second)]
-    return inputs[0] <= inputs[1] or inputs[1] <= inputs[0]
 
 
 def _next(evidence: ReportEvidence) -> Iterator[Sentence]:

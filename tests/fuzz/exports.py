@@ -12,8 +12,7 @@ from calib.files.exports.join import join
 from studies.demo.embedded import embedded_cell
 from studies.document.terminal import terminal
 from studies.imports.command import _columns
-from studies.imports.read_back import read_back
-from studies.imports.record import import_record
+from studies.imports.record import import_record, read_back
 from studies.kinds import tell
 from studies.record import envelope
 from tests.fuzz.reader import PART, parts, put

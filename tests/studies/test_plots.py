@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from studies.changes.pictures import changed_parameters
 from studies.changes.record import ChangesRecord
+from studies.changes.telling import changed_parameters
 from studies.compare.agreement import band
 from studies.document.page import inline_svg
 from studies.plan.pictures import look_alikes

@@ -37,7 +37,7 @@ from calib.identification.start import whitening
 from calib.instruments import Camera
 from calib.observations import Points
 from calib.solver import levenberg_marquardt
-from studies.identify.lenses import UnfitLensEntry
+from studies.identify.parameters import UnfitLensEntry
 from studies.research.bench import Output, Row, bench, each, table
 from studies.research.withheld.robots import LIGHT, Arm, Joint, Triple
 from studies.research.withheld.truth import tip_in_numpy, urdf

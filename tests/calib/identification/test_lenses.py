@@ -10,7 +10,7 @@ import pytest
 
 import calib
 from calib.identification.lenses import unfit_lenses
-from studies.identify.lenses import UnfitLensEntry
+from studies.identify.parameters import UnfitLensEntry
 from studies.research.bench import data_folder
 from studies.research.benchmarks.camera_starts import drawn
 from studies.research.benchmarks.camera_starts import written as setup_files

@@ -11,11 +11,9 @@ import doe
 from calib import Cell
 from calib.diagnosis import Diagnosis
 from doe.ahead.information import SURE
-from studies.diagnose.make import aliases_of, diagnose_record, spectrum_entry
-from studies.diagnose.pictures import waterfall
+from studies.diagnose.make import aliases_of, diagnose_record, shown, spectrum_entry
+from studies.diagnose.pictures import families, spectra, waterfall
 from studies.diagnose.record import ErrorSteps, SpectrumEntry, SpectrumLine
-from studies.diagnose.shown import shown
-from studies.diagnose.spectra import families, spectra
 from studies.document import pictures_of
 from studies.kinds import tell
 from studies.plots.style import Picture

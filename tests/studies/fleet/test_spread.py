@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from studies.fleet.make import latest, off, shared, trend_p
 from studies.fleet.record import NamedEntry
-from studies.fleet.spread import latest, off, shared, trend_p
 from studies.fleet.tables import TableJob, TableOutcome, Values, find
 
 NAMES = tuple((f"geometry:A{k}.x", "um") for k in range(12))

@@ -12,8 +12,8 @@ from calib.arm.se3 import so3_exp
 from calib.files.cell import load_cell
 from calib.model.build import build
 from calib.poses import poses_at
-from studies.report.arm_parts import picture
 from studies.report.arm_scene import scene
+from studies.report.arm_view import picture
 from tests.two_arms import EYE, PLATE, in_view, written
 
 MARKERS = {"m": [0, 50, 10], "n": [40, 0, 10], "k": [0, -40, 10]}

@@ -20,8 +20,8 @@ from calib.poses import poses_at
 from doe.constraints import hidden_by, scene_of, visible
 from studies.demo.embedded import embedded_text, simulated
 from studies.report.arm_drawing import ArmPicture, Stroke, drawing
-from studies.report.arm_parts import picture
 from studies.report.arm_scene import ArmScene, scene
+from studies.report.arm_view import picture
 from studies.report.page import asset
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import cell_of, random_robot, read_by

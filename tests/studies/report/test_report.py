@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.identify.pictures import point_errors
 from studies.identify.record import IdentifyRecord
+from studies.identify.telling import point_errors
 from studies.report.evidence import load_evidence
 from studies.results import read_as
 from tests.studies.command_line import run

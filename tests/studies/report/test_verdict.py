@@ -15,7 +15,7 @@ import calib
 from studies.cli import main
 from studies.document import Raw
 from studies.plots.coverage import seen_where
-from studies.report.cameras import board_views
+from studies.report.sections import board_views
 from studies.report.summary import Bar, bars
 from studies.results import read
 from tests.calib.files.test_images import SQUARES

@@ -40,7 +40,8 @@ def traced(frame, event, argument):
     global depth, deepest
     name = frame.f_code.co_filename
     own = name.startswith((root + "calib/", root + "doe/", root + "studies/"))
-    if not own or not frame.f_code.co_flags & 1:  # no body of a module or class
+    code = frame.f_code
+    if not own or not code.co_flags & 1 or code.co_name[0] == "<":  # no body of a module, none unnamed
         return
     if event == "call":
         files.add(name)

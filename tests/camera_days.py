@@ -16,7 +16,7 @@ from calib import Cell, Measurements, load_cell, load_measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from studies.demo.embedded import embedded_text
-from studies.research.looking import poses_that_show
+from studies.research.cameras import poses_that_show
 from tests.plain_arm import frame, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)

@@ -10,23 +10,26 @@ import functools
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 import numpy as np
 from numpy.typing import ArrayLike
 
 import calib
+from calib.errors import InputError
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.withheld.tables import table as table
 
+T = TypeVar("T")
 Row = dict[str, Any]
 Option = Callable[[Any], Any]
 Output = tuple[Iterable[Any], Any]
@@ -108,6 +111,12 @@ def _one(work: Callable[..., Any], options: Mapping[str, Any], task: Sequence[An
     return work(*task, **options)
 
 
+def clocked(work: Callable[[], T]) -> tuple[T, float]:
+    """What a call gives, and its seconds on processors."""
+    begun = time.process_time()
+    return work(), time.process_time() - begun
+
+
 def median_or_more(counts: Sequence[int | None], most: int) -> str:
     """Median of counts of which None stands for more than were tried."""
     middle = float(np.median([np.inf if n is None else n for n in counts]))
@@ -124,9 +133,15 @@ def rms_3d(vectors: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
 
 
-def data_folder(name: str) -> Path:
-    """Where a set of real measurements is, or would be: in POSECAL_DATA, or beside the project."""
-    return Path(os.environ.get("POSECAL_DATA", _BESIDE)) / name
+def data_folder(name: str = "") -> Path:
+    """Where a set of real measurements is, in POSECAL_DATA or beside the project; without a name all.
+
+    Raises InputError where it is not there.
+    """
+    folder = Path(os.environ.get("POSECAL_DATA", _BESIDE)) / name
+    if not folder.is_dir():
+        raise InputError(f"{folder}", "", "holds no real measurements; set POSECAL_DATA to theirs")
+    return folder
 
 
 def cell_from(text: str, urdf: str) -> calib.Cell:

@@ -17,7 +17,6 @@ or more, at which the error at the targets is no larger than theirs.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -35,15 +34,26 @@ from calib.arrays import Array
 from calib.cell.views import NUMBERS, looking, views_of
 from calib.poses import Measurements, Poses, poses_at
 from doe.constraints import scene_of, visible
-from studies.compare.experiment import POINTS, experiment_of
-from studies.compare.prediction import predict
+from studies.compare.experiment import experiment_of
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, count, data_folder, each, several, table
+from studies.research.bench import (
+    Output,
+    Row,
+    bench,
+    clocked,
+    count,
+    data_folder,
+    each,
+    several,
+    table,
+)
 from studies.research.benchmarks.camera_starts import ARMS
 from studies.research.benchmarks.planned_days import Arm
+from studies.research.cameras import corners, frame, pixels, quaternion, standing
+from studies.research.refits import Refits
 from studies.research.withheld.truth import urdf
 
-_SIZE, _CENTER, _NOISE = (1280, 960), (639.5, 479.5), 0.1  # px
+_SIZE, _FOCAL, _CENTER, _NOISE = (1280, 960), 900.0, (639.5, 479.5), 0.1  # px
 _ACROSS, _DOWN = 11, 8  # corners
 _LEAST = 10.0  # px of a square: there noise is sqrt(5) times that of a large one
 _MARGIN, _TILT = 10.0, np.radians(60.0)
@@ -122,8 +132,7 @@ class Place:
     @property
     def corners(self) -> Array:
         """The board's corners in its frame, shape (88, 3), m."""
-        grid = [[x, y, 0.0] for y in range(1, _DOWN + 1) for x in range(1, _ACROSS + 1)]
-        return 1e-3 * self.pitch * np.array(grid)
+        return corners(_ACROSS, _DOWN, 1e-3 * self.pitch)
 
 
 _DOWNWARD = (180.0, 0.0, 0.0)
@@ -192,9 +201,7 @@ def a_plan(name: str, on: str, poses: int, candidates: int, days: int, seed: int
             against=rivals if count == poses else None,
         )  # fmt: skip
 
-    begun = time.process_time()
-    found = plan(poses)
-    seconds = time.process_time() - begun
+    found, seconds = clocked(lambda: plan(poses))
     rms = found.assessment.task_rms
     row: Row = {"arm": name, "camera on": on, "poses": poses}
     row |= looked_at(place, on, found.poses.q)
@@ -269,7 +276,7 @@ def looked_at(place: Place, on: str, q: Array) -> Row:
     sight = found = 0
     off = []
     for T, image in Studio(place, on).images(q):
-        uv = pixels(place.corners, T)
+        uv = pixels(place.corners, T, _FOCAL, _CENTER)
         viewed = place.corners @ T[:3, :3].T + T[:3, 3]
         cosine = viewed @ T[:3, 2] / np.linalg.norm(viewed, axis=1)
         inside = (uv >= _MARGIN - 0.01) & (uv <= np.array(_SIZE) - _MARGIN + 0.01)
@@ -284,15 +291,6 @@ def looked_at(place: Place, on: str, q: Array) -> Row:
         "found": found,
         "farthest corner [px]": f"{max(off, default=np.nan):.2f}",
     }
-
-
-def pixels(corners: Array, T: Array) -> Array:
-    """OpenCV's pixels (n, 2) of a board at T in camera axes."""
-    import cv2
-
-    K = np.array([[900.0, 0.0, _CENTER[0]], [0.0, 900.0, _CENTER[1]], [0.0, 0.0, 1.0]])
-    uv, _ = cv2.projectPoints(corners, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, np.zeros(5))
-    return np.asarray(uv[:, 0])
 
 
 class Studio:
@@ -317,9 +315,9 @@ class Studio:
         camera, board = place.places[on]
         carrier = {"tip": spec.body(place.tip), "world": spec.worldbody}
         self._print(spec, carrier[{"tip": "world", "world": "tip"}[on]], board, 1e-3 * place.pitch)
-        fovy = np.degrees(2.0 * np.arctan(_SIZE[1] / 2.0 / 900.0))
-        turned = _frame(*camera)[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # it looks along -z
-        carrier[on].add_camera(name="camera", pos=camera[0], quat=_quaternion(turned), fovy=fovy)
+        fovy = np.degrees(2.0 * np.arctan(_SIZE[1] / 2.0 / _FOCAL))
+        turned = standing(*camera)[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # it looks along -z
+        carrier[on].add_camera(name="camera", pos=camera[0], quat=quaternion(turned), fovy=fovy)
         self.model = spec.compile()
 
     def _print(self, spec: Any, carrier: Any, at: Standing, pitch: float) -> None:
@@ -344,7 +342,7 @@ class Studio:
             userface=[0, 2, 1, 0, 3, 2, 0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4],
             usertexcoord=[0, 0, 1, 0, 1, 1, 0, 1, 0.5, 0.5],
         )
-        body = carrier.add_body(name="print", pos=at[0], quat=_quaternion(_frame(*at)[:3, :3]))
+        body = carrier.add_body(name="print", pos=at[0], quat=quaternion(standing(*at)[:3, :3]))
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="print", material="print")
 
     def images(self, q: Array) -> Iterator[tuple[Array, Any]]:
@@ -370,22 +368,6 @@ class Studio:
                 )
 
 
-def _frame(position: Sequence[float], rpy: Sequence[float]) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
-    T[:3, 3] = position
-    return T
-
-
-def _quaternion(R: Array) -> list[float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat()
-    return [w, x, y, z]
-
-
 # -- what is promised is kept --------------------------------------------------------------------
 
 
@@ -393,41 +375,33 @@ def promised(
     place: Place, on: str, cell: calib.Cell, plan: Poses, days: int, rng: np.random.Generator
 ) -> Row:
     """The squared scatter of estimates by the covariance that was predicted, and its chi-square."""
-    from scipy.stats import chi2
-
     experiment = experiment_of(cell, plan)
     arm = Arm(cell.robot, _OFF * rng.normal(size=(cell.robot.dof, 6)))
     exact = _exact(place, on, arm, experiment.poses.q)
     sigma = _NOISE * np.sqrt(1.0 + (2.0 * _LEAST / _sides(place, exact)) ** 2)
-    kept = [k for k, p in enumerate(experiment.model.parameters) if p.effect != "base"]
-    estimates = []
+    fits = []
     for _ in range(days):
         readings = exact + sigma[:, None, None] * rng.normal(size=exact.shape)
         unstated = np.full(experiment.seen.shape, np.nan)
         data = Measurements(experiment.poses, readings, experiment.seen, unstated)
-        fit = calib.identify(cell, data)
-        at = {p.id: v for p, v in zip(fit.model.parameters, fit.values, strict=True)}
-        estimates.append([at[experiment.model.parameters[k].id] for k in kept])
-    covariance = predict(experiment, POINTS).covariance[np.ix_(kept, kept)]
-    off = np.array(estimates) - np.mean(estimates, axis=0)
-    statistic = float(np.einsum("ni,ij,nj->", off, np.linalg.inv(covariance), off))
-    freedom = (days - 1) * len(kept)
+        fits.append(calib.identify(cell, data))
+    found = Refits.of(experiment, fits)
     return {
         "days": days,
-        "scatter / foreseen": f"{statistic / freedom:.3f}",
-        "p": f"{2.0 * min(chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)):.2f}",
+        "scatter / foreseen": f"{found.over_foreseen:.3f}",
+        "p": f"{2.0 * min(found.p, 1.0 - found.p):.2f}",
     }
 
 
 def _exact(place: Place, on: str, arm: Arm, q: Array) -> Array:
     """Pixels (m, 88, 2) of the true arm."""
-    camera, board = (_frame(*own) for own in place.places[on])
+    camera, board = (standing(*own) for own in place.places[on])
     found = []
     for R, p in zip(*arm.tips(q), strict=True):
-        tip = np.eye(4)
-        tip[:3, :3], tip[:3, 3] = R, p
+        tip = frame(p, R)
         eye, there = (tip @ camera, board) if on == "tip" else (camera, tip @ board)
-        found.append(pixels(place.corners, np.linalg.inv(eye) @ there))
+        T = np.linalg.inv(eye) @ there
+        found.append(pixels(place.corners, T, _FOCAL, _CENTER))
     return np.array(found)
 
 

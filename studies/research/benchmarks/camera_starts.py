@@ -39,6 +39,7 @@ from calib.observations import Points
 from calib.solver import levenberg_marquardt
 from studies.identify.parameters import UnfitLensEntry
 from studies.research.bench import Output, Row, bench, each, table
+from studies.research.cameras import corners, frame, pixels
 from studies.research.withheld.robots import LIGHT, Arm, Joint, Triple
 from studies.research.withheld.truth import tip_in_numpy, urdf
 
@@ -110,12 +111,6 @@ def _about_z(angle: float) -> Array:
     return np.asarray(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix())
 
 
-def _frame(xyz: Sequence[float] | Array, R: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, xyz
-    return T
-
-
 def _turn(rng: np.random.Generator, degrees: float) -> Array:
     """A turn by so much about an axis drawn at random."""
     axis = rng.normal(size=3)
@@ -153,15 +148,14 @@ def target(kind: str, size: float, rng: np.random.Generator) -> Target:
     into = np.array([0.0, 0.0, 1.0])
     if kind == "chessboard":
         pitch = round(0.02 * size, 4)
-        grid = np.array([[x, y, 0] for y in range(1, 6) for x in range(1, 8)]) * pitch
         names = tuple(map(str, range(35)))
         keys = f"squares = [8, 6]\npitch_mm = {1e3 * pitch}"
-        return Target(names, grid, np.tile(into, (35, 1)), True, keys)
+        return Target(names, corners(7, 5, pitch), np.tile(into, (35, 1)), True, keys)
     if kind == "tag":
         side = round(0.06 * size, 4)
-        corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * side
+        around = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * side
         keys = f"tags = [1, 1]\ntag_mm = {1e3 * side}\ngap_mm = 10"
-        return Target(tuple(f"0_{k}" for k in range(4)), corners, np.tile(into, (4, 1)), True, keys)
+        return Target(tuple(f"0_{k}" for k in range(4)), around, np.tile(into, (4, 1)), True, keys)
     if kind == "solid":
         points = _solid(0.055 * size)
         names = tuple(f"f{k + 1}" for k in range(20))
@@ -239,18 +233,18 @@ def _drawn(rng: np.random.Generator, only: Sequence[str]) -> SetUp | None:
         away = float(rng.uniform(0.25, 0.6)) * size
         there = rng.uniform(-0.08, 0.08, 3) * size
         turned = _turn(rng, rng.uniform(0.0, 30.0)) @ _about_z(rng.uniform(-3, 3))
-        cameras["eye"] = _frame(there, turned)
+        cameras["eye"] = frame(there, turned)
         C = tip @ cameras["eye"]
         facing = C[:3, :3] @ _turn(rng, rng.uniform(0.0, 35.0)) @ _about_z(rng.uniform(-3, 3))
-        at = _frame(C[:3, 3] + away * C[:3, 2] - facing @ middle, facing)
+        at = frame(C[:3, 3] + away * C[:3, 2] - facing @ middle, facing)
     else:
-        at = _frame(rng.uniform(-0.1, 0.1, 3) * size, _turn(rng, rng.uniform(0.0, 180.0)))
+        at = frame(rng.uniform(-0.1, 0.1, 3) * size, _turn(rng, rng.uniform(0.0, 180.0)))
         X = tip @ at
         centre = X[:3, :3] @ middle + X[:3, 3]
         for k in range(2 if where == "two fixed" else 1):
             away = float(rng.uniform(0.9, 1.6)) * size
             to = X[:3, :3] @ _turn(rng, rng.uniform(5.0, 35.0)) @ _about_z(rng.uniform(-3, 3))
-            cameras[f"cam{k + 1}"] = _frame(centre - away * to[:, 2], to)
+            cameras[f"cam{k + 1}"] = frame(centre - away * to[:, 2], to)
     wanted = int(rng.integers(4, 11) if few else rng.integers(20, 41))
     if shape == "singles":  # four images of one point tell nothing
         wanted = max(wanted, 8) if few else wanted
@@ -289,9 +283,6 @@ def _views(
     tips: Array, cameras: dict[str, Array], at: Array, own: Target, focal: float, hand: bool
 ) -> tuple[dict[str, Array], dict[str, Mask]]:
     """Pixels (m, n, 2) of every camera, and which of them are seen."""
-    import cv2
-
-    K = np.array([[focal, 0, _IMAGE[0] / 2], [0, focal, _IMAGE[1] / 2], [0, 0, 1.0]])
     uv, seen = {}, {}
     for name, camera in cameras.items():
         T = np.linalg.inv(tips @ camera) @ at if hand else np.linalg.inv(camera) @ tips @ at
@@ -299,8 +290,7 @@ def _views(
         normals = own.normals @ np.swapaxes(T[:, :3, :3], -1, -2)
         ahead = viewed[..., 2] > 0.05
         flat = np.where(ahead[..., None], viewed, [0.0, 0.0, 1.0]).reshape(-1, 3)
-        uv[name] = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), K, np.zeros(5))[0]
-        uv[name] = uv[name].reshape((*viewed.shape[:-1], 2))
+        uv[name] = pixels(flat, np.eye(4), focal, _IMAGE / 2).reshape((*viewed.shape[:-1], 2))
         cosine = (viewed * normals).sum(axis=-1) / np.linalg.norm(viewed, axis=-1)
         faces = (cosine > np.cos(np.radians(65.0))) | (np.abs(own.normals).sum(axis=-1) == 0.0)
         inside = ((uv[name] > 5.0) & (uv[name] < _IMAGE - 5.0)).all(axis=-1)
@@ -326,7 +316,7 @@ def _cell(
         if kind["extrinsics"] == "guessed":
             shift = rng.normal(size=3)
             shift *= _GUESS_M / np.linalg.norm(shift)
-            T = _frame(T[:3, 3] + shift, T[:3, :3] @ _turn(rng, _GUESS_DEG))
+            T = frame(T[:3, 3] + shift, T[:3, :3] @ _turn(rng, _GUESS_DEG))
         listed = [
             ", ".join(f"{v:.6f}" for v in own)
             for own in (

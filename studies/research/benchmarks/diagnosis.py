@@ -11,7 +11,6 @@ errors count every pose. "not worse" counts the splits whose held-out error did 
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from itertools import product
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 import calib
 from calib.diagnosis.diagnose import diagnose
 from studies.diagnose import make
-from studies.research.bench import Output, Row, bench, count, data_folder, each, table
+from studies.research.bench import Output, Row, bench, clocked, count, data_folder, each, table
 
 HELD_OUT = 0.3
 _SHOWN = 4
@@ -33,9 +32,9 @@ def one_split(folder: Path, seed: int) -> Row:
     cell = calib.load_cell(folder / "cell.toml")
     data = calib.load_measurements(cell, folder / "measurements.csv")
     kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
-    begun = time.process_time()
-    found = make.findings(diagnose(cell, kept, heldout=held)).model_dump(by_alias=True)
-    return {**found, "seconds": time.process_time() - begun, "poses": len(kept), "seed": seed}
+    found, seconds = clocked(lambda: make.findings(diagnose(cell, kept, heldout=held)))
+    told = found.model_dump(by_alias=True)
+    return {**told, "seconds": seconds, "poses": len(kept), "seed": seed}
 
 
 def row(name: str, splits: list[Row]) -> Row:
@@ -80,9 +79,7 @@ def _listed(counts: Counter[str]) -> str:
 )
 def main(folders: tuple[Path, ...], splits: int, seed: int, workers: int) -> Output:
     """Diagnose real measurements at several splits."""
-    folders = folders or tuple(
-        path.parent for path in sorted(data_folder("").glob("*/measurements.csv"))
-    )
+    folders = folders or tuple(p.parent for p in sorted(data_folder().glob("*/measurements.csv")))
     runs = each(one_split, product(folders, range(seed, seed + splits)), workers)
     found = {f.name: runs[splits * i : splits * (i + 1)] for i, f in enumerate(folders)}
     told = [findings(name, own) for name, own in found.items()]

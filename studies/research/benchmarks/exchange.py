@@ -12,10 +12,8 @@ seconds, ours with the relaxation that its proof needs.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,10 +27,9 @@ from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.problem import RIDGE
-from studies.research.bench import Output, Row, bench, count, each, table
+from studies.research.bench import Output, Row, bench, clocked, count, each, table
 from studies.research.benchmarks.design import any_of
 
-T = TypeVar("T")
 _CRITERIA = ("D", "A", "E", "task")
 _JOINTS, _PARAMETERS, _POOL = (4, 7), (6, 42), (500, 2000)
 _SPARE = (1.2, 2.5)  # poses over the least that could do
@@ -217,8 +214,8 @@ def one(index: int, seed: int, starts: int) -> Row:
         pack(np.swapaxes(drawn.rows, 1, 2) @ drawn.rows), RIDGE * np.eye(p), min(rank, p)
     )
     rules = any_of(n, drawn.poses)
-    relaxed, relax_s = _timed(lambda: relax(criterion, blocks, rules))
-    found, search_s = _timed(lambda: best_plan(criterion, blocks, rules, relaxed, seed=seed))
+    relaxed, relax_s = clocked(lambda: relax(criterion, blocks, rules))
+    found, search_s = clocked(lambda: best_plan(criterion, blocks, rules, relaxed, seed=seed))
     row = {
         "problem": index, "criterion": drawn.criterion, "joints": drawn.joints, "p": p,
         "rows": rank, "candidates": n, "poses": drawn.poses, "ours": found.value,
@@ -226,14 +223,9 @@ def one(index: int, seed: int, starts: int) -> Row:
     }  # fmt: skip
     if starts:
         rng = np.random.default_rng(seed)
-        (value, ends), seconds = _timed(lambda: Plain(drawn).best(starts, rng))
+        (value, ends), seconds = clocked(lambda: Plain(drawn).best(starts, rng))
         row |= {"plain": value, "plain_median": float(np.median(ends)), "plain_s": seconds}
     return row
-
-
-def _timed(work: Callable[[], T]) -> tuple[T, float]:
-    begun = time.process_time()
-    return work(), time.process_time() - begun
 
 
 @bench(

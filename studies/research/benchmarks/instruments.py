@@ -11,8 +11,8 @@ and largest memory.
 from __future__ import annotations
 
 import resource
-import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -23,7 +23,17 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, cell_from, count, data_folder, each, table
+from studies.research.bench import (
+    Output,
+    Row,
+    bench,
+    cell_from,
+    clocked,
+    count,
+    data_folder,
+    each,
+    table,
+)
 
 HELD_OUT = 0.3
 SETS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -64,9 +74,8 @@ def rows_of(folder: Path, more: tuple[str, ...], splits: int) -> list[Row]:
     seconds, ranks = [], []
     for seed in range(splits):
         kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
-        begun = time.process_time()
-        result = calib.identify(cell, kept, heldout=held)
-        seconds.append(time.process_time() - begun)
+        result, took = clocked(partial(calib.identify, cell, kept, heldout=held))
+        seconds.append(took)
         ranks.append(result.rank)
         for key, rms in result.by_instrument.items():
             own = [rms.get(name, np.nan) for name in ("nominal", "fitted_all", "heldout")]
@@ -103,9 +112,7 @@ def simulated_images(count: int) -> str:
     truth = 0.3 * model.sizes * rng.normal(size=len(model.parameters))
     truth[placed] = model.initial[placed]
     data = drawn_readings(model, truth, poses, None, rng)
-    begun = time.perf_counter()
-    found = calib.identify(cell, data)
-    seconds = time.perf_counter() - begun
+    found, seconds = clocked(lambda: calib.identify(cell, data))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     corners = len(model.readout.channels)
     off = (found.values - truth) / np.where(found.std > 0.0, found.std, np.inf)

@@ -34,7 +34,8 @@ import calib
 from calib.arrays import Array
 from calib.identification.lenses import unfit_lenses
 from studies.research.bench import Output, Row, bench, data_folder, each, several, table
-from studies.research.looking import poses_that_show
+from studies.research.cameras import corners, frame, poses_that_show, standing
+from studies.research.cameras import pixels as pixels_of
 
 _FOCAL, _CENTER, _NOISE = 900.0, (640.0, 480.0), 0.1  # px
 _POSES, _DRAWN, _FOR_EACH = 45, 4000, 8  # poses, and candidates: at least so many for each
@@ -268,7 +269,7 @@ class Chain:
                 np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy")
             )
             turns = joint.get("type") == "revolute"
-            self.links.append((_frame(xyz, Rotation.from_euler("xyz", rpy)), turns))
+            self.links.append((frame(xyz, Rotation.from_euler("xyz", rpy).as_matrix()), turns))
 
     def frames(self, q: Array) -> list[Array]:
         """Frames of the joints, which turn about z, and of the tip last, for one pose (dof,)."""
@@ -278,22 +279,18 @@ class Chain:
             if turns:
                 found.append(T)
                 about_z = Rotation.from_rotvec([0.0, 0.0, next(angles)])
-                T = T @ _frame(np.zeros(3), about_z)
+                T = T @ frame(np.zeros(3), about_z.as_matrix())
         return [*found, T]
 
 
 def pixels(chain: Chain, q: Array, truth: Truth, on: str = "tip") -> Array:
     """What a true camera sees, (m, 88, 2)."""
-    import cv2
-
-    bent = np.array([truth.k1, truth.k2, 0.0, 0.0, 0.0])
-    grid = np.array([[x, y, 0.0] for y in range(1, 9) for x in range(1, 12)]) * 0.02 * truth.size
+    bent = truth.k1, truth.k2, 0.0, 0.0, 0.0
+    grid = corners(11, 8, 0.02) * truth.size
     across = (grid[:, 0] - grid[:, 0].mean()) / np.ptp(grid[:, 0]) * 2.0
     grid[:, 2] = truth.bow * (1.0 - across**2)
-    camera, board = (
-        _frame(at, Rotation.from_euler("xyz", rpy, degrees=True)) for at, rpy in _PLACES[on]
-    )
-    slipped = _frame(truth.slip[:3], Rotation.from_rotvec(truth.slip[3:]))
+    camera, board = (standing(*own) for own in _PLACES[on])
+    slipped = frame(truth.slip[:3], Rotation.from_rotvec(truth.slip[3:]).as_matrix())
     found = []
     for k, own in enumerate(q):
         tip = bent_tip(chain, own, truth.arm)
@@ -302,16 +299,8 @@ def pixels(chain: Chain, q: Array, truth: Truth, on: str = "tip") -> Array:
         warm = 1.0 + truth.warming * k / max(len(q) - 1, 1)
         f = [_FOCAL * warm * (1.0 + share) for share in truth.focal]
         c = np.add(_CENTER, truth.centre)
-        K = np.array([[f[0], 0.0, c[0]], [0.0, f[1], c[1]], [0.0, 0.0, 1.0]])
-        uv, _ = cv2.projectPoints(grid, cv2.Rodrigues(seen[:3, :3])[0], seen[:3, 3], K, bent)
-        found.append(uv[:, 0])
+        found.append(pixels_of(grid, seen, f, c, bent))
     return np.array(found)
-
-
-def _frame(at: Sequence[float] | Array, turn: Rotation) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turn.as_matrix(), at
-    return T
 
 
 def bent_tip(chain: Chain, q: Array, arm: float) -> Array:

@@ -12,8 +12,8 @@ Panda is that of ``panda_sockets_2`` under ``POSECAL_DATA``.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
+from functools import partial
 
 import click
 import numpy as np
@@ -24,15 +24,16 @@ import doe
 from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.poses import Measurements, Poses
-from studies.compare.experiment import POINTS, experiment_of
-from studies.compare.prediction import predict
+from studies.compare.experiment import experiment_of
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, cell_from, count, data_folder, table
+from studies.research.bench import Output, Row, bench, cell_from, clocked, count, data_folder, table
+from studies.research.refits import Refits
 from studies.research.withheld.robots import LIGHT, Joint
 from studies.research.withheld.truth import tip_in_numpy
 
 TRACKER_POSES = 15
-_HEAD = """
+LIMITS = "[robot.limits_deg]\nA2 = [-140.0, -0.01]"
+HEAD = """
 schema = 1
 [robot]
 urdf = "robot.urdf"
@@ -102,11 +103,11 @@ class Place:
             NAMES[2]: f'[instruments.bar]\nkind = "distance"\nsigma_mm = 0.005\n{bar}',
             NAMES[3]: sockets + apart,
         }
-        return _HEAD.format(self.limits) + ball + own[name]
+        return HEAD.format(self.limits) + ball + own[name]
 
 
 KR270 = Place(
-    limits="[robot.limits_deg]\nA2 = [-140.0, -0.01]",
+    limits=LIMITS,
     ball=(279.2, -16.4, -91.9), board=(200, -100, 0), pitch=60, camera=(4000, 0, 1500),
     anchor=(1700, 0, 300), reach=(700, 1500), left=(1700, 300, 700), right=(1700, -300, 700),
 )  # fmt: skip
@@ -188,30 +189,20 @@ def day(place: Place, name: str, poses: int, refits: int, task: float | None) ->
 
     task : the same of the tracker's poses, None for that of this day itself
     """
-    from scipy.stats import chi2
-
     cell = cell_from(place.cell(name), place.urdf())
-    begun = time.perf_counter()
-    found = doe.design(cell, poses=poses, criterion="D", candidates=2000, fresh=False, reapproach=0)
-    seconds = time.perf_counter() - begun
+    design = partial(doe.design, cell, criterion="D", candidates=2000, fresh=False, reapproach=0)
+    found, seconds = clocked(partial(design, poses=poses))
     experiment = experiment_of(cell, found.poses)
-    foreseen = predict(experiment, POINTS)
     rng = np.random.default_rng(0)
     arm = Arm(cell.robot, 2e-4 * rng.normal(size=(cell.robot.dof, 6)))
-    estimates = []
+    fits = []
     for _ in range(refits):
         length = [
             replace(k, length=k.length + k.sigma * rng.normal()) for k in cell.known_distances
         ]
         data = read(arm, place, cell, experiment.poses, experiment.seen, rng)
-        fit = calib.identify(replace(cell, known_distances=tuple(length)), data)
-        at = {p.id: v for p, v in zip(fit.model.parameters, fit.values, strict=True)}
-        estimates.append([at[p.id] for p in experiment.model.parameters if p.effect != "base"])
-    kept = [k for k, p in enumerate(experiment.model.parameters) if p.effect != "base"]
-    cov = foreseen.covariance[np.ix_(kept, kept)]
-    off = np.array(estimates) - np.mean(estimates, axis=0)
-    statistic = float(np.einsum("ni,ij,nj->", off, np.linalg.inv(cov), off))
-    freedom = (refits - 1) * len(kept)
+        fits.append(calib.identify(replace(cell, known_distances=tuple(length)), data))
+    scattered = Refits.of(experiment, fits)
     rms = found.assessment.task_rms
     matching = poses if task is None else poses * (rms / task) ** 2
     row = {
@@ -219,8 +210,8 @@ def day(place: Place, name: str, poses: int, refits: int, task: float | None) ->
         "poses": poses,
         "efficiency": f"{found.efficiency:.3f}",
         "at targets [mm]": f"{rms * 1e3:.3f}",
-        "scatter / foreseen": f"{statistic / freedom:.3f}",
-        "p": f"{chi2.sf(statistic, freedom):.2f}",
+        "scatter / foreseen": f"{scattered.over_foreseen:.3f}",
+        "p": f"{scattered.p:.2f}",
         "poses like 15 of the tracker": f"{matching:.0f}",
         "plan [s]": f"{seconds:.0f}",
     }

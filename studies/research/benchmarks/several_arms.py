@@ -11,8 +11,8 @@ has the markers at other poses. The robot's meshes are not needed.
 from __future__ import annotations
 
 import tempfile
-import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
@@ -28,7 +28,7 @@ import doe
 from calib.arrays import Array
 from calib.poses import Measurements, Poses, poses_at
 from studies.cli import main as posecal
-from studies.research.bench import Output, Row, bench, count, rms_3d, table
+from studies.research.bench import Output, Row, bench, clocked, count, rms_3d, table
 
 _OFF_M, _OFF_RAD = 3e-4, 5e-4
 _SOFT = 5e-5  # rad/(N m)
@@ -130,15 +130,13 @@ def run(robot: Path, tips: tuple[str, ...], base: str, poses: int, soft: bool, s
         if begun.exit_code:
             raise click.ClickException(begun.output)
         cell = calib.load_cell(folder / "cell.toml")
-        start = time.process_time()
-        plan = doe.design(cell, poses=poses, candidates=_CANDIDATES, fresh=False, seed=seed)
-        planned = time.process_time() - start
+        design = partial(doe.design, cell, poses=poses, candidates=_CANDIDATES, fresh=False)
+        plan, planned = clocked(partial(design, seed=seed))
     effects = (*cell.effects, "joint_compliance") if soft else cell.effects
     cell = replace(cell, effects=effects, size_prior={})
     truth = InMujoco.of(displaced(text, cell.robot.joints, rng), cell, _SOFT if soft else 0.0)
-    start = time.process_time()
-    fit = calib.identify(cell, truth.read(plan.poses))
-    identified = time.process_time() - start
+    data = truth.read(plan.poses)
+    fit, identified = clocked(lambda: calib.identify(cell, data))
     low, high = cell.robot.sample_limits().T
     q = cell.robot.tied(rng.uniform(low, high, (_JUDGED, cell.robot.dof)))
     others = truth.read(poses_at(q))

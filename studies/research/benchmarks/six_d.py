@@ -28,7 +28,7 @@ from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from studies.demo.embedded import embedded_text
 from studies.research.bench import Output, bench, cell_from, count, table
-from studies.research.benchmarks.planned_days import Arm
+from studies.research.benchmarks.planned_days import HEAD, LIMITS, Arm
 
 PROBE = (
     np.array([[60.0, 0.0, 0.0], [-40.0, 55.0, 0.0], [-40.0, -55.0, 0.0], [0.0, 0.0, 45.0]]) * 1e-3
@@ -36,17 +36,6 @@ PROBE = (
 _ALONG, _ACROSS, _PER_METRE = 10e-6, 15e-6, 6e-6  # m, of a point: an absolute tracker's typical
 _AT = np.array([0.2792, -0.0164, -0.0919])  # of the probe on the tip, m
 _STANDS = np.array([4.0, -1.0, 1.2])  # the tracker, base axes, m
-_HEAD = """
-schema = 1
-[robot]
-urdf = "robot.urdf"
-base = "base_link"
-tip = "tool0"
-[robot.limits_deg]
-A2 = [-140.0, -0.01]
-[model]
-effects = ["base", "tool", "geometry"]
-"""
 _POLAR = "{ range_mm = 0.010, transverse_mm = 0.015, transverse_mm_per_m = 0.006 }"
 
 
@@ -114,7 +103,7 @@ def read(arm: Arm, q: Array, days: int, rng: np.random.Generator) -> Read:
 
 def cell_of(text: str) -> calib.Cell:
     """The arm with an instrument."""
-    return cell_from(_HEAD + text, embedded_text("kr270.urdf"))
+    return cell_from(HEAD.format(LIMITS) + text, embedded_text("kr270.urdf"))
 
 
 def point_cell() -> calib.Cell:

@@ -11,7 +11,6 @@ shapes and speeds are written here by hand, about those of the makers' drawings.
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -27,7 +26,8 @@ from doe.constraints.self_collision import SelfCollision
 from doe.day.day import PlannedDay, day_of, quickest_order
 from doe.day.duration import durations
 from studies.demo.embedded import embedded_text
-from studies.research.bench import Output, Row, bench, cell_from, each, several, table
+from studies.research.bench import Output, Row, bench, cell_from, clocked, each, several, table
+from studies.research.cameras import quaternion
 
 _POSES, _STEP = 30, np.radians(0.5)
 
@@ -163,10 +163,7 @@ def day(arm: str, seed: int) -> Row:
     """One day: seconds of planning on a processor, ways, and durations beside other orders."""
     cell = ARMS[arm]()
     q = thirty(cell, seed)
-    begun = time.process_time()
-    order = quickest_order(cell, q)
-    found = day_of(cell, poses_at(q[order]))
-    planned = time.process_time() - begun
+    found, planned = clocked(lambda: day_of(cell, poses_at(q[quickest_order(cell, q)])))
     other = {"random": q, "nearest": q[_nearest(cell, q)]}
     longer = {name: day_of(cell, poses_at(own), around=False).moving for name, own in other.items()}
     return {
@@ -217,7 +214,7 @@ def in_mujoco(cell: Cell) -> tuple[Any, set[tuple[int, int]]]:
     bodies = [spec.worldbody]
     for k in range(robot.dof + 1):
         T = robot.origins[k]
-        body = bodies[-1].add_body(pos=T[:3, 3], quat=_quaternion(T))
+        body = bodies[-1].add_body(pos=T[:3, 3], quat=quaternion(T[:3, :3]))
         if k < robot.dof:
             slides = robot.prismatic[k]
             kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
@@ -237,7 +234,7 @@ def in_mujoco(cell: Cell) -> tuple[Any, set[tuple[int, int]]]:
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=box.half,
             pos=T[:3, 3],
-            quat=_quaternion(T),
+            quat=quaternion(T[:3, :3]),
         )
     model = spec.compile()
     capsules = [model.geom(f"c{number}").id for number in range(len(shapes))]
@@ -247,13 +244,6 @@ def in_mujoco(cell: Cell) -> tuple[Any, set[tuple[int, int]]]:
     pairs = [(capsules[i], capsules[j]) for i, j in clear.pairs]
     pairs += [(a, b) for a in still for b in moving]
     return model, {(min(pair), max(pair)) for pair in pairs}
-
-
-def _quaternion(T: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
-    return np.array([w, x, y, z])
 
 
 @bench(several("--arm", tuple(ARMS)), days=5, days_help="Draws of thirty poses for each arm.")

@@ -11,15 +11,12 @@ import pytest
 import calib
 from calib.identification.lenses import unfit_lenses
 from studies.identify.parameters import UnfitLensEntry
-from studies.research.bench import data_folder
 from studies.research.benchmarks.camera_starts import drawn
 from studies.research.benchmarks.camera_starts import written as setup_files
 from studies.research.benchmarks.lenses import written
 
 pytest.importorskip("cv2", exc_type=ImportError)
-pytestmark = pytest.mark.skipif(
-    not data_folder("panda_sockets_2").exists(), reason="the shared data are not here"
-)
+pytestmark = pytest.mark.usefixtures("data")
 
 
 @pytest.mark.parametrize(

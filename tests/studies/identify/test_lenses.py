@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calib.files.lenses import read_lens
-from studies.research.bench import data_folder
 from studies.research.benchmarks.lenses import written
 from tests.studies.command_line import run
 
@@ -18,9 +17,7 @@ FREE = "sigma_px = 0.1", 'sigma_px = 0.1\nfree = ["focal", "center", "distortion
 EFFECTS = '"geometry"]', '"geometry", "focal", "principal_point", "distortion"]'
 
 
-@pytest.mark.skipif(
-    not data_folder("panda_sockets_2").exists(), reason="the shared data are not here"
-)
+@pytest.mark.usefixtures("data")
 @pytest.mark.parametrize("asked", [FREE, EFFECTS], ids=["free", "effects"])
 def test_a_wrong_lens_is_found(asked: tuple[str, str], tmp_path: Path) -> None:
     cell, table = written(tmp_path, "A", 3)

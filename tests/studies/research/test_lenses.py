@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from studies.research.bench import data_folder
 from studies.research.benchmarks.lenses import a_day
 
 pytest.importorskip("cv2", exc_type=ImportError)
-pytestmark = pytest.mark.skipif(
-    not data_folder("panda_sockets_2").exists(), reason="the shared data are not here"
-)
+pytestmark = pytest.mark.usefixtures("data")
 
 
 @pytest.mark.long

@@ -10,9 +10,9 @@ for the arms, which the head does not see.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -28,7 +28,7 @@ from doe.problem.pool import drawn, judge
 from doe.problem.visits import Visits
 from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
-from studies.research.bench import Row, cell_from, data_folder, rms_3d
+from studies.research.bench import Row, cell_from, clocked, data_folder, rms_3d
 from studies.research.benchmarks.justin.robot import (
     HEAD,
     SIDES,
@@ -38,6 +38,7 @@ from studies.research.benchmarks.justin.robot import (
     robot_text,
 )
 from studies.research.benchmarks.justin.truth import CAMERA, CENTRE, FOCAL, Truth
+from studies.research.refits import Refits
 
 INSTRUMENTS = ("tracker", "head camera")
 POSES, CANDIDATES, RANDOM = 40, 2000, 500
@@ -135,11 +136,8 @@ class Day:
 def day(instrument: str, effects: Sequence[str], poses: int, seed: int) -> Day:
     """A planned day and a true robot for it."""
     cell = planned_cell(instrument, effects)
-    begun = time.process_time()
-    plan = doe.design(
-        cell, poses=poses, candidates=CANDIDATES, fresh=False, reapproach=0, seed=seed
-    )
-    seconds = time.process_time() - begun
+    design = partial(doe.design, cell, poses=poses, candidates=CANDIDATES, fresh=False)
+    plan, seconds = clocked(partial(design, reapproach=0, seed=seed))
     return Day(plan, Truth.drawn(cell, np.random.default_rng(seed)), seconds)
 
 
@@ -167,38 +165,32 @@ def refits(of: Day, count: int, seed: int) -> Row:
     alone, missed = [], []
     for _ in range(count):
         data = read(of, experiment.poses, rng)
-        fit = calib.identify(replace(of.cell, size_prior={}), data)
-        at = {p.id: v for p, v in zip(fit.model.parameters, fit.values, strict=True)}
-        alone.append([at[p.id] for p in model.parameters])
+        alone.append(calib.identify(replace(of.cell, size_prior={}), data))
         usual = calib.identify(of.cell, data)
         off = usual.model.predict(usual.values, others.poses) - others.readings
         missed.append(off[others.seen])
     _, J = model.jacobian(experiment.nominal, others.poses)
     J = J[others.seen]
     foreseen = np.einsum("nip,pq,niq->n", J, cov, J, optimize=True)
-    # Where the instrument stands takes up what the true robot's first frame is off by.
-    kept = [k for k, p in enumerate(model.parameters) if p.effect != "base" and cov[k, k] > 0.0]
-    scatter = np.array(alone)[:, kept] - np.mean(alone, axis=0)[kept]
     unit = 1.0 if of.cell.instruments[0].kind == "camera" else 1e3
-    return _judged(scatter, cov[np.ix_(kept, kept)]) | {
+    return _judged(Refits.of(experiment, alone)) | {
         "error": rms_3d(missed) * unit,
         "foreseen": float(np.sqrt(foreseen.mean())) * unit,
     }
 
 
-def _judged(scatter: Array, cov: Array) -> Row:
-    """How estimates (n, k) about their mean scatter beside a covariance (k, k): all, and one by one."""
-    freedom = len(scatter) - 1
-    whole = float(np.einsum("ni,ij,nj->", scatter, np.linalg.inv(cov), scatter))
-    each = (scatter**2).sum(axis=0) / np.diag(cov)
+def _judged(found: Refits) -> Row:
+    """How fits scatter beside what was promised: all parameters, and one by one."""
+    freedom, count = len(found.scatter) - 1, len(found.covariance)
+    each = (found.scatter**2).sum(axis=0) / np.diag(found.covariance)
     low, high = chi2.ppf([(1.0 - _SURE) / 2.0, (1.0 + _SURE) / 2.0], freedom)
     tails = 2.0 * np.minimum(chi2.cdf(each, freedom), chi2.sf(each, freedom))
     return {
-        "parameters": len(cov),
-        "scatter_over_foreseen": whole / (freedom * len(cov)),
-        "p": float(chi2.sf(whole, freedom * len(cov))),
+        "parameters": count,
+        "scatter_over_foreseen": found.over_foreseen,
+        "p": found.p,
         "inside": float(np.mean((each > low) & (each < high))),
-        "smallest_p_times_parameters": float(min(1.0, tails.min() * len(cov))),
+        "smallest_p_times_parameters": float(min(1.0, tails.min() * count)),
     }
 
 

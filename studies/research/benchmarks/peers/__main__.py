@@ -29,7 +29,7 @@ from studies.research.benchmarks.peers.judge import (
     told,
     with_ratios,
 )
-from studies.research.benchmarks.peers.work import write_work
+from studies.research.benchmarks.peers.work import Work, write_work
 
 _PLANS = (
     "task",
@@ -51,8 +51,9 @@ def main(folder: Path, repeats: int, seed: int) -> Output:
     """Set posecal and other programs the same work."""
     del seed
     folder.mkdir(parents=True, exist_ok=True)
+    work = write_work(folder / "work")
     pythons = environments(folder, click.echo)
-    rows = identification(folder / "work", pythons, repeats, click.echo)
+    rows = identification(work, pythons, repeats, click.echo)
     compared = designs.beside(pythons)
     plans = [{key: row.get(key) for key in _PLANS} for row in compared.rows]
     shown = [table(map(told, rows)), "", table(plans), *compared.skipped]
@@ -70,10 +71,9 @@ def environments(folder: Path, say: Callable[[str], Any]) -> dict[str, Path]:
 
 
 def identification(
-    folder: Path, pythons: dict[str, Path], repeats: int, say: Callable[[str], Any]
+    work: Work, pythons: dict[str, Path], repeats: int, say: Callable[[str], Any]
 ) -> list[Row]:
     """Rows of all that identify, times as multiples of posecal's with full geometry."""
-    work = write_work(folder)
     run = {name: Path(sys.executable) for name in OWN} | pythons
     rows: list[Row] = []
     for name, python in run.items():

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.urdf import load_urdf
+from tests.calib.arm.test_mujoco import FLAGS
 from tests.plain_arm import frame, shift, turn
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
@@ -98,6 +101,13 @@ def read(folder: Path, joints: list[Joint], tip: str, others: Sequence[str] = ()
 
 def urdf(joints: list[Joint]) -> str:
     return f'<robot name="tree"><link name="root"/>{"".join(j.text for j in joints)}</robot>'
+
+
+def as_mjcf(text: str) -> str:
+    """A URDF as MuJoCo saves it."""
+    spec = mujoco.MjSpec.from_string(re.sub(r"(<robot[^>]*>)", r"\1" + FLAGS, text, count=1))
+    spec.compile()
+    return str(spec.to_xml())
 
 
 def tips_of(joints: list[Joint], tip: str, seed: int) -> list[str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arrays import Array
@@ -53,15 +52,15 @@ class Chain:
         rng = np.random.default_rng(n)
         self.kinds = ["fixed" if rng.random() < 0.2 else str(rng.choice(KINDS)) for _ in range(n)]
         self.kinds[rng.integers(n)] = "revolute"
-        self.xyz, self.rpy = rng.uniform(-0.6, 0.6, (n, 3)), rng.uniform(-3, 3, (n, 3))
-        self.axes = rng.normal(size=(n, 3))
+        xyz, rpy = rng.uniform(-0.6, 0.6, (n, 3)), rng.uniform(-3, 3, (n, 3))
+        axes = rng.normal(size=(n, 3))
         slides = np.array(self.kinds) == "prismatic"
         self.high = np.where(slides, 0.7, 2.5)
         text = '<?xml version="1.0"?>\n<robot name="chain">\n  <link name="l0"/>\n'
         for k, kind in enumerate(self.kinds):
             text += ELEMENT.format(
-                k=k + 1, before=k, kind=kind, mass=3.5, xyz=words(self.xyz[k]),
-                rpy=words(self.rpy[k]), axis=words(self.axes[k]), low=-self.high[k], high=self.high[k],
+                k=k + 1, before=k, kind=kind, mass=3.5, xyz=words(xyz[k]),
+                rpy=words(rpy[k]), axis=words(axes[k]), low=-self.high[k], high=self.high[k],
             )  # fmt: skip
         (folder / "arm.urdf").write_text(text + "</robot>\n")
         (folder / "cell.toml").write_text(CELL.format(n=n))
@@ -70,25 +69,6 @@ class Chain:
     def configurations(self, count: int) -> Array:
         rng = np.random.default_rng(count)
         return rng.uniform(-1, 1, (count, len(self.moving))) * self.high[self.moving]
-
-    def tip(self, q: Array) -> Array:
-        """Transform of the last link at one configuration: plain products of matrices."""
-        T = np.eye(4)
-        values = dict(zip(self.moving, q, strict=True))
-        for k, kind in enumerate(self.kinds):
-            T = T @ matrix(Rotation.from_euler("xyz", self.rpy[k]), self.xyz[k])
-            axis = self.axes[k] / np.linalg.norm(self.axes[k])
-            if kind == "prismatic":
-                T = T @ matrix(Rotation.identity(), values[k] * axis)
-            elif kind != "fixed":
-                T = T @ matrix(Rotation.from_rotvec(values[k] * axis), np.zeros(3))
-        return T
-
-
-def matrix(rotation: Rotation, shift: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation.as_matrix(), shift
-    return T
 
 
 @pytest.fixture(params=range(1, 10))

@@ -13,7 +13,6 @@ from studies.compare.experiment import POINTS, SimulatedExperiment, experiment_o
 from studies.compare.montecarlo import refits
 from studies.compare.prediction import predict
 from studies.demo.embedded import simulated
-from tests.helpers import with_effects
 
 pytestmark = pytest.mark.long
 
@@ -26,10 +25,8 @@ def demonstration(cell: Cell, plan: Poses) -> SimulatedExperiment:
     return replace(experiment_of(cell, plan), truth=truth, nominal=0.9 * truth)
 
 
-@pytest.mark.parametrize("geometry", [False, True], ids=["elastostatic", "with geometry"])
-def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses, geometry: bool) -> None:
-    effects = [e for e in kr270.effects if geometry or e != "geometry"]
-    experiment = demonstration(with_effects(kr270, *effects), table_two)
+def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses) -> None:
+    experiment = demonstration(kr270, table_two)
     prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
     done = refits(experiment, [prediction], TRIALS, seed=1)
     assert done.settled["points"].all()

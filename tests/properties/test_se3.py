@@ -26,15 +26,6 @@ def test_displacement_and_its_logarithm_are_inverse(xi: Array) -> None:
     np.testing.assert_allclose(se3.so3_log(T[:3, :3]), xi[3:], atol=1e-12)
 
 
-@given(twists, twists, twists)
-def test_composition_is_associative_and_stays_rigid(a, b, c) -> None:
-    A, B, C = se3.displacement(a), se3.displacement(b), se3.displacement(c)
-    np.testing.assert_allclose((A @ B) @ C, A @ (B @ C), atol=1e-12)
-    R = (A @ B)[:3, :3]
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-
-
 @given(twists)
 def test_inverse(xi) -> None:
     T = se3.displacement(xi)

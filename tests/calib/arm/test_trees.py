@@ -19,6 +19,7 @@ from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.effects import EFFECTS
 from calib.errors import CalibError
+from calib.files.mjcf import load_mjcf
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
@@ -30,21 +31,26 @@ from tests.helpers import (
     random_context,
     random_poses,
 )
-from tests.trees import random_tree, read, tips_of, urdf
+from tests.trees import as_mjcf, random_tree, read, tips_of, urdf
 
-SEEDS = range(50)
-BETWEEN = ("joint_offset", "geometry", "joint_compliance", "bearing_compliance", "backlash")
+SEEDS = range(20)
 
 
 class Tree:
-    """A random robot, and MuJoCo's of the same file."""
+    """A random robot, and MuJoCo's of the same file, a URDF or an MJCF."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, form: str = "urdf") -> None:
         joints, chain = random_tree(seed)
         tip = f"c{len(chain)}"
+        others = tips_of(joints, tip, seed)
         self.rng = np.random.default_rng(seed)
-        self.robot: Robot = read(folder, joints, tip, tips_of(joints, tip, seed))
         self.model: Any = in_mujoco(urdf(joints))
+        self.robot: Robot = read(folder, joints, tip, others)
+        if form == "mjcf":
+            (folder / "tree.xml").write_text(as_mjcf(urdf(joints)))
+            self.robot = load_mjcf(folder / "tree.xml", "c0", tip, others)
+            self.model = mujoco.MjModel.from_xml_path(str(folder / "tree.xml"))
+        assert self.robot.tips == (*others, tip)
         self.model.opt.gravity = GRAVITY
         self.data: Any = mujoco.MjData(self.model)
         own = [self.model.joint(name) for name in self.robot.joints]
@@ -75,9 +81,10 @@ class Tree:
         return replace(model_of(context, kinds), marker_frames=frames)
 
 
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_tips_and_torques_are_those_of_mujoco(tmp_path: Path, seed: int) -> None:
-    tree = Tree(tmp_path, seed)
+def test_tips_and_torques_are_those_of_mujoco(tmp_path: Path, seed: int, form: str) -> None:
+    tree = Tree(tmp_path, seed, form)
     robot, q = tree.robot, tree.poses.q
     frames = forward(robot, q)
     for i, row in enumerate(q):

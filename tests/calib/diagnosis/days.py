@@ -15,7 +15,7 @@ from studies.research.withheld.draw import EASY, Case, draw_scene
 from studies.research.withheld.effects import turned
 from studies.research.withheld.keys import write_case
 from studies.research.withheld.robots import ARMS
-from studies.research.withheld.scene import Scene, hung
+from studies.research.withheld.scene import Scene
 from studies.research.withheld.truth import Action, State
 from studies.research.withheld.visible import Projector, at_rest
 
@@ -46,28 +46,11 @@ def settling(where: str) -> Act:
     return joint_error(where, lambda scene: -1e-4 * _last(scene, where))
 
 
-def settling_by_speed(where: str) -> Act:
-    """The same after synchronised moves, where the speed near the end is the share of the longest."""
-
-    def error(scene: Scene) -> Array:
-        longest = np.maximum(scene.session.motion.max(axis=1), 1e-9)
-        return np.asarray(-1e-4 * _last(scene, where) / longest)
-
-    return joint_error(where, error)
-
-
 def lost_motion(where: str) -> Act:
     """Backlash: the side from which the joint came, whatever the move."""
     return joint_error(
         where, lambda scene: 1e-4 * scene.session.approach[:, scene.arm.names.index(where)]
     )
-
-
-def heavier_payload(scene: Scene, state: State) -> Action:
-    """The payload is a little heavier than the cell says."""
-    action = scene.nothing()
-    action.load[:, -1] += 0.06 * hung(state.R_link[:, -1], scene.payload, scene.com)
-    return action
 
 
 def heavier_load(scene: Scene, state: State) -> Action:

@@ -1,18 +1,24 @@
-"""Cells whose markers ride on several links: read, refused in one line, and written."""
+"""Robots that are trees, and cells whose markers ride on several links: read, refused, and written."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
-from calib.arm.kinematics import forward
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cell import load_cell
 from calib.files.robot_out import corrected_robot
-from tests.calib.arm.test_mujoco import body_positions, in_mujoco
-from tests.trees import random_tree, read, tips_of, urdf
+from calib.files.shapes import urdf_shapes
+from tests.calib.arm.test_mujoco import in_mujoco
+from tests.trees import as_mjcf, placed, random_tree, read, tips_of, urdf
 
 MARKERS = """
 right = [100, 20, 50]
@@ -28,11 +34,28 @@ def cell_text(on: str, robot: str = 'urdf = "tree.urdf"', more: str = "", tip: s
     )
 
 
-def written(folder: Path, *args: str, **named: str) -> Path:
-    joints, chain = random_tree(3)
+MJCF = 'mjcf = "tree.xml"'
+
+
+def written(folder: Path, *args: str, seed: int = 3, **named: str) -> Path:
+    joints, chain = random_tree(seed)
     (folder / "tree.urdf").write_text(urdf(joints))
+    (folder / "tree.xml").write_text(as_mjcf(urdf(joints)))
     (folder / "cell.toml").write_text(cell_text(*args, tip=f"c{len(chain)}", **named))
     return folder / "cell.toml"
+
+
+def other_tip(seed: int) -> str:
+    joints, chain = random_tree(seed)
+    return tips_of(joints, f"c{len(chain)}", seed)[0]
+
+
+def stand(model: Any, data: Any, robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Move there; rotation and place of the base."""
+    data.qpos[:] = 0.0
+    data.qpos[[int(model.joint(name).qposadr[0]) for name in robot.joints]] = q
+    mujoco.mj_forward(model, data)
+    return data.body("c0").xmat.reshape(3, 3), data.body("c0").xpos
 
 
 def test_a_marker_rides_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
@@ -60,6 +83,12 @@ def test_a_marker_rides_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
             "tree.urdf: has no link 'c99'; set 'on' of what it carries to one of: root, c0",
         ),
         ("root", {}, "link root: no chain of joints leads from 'c0' to it"),
+        (
+            "c99",
+            {"robot": MJCF},
+            "has no body or site 'c99'; set 'on' of what it carries to a site, or to one of",
+        ),
+        ("root", {"robot": MJCF}, "no chain of bodies leads from 'c0' to it"),
         (
             "b0",
             {"robot": 'dh = "tree.csv"\ndh_convention = "classic"'},
@@ -96,37 +125,65 @@ def test_loads_hang_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
     assert load_cell(written(tmp_path, tip, more=text.replace(other, tip))).payload.frame == -1
 
 
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
 @pytest.mark.parametrize("seed", range(8))
-def test_a_corrected_tree_leads_to_the_same_markers_in_mujoco(tmp_path: Path, seed: int) -> None:
-    joints, chain = random_tree(seed)
-    tip = f"c{len(chain)}"
-    (other,) = tips_of(joints, tip, seed)[:1]
-    (tmp_path / "tree.urdf").write_text(urdf(joints))
-    (tmp_path / "cell.toml").write_text(cell_text(other, tip=tip))
-    cell = load_cell(tmp_path / "cell.toml")
+def test_a_corrected_tree_leads_to_the_same_markers_in_mujoco(
+    tmp_path: Path, seed: int, form: str
+) -> None:
+    named = {"robot": MJCF} if form == "mjcf" else {}
+    cell: Cell = load_cell(written(tmp_path, other_tip(seed), seed=seed, **named))
     rng = np.random.default_rng(seed)
     corrections = rng.normal(size=(cell.robot.frame_count, 6)) * 1e-2
     corrections[0] = 0.0
     markers = dict(zip(cell.marker_names, cell.markers, strict=True))
-    text = corrected_robot(cell, "urdf", corrections, markers, tmp_path / "out.urdf").text
-    model = in_mujoco(text)
+    text = corrected_robot(cell, form, corrections, markers, tmp_path / f"out.{form}").text
+    model: Any = in_mujoco(text) if form == "urdf" else mujoco.MjModel.from_xml_string(text)
+    data: Any = mujoco.MjData(model)
+    marked = data.body if form == "urdf" else data.site
     q = rng.uniform(-1.0, 1.0, (4, cell.robot.dof))
-    every = np.zeros((4, model.nq))
-    every[:, [int(model.joint(j).qposadr[0]) for j in cell.robot.joints]] = q
-    base, right, left = np.moveaxis(
-        body_positions(model, ["c0", "marker_right", "marker_left"], every), 1, 0
-    )
     frames = forward(cell.robot, q, corrections)
-    ours = [
-        frames.o[:, frame] + frames.R[:, frame] @ point
-        for frame, point in zip(cell.marker_frames, cell.markers, strict=True)
-    ]
-    # Lengths from the base and between the hands: in whatever axes MuJoCo has the base.
-    for a, b, mine in (
-        (right, base, ours[0]),
-        (left, base, ours[1]),
-        (right, left, ours[0] - ours[1]),
-    ):
-        np.testing.assert_allclose(
-            np.linalg.norm(a - b, axis=1), np.linalg.norm(mine, axis=1), atol=1e-9
-        )
+    for i, row in enumerate(q):
+        R, p = stand(model, data, cell.robot, row)
+        for name, frame in zip(cell.marker_names, cell.marker_frames, strict=True):
+            ours = frames.o[i, frame] + frames.R[i, frame] @ markers[name]
+            np.testing.assert_allclose(R @ ours + p, marked(f"marker_{name}").xpos, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shapes_beside_the_chain_go_with_the_link_that_carries_them(
+    tmp_path: Path, seed: int
+) -> None:
+    """All beside the chain, and beyond its tip, is held at zero."""
+    joints, chain = random_tree(seed)
+    tip = f"c{len(chain)}"
+    robot = read(tmp_path, joints, tip)
+    shapes = urdf_shapes(tmp_path / "tree.urdf", "c0", tip)
+    T = placed(joints, {})
+    owner: dict[str, str] = {"c0": "base"}
+    for joint in joints:
+        if joint.parent in owner:
+            own = joint.name if joint.name in robot.joints else owner[joint.parent]
+            owner[joint.child] = own
+    carrier = {"base": "c0"} | {j.name: j.child for j in joints}
+    for name, capsules in shapes.capsules.items():
+        links = [j for j in joints if owner.get(j.child) == name]
+        frame = np.linalg.inv(T[carrier[name]])
+        expected = sorted(tuple((frame @ T[j.child] @ [*j.com, 1.0])[:3]) for j in links)
+        np.testing.assert_allclose(sorted(c.start for c in capsules), expected, atol=1e-9)
+
+
+def test_shapes_of_an_mjcf_go_with_the_joint_that_carries_them(tmp_path: Path) -> None:
+    """On every branch, whatever its joints are numbered."""
+    robot = load_cell(written(tmp_path, other_tip(5), MJCF, seed=5)).robot
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "tree.xml"))
+    data = mujoco.MjData(model)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (1, robot.dof))
+    R, p = stand(model, data, robot, q[0])
+    frames = forward(robot, q)
+    origins = link_origins(robot, frames, q)
+    for frame, joint in enumerate(robot.joints, 1):
+        for capsule in robot.shapes.capsules.get(joint, ()):
+            ends = np.array([capsule.start, capsule.end])
+            at = ends @ frames.R_link[0, frame].T + origins[0, frame]
+            near = np.linalg.norm(data.geom_xpos - (R @ at[0] + p), axis=1).min()
+            assert near < capsule.radius + 1e-9

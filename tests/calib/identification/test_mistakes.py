@@ -59,7 +59,6 @@ def exchanged_at(poses: Sequence[int], a: int = 0, b: int = 1) -> Callable[[Arra
 
 
 _MIRRORED = {
-    "x": lambda p: p * [-1.0, 1.0, 1.0],
     "y": lambda p: p * [1.0, -1.0, 1.0],
     "z": lambda p: p * [1.0, 1.0, -1.0],
     "all": np.negative,
@@ -87,15 +86,14 @@ def test_a_mirrored_frame_whose_place_is_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("arm", ["heavy", "scara"])
 @pytest.mark.parametrize(
-    ("shown", "factor", "holds", "named"),
+    ("arm", "shown", "factor", "holds", "named"),
     [
-        ("mm", 1e-3, "metres", "millimetres"),
-        ("m", 1e3, "millimetres", "metres"),
-        ("mm", 1.0 / 25.4, "inches", "millimetres"),
-        ("m", 1.0 / 0.0254, "inches", "metres"),
-        ("mm", 25.4, "millimetres", "inches"),
+        ("heavy", "mm", 1e-3, "metres", "millimetres"),
+        ("scara", "m", 1e3, "millimetres", "metres"),
+        ("scara", "mm", 1.0 / 25.4, "inches", "millimetres"),
+        ("heavy", "m", 1.0 / 0.0254, "inches", "metres"),
+        ("heavy", "mm", 25.4, "millimetres", "inches"),
     ],
 )
 def test_points_in_another_unit(
@@ -115,9 +113,9 @@ def test_sliding_joints_in_another_unit(tmp_path: Path) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(
-    ("shown", "factor", "holds"), [("deg", np.pi / 180, "radians"), ("rad", 180 / np.pi, "degrees")]
+    ("arm", "shown", "factor", "holds"),
+    [("heavy", "deg", np.pi / 180, "radians"), ("scara", "rad", 180 / np.pi, "degrees")],
 )
 def test_degrees_and_radians(
     arm: str, shown: str, factor: float, holds: str, tmp_path: Path
@@ -131,9 +129,7 @@ def test_degrees_and_radians(
     assert f"name the columns {first}_{holds[:3]}" in mistake.text
 
 
-_REVERSED = [*(("heavy", j) for j in HEAVY.names), ("scara", "J2"), ("scara", "Z"), ("seven", "A3")]
-
-
+_REVERSED = [("heavy", "A2"), ("heavy", "A5"), ("heavy", "A6"), ("scara", "Z"), ("seven", "A3")]
 _TWINS = {"Z": {"mirrored"}, "A5": {"A4 off by 180 deg"}, "A6": {"A5 off by 180 deg"}}
 """The same arm with a free tool: half a turn of the joint before turns the axis round."""
 
@@ -150,15 +146,13 @@ def turned(arm: Arm, degrees: dict[str, float]) -> Callable[[Array], Array]:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("markers", [1, 3])
 @pytest.mark.parametrize(
-    ("arm", "joint", "degrees"),
+    ("arm", "joint", "degrees", "markers"),
     [
-        (HEAVY, "A2", 90),
-        (HEAVY, "A3", -90),
-        (HEAVY, "A5", 90),
-        (SCARA, "J2", 180),
-        (SEVEN, "A4", 90),
+        (HEAVY, "A2", 90, 1),
+        (HEAVY, "A3", -90, 3),
+        (SCARA, "J2", 180, 1),
+        (SEVEN, "A4", 90, 3),
     ],
 )
 def test_a_zero_of_another_convention(
@@ -195,9 +189,10 @@ def test_a_zero_off_by_no_quarter_is_no_convention(tmp_path: Path) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("markers", [1, 3])
-@pytest.mark.parametrize("arm", ARMS)
-@pytest.mark.parametrize("by", [1, -1])
+@pytest.mark.parametrize(
+    ("arm", "markers", "by"),
+    [("heavy", 1, 1), ("heavy", 3, -1), ("scara", 3, 1), ("seven", 1, -1)],
+)
 def test_points_shifted_by_one_pose(arm: str, markers: int, by: int, tmp_path: Path) -> None:
     """As a user has them who pastes a column one line too high or too low: one end has no partner."""
     good = day(ARMS[arm], 19, markers=markers)
@@ -211,7 +206,7 @@ def test_points_shifted_by_one_pose(arm: str, markers: int, by: int, tmp_path: P
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(("first", "last"), [(0, 30), (12, 50), (30, 50), (43, 50)])
+@pytest.mark.parametrize(("first", "last"), [(0, 30), (12, 50), (43, 50)])
 def test_points_shifted_from_a_lost_one_on(first: int, last: int, tmp_path: Path) -> None:
     def lost(points: Array) -> Array:
         points = points.copy()
@@ -234,7 +229,7 @@ def test_poses_held_out_hide_no_shift(tmp_path: Path) -> None:
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     ("arm", "one", "other"),
-    [(HEAVY, 1, 2), (HEAVY, 3, 5), (HEAVY, 4, 5), (SCARA, 0, 1), (SCARA, 1, 3), (SEVEN, 0, 6)],
+    [(HEAVY, 1, 2), (HEAVY, 4, 5), (SCARA, 1, 3), (SEVEN, 0, 6)],
 )
 def test_two_joints_swapped(arm: Arm, one: int, other: int, tmp_path: Path) -> None:
     order = np.arange(arm.dof)
@@ -243,8 +238,9 @@ def test_two_joints_swapped(arm: Arm, one: int, other: int, tmp_path: Path) -> N
     assert names(wrong, tmp_path) == {f"{arm.names[one]} and {arm.names[other]} swapped"}
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("arm", "before", "joint"), [(HEAVY, 1, 2), (SCARA, 0, 1)])
+@pytest.mark.parametrize(
+    ("arm", "before", "joint", "sign"), [(HEAVY, 1, 2, 1.0), (SCARA, 0, 1, -1.0)]
+)
 def test_a_joint_counted_from_the_base(
     arm: Arm, before: int, joint: int, sign: float, tmp_path: Path
 ) -> None:
@@ -261,7 +257,7 @@ def test_a_joint_counted_from_the_base(
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     ("arm", "markers", "count"),
-    [("heavy", 2, 1), ("heavy", 3, 19), ("scara", 3, 6), ("seven", 2, 19), ("seven", 3, 1)],
+    [("heavy", 2, 1), ("heavy", 3, 19), ("scara", 3, 6), ("seven", 2, 19)],
 )
 def test_two_markers_exchanged_at_some_poses(
     arm: str, markers: int, count: int, tmp_path: Path
@@ -322,9 +318,7 @@ def test_nothing_is_said_of_an_arm_that_errs(arm: str, markers: int, tmp_path: P
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    "name", ["irb120_faro", "irb120_wu2015", "fanuc_r2000", "ur10_leica_b", "meca500_right80"]
-)
+@pytest.mark.parametrize("name", ["irb120_faro", "fanuc_r2000", "ur10_leica_b", "meca500_right80"])
 def test_real_days(data: Path, name: str) -> None:
     """Nothing of them as they are; mirrored, or with a joint reversed, that alone."""
     cell = calib.load_cell(data / name / "cell.toml")

@@ -233,10 +233,13 @@ def test_the_joint_that_is_worn_is_named_whatever_its_size(tiago: tuple[Cell, An
 
 @pytest.mark.long
 def test_a_base_that_yields_is_named_on_a_column(data: Path) -> None:
-    """The ground under a construction robot, by a seesaw: 24.7 urad/(N m) by a fit that was told."""
+    """The ground under a construction robot, by a seesaw: 24.7 urad/(N m) by a fit that was told.
+
+    Every other reading is enough.
+    """
     cell = calib.load_cell(data / "hilti_column" / "cell.toml")
     whole = calib.load_measurements(cell, data / "hilti_column" / "seesaw.csv")
-    kept, held = whole.split(0.3, np.random.default_rng(0))
+    kept, held = whole.take(slice(None, None, 2)).split(0.3, np.random.default_rng(0))
     found = calib.diagnose(cell, kept, heldout=held)
     named = {c.named.candidate.key: c for c in found.causes}
     assert 18e-6 < float(named["base_compliance:base"].values[0]) < 28e-6

@@ -26,7 +26,6 @@ OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])
         pytest.param("kr270", True, 1.5e-5, (9, 14), marks=pytest.mark.part),
         pytest.param("kr270", False, 0.0, range(20), marks=pytest.mark.long),
         pytest.param("kr270", True, 1.5e-5, range(20), marks=pytest.mark.long),
-        pytest.param("kr270, hand", False, 0.0, range(20), marks=pytest.mark.long),
         pytest.param("kr270, two", False, 0.0, range(20), marks=pytest.mark.long),
     ],
 )

@@ -21,6 +21,7 @@ from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of, visible
+from doe.problem.pool import drawn as drawn_poses
 from studies.compare.agreement import agreement, band
 from studies.compare.compare import compare, reason
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
@@ -215,7 +216,8 @@ def test_influence_where_a_pose_shows_one_of_two_boards(tmp_path: Path) -> None:
     """Rows of channels that are not read are left out of an observation."""
     other = PLATE.replace("plate", "other").replace('on = "tip"', 'on = "left_hand"')
     cell = calib.load_cell(written(tmp_path, PLATE, other, EYE, effects='"tool", "joint_offset"'))
-    poses = doe.design(cell, poses=12, candidates=600, refine=False, reapproach=0).poses
+    q = np.concatenate([own.q for own in drawn_poses(cell, 300, None, 0)])
+    poses = poses_at(q[visible(scene_of(cell, q)).any(axis=1)][:12])
     experiment = experiment_of(cell, poses)
     seen = visible(scene_of(cell, poses.q))
     assert not seen.all()

@@ -17,8 +17,7 @@ from tests.studies.command_line import checked, run
 @pytest.mark.parametrize(
     ("setup", "again"),
     [
-        ("kr270, hand", ("--only", "identify")),
-        pytest.param("kr270, two", (), marks=pytest.mark.long),
+        ("kr270, two", ("--only", "identify")),
         pytest.param("kr270", (), marks=pytest.mark.long),
     ],
 )

@@ -74,8 +74,6 @@ def test_an_arm_that_limits_a_camera_in_hand(tmp_path: Path) -> None:
     ("kind", "off"),
     [
         ("camera on base", 0.0),  # whose free geometry takes half of the misfit
-        pytest.param("camera on base", OFF, marks=pytest.mark.long),
-        pytest.param("camera in hand", 0.0, marks=pytest.mark.long),
         pytest.param("camera in hand", OFF, marks=pytest.mark.long),
     ],
 )

@@ -16,7 +16,7 @@ from calib import Cell, Measurements, load_cell, load_measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from studies.demo.embedded import embedded_text
-from studies.research.cameras import poses_that_show
+from studies.research.cameras import pixels, poses_that_show
 from tests.plain_arm import frame, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
@@ -168,7 +168,6 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
         name: s.frame() @ frame(off * placing.uniform(-1, 1, 6))
         for name, s in (*setup.cameras.items(), *setup.boards.items())
     }
-    K = np.array([[truth.lens[0], 0, truth.lens[2]], [0, truth.lens[1], truth.lens[3]], [0, 0, 1]])
     joints = [f"{joint}_rad" for joint in robot.joints]
     read = ["u_px", "v_px", *(["x_mm", "y_mm", "z_mm"] if setup.tracker else [])]
     empty = ",,," if setup.tracker else ""
@@ -187,11 +186,9 @@ def measured(cell_path: Path, setup: Setup, truth: Truth, q: Array, names: Seque
                 T = eye @ (tip @ true[board] if b.on == "tip" else true[board])
                 if T[2, 3] < 0.05 or T[:3, 2] @ T[:3, 3] < 0.5 * np.linalg.norm(T[:3, 3]):
                     continue  # behind the camera, or seen from behind or from too far aside
-                uv, _ = cv2.projectPoints(
-                    points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, truth.lens[4:]
-                )
-                sigma = sigma_px * (grown(uv[:, 0]) if truth.grows else 1.0)
-                uv = uv[:, 0] + rng.normal(0.0, sigma, (len(points), 2))
+                uv = pixels(points, T, truth.lens[:2], truth.lens[2:4], truth.lens[4:])
+                sigma = sigma_px * (grown(uv) if truth.grows else 1.0)
+                uv = uv + rng.normal(0.0, sigma, (len(points), 2))
                 if (uv < 0.0).any() or (uv > np.array(IMAGE) - 1.0).any():
                     continue
                 lines += [

@@ -11,8 +11,9 @@ import pytest
 import calib
 from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
 from calib.files.write_tables import measurements_csv
-from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
+from studies.demo.embedded import embedded_cell, embedded_plan, simulated
 from tests.bad_inputs.edits import effects, without
+from tests.studies.command_line import paper_cell
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +25,7 @@ def good_table() -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path, good_table: str) -> Path:
-    for name in INPUTS:
-        (tmp_path / name).write_text(embedded_text(name))
+    paper_cell(tmp_path)
     (tmp_path / "measurements.csv").write_text(good_table)
     return tmp_path
 

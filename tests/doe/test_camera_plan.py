@@ -19,6 +19,7 @@ from doe import design
 from doe.constraints import hidden_by, scene_of, visible
 from doe.problem.pool import drawn
 from studies.explain.topics import written
+from studies.research.cameras import pixels
 from tests.calib.files.test_images import SQUARES, chessboard
 from tests.camera_cells import kr270_cell
 from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph, read_images
@@ -62,11 +63,10 @@ def test_every_pose_of_a_plan_is_found_by_opencv(tables: tuple[str, str], tmp_pa
     cell = load_cell(path)
     pattern = pattern_of(path, "b")
     plan = design(cell, poses=20, candidates=2000)
-    K = np.array([[FOCAL, 0.0, CENTER[0]], [0.0, FOCAL, CENTER[1]], [0.0, 0.0, 1.0]])
     found = 0
     for T in placed(cell, plan.poses.q):
-        uv, _ = cv2.projectPoints(pattern.points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, None)
-        assert ((uv[:, 0] >= 9.99) & (uv[:, 0] <= np.array(SIZE) - 9.99)).all()
+        uv = pixels(pattern.points, T, FOCAL, CENTER)
+        assert ((uv >= 9.99) & (uv <= np.array(SIZE) - 9.99)).all()
         sight = pattern.points @ T[:3, :3].T + T[:3, 3]
         angles = np.arccos(sight @ T[:3, 2] / np.linalg.norm(sight, axis=1))
         assert np.degrees(angles).max() <= 60.01, "leans at most so far, and shows its face"

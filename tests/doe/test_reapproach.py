@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 import doe
@@ -29,10 +28,9 @@ from doe.problem.levels import levels_of
 from doe.problem.request import Request
 from doe.problem.visits import Visits
 from doe.visiting import reapproaches_of, usual_reapproaches, with_reapproaches
-from studies.cli import main
-from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
+from tests.studies.command_line import paper_cell, run
 
 QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "fresh": False, "criterion": "D"}
 FEW: dict[str, Any] = QUICK | {"candidates": 250}
@@ -139,16 +137,14 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
 
 @pytest.mark.long
 def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
-    for name in INPUTS:
-        (tmp_path / name).write_text(embedded_text(name))
-    path = tmp_path / "cell.toml"
-    text = path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#")
-    path.write_text(text)
+    path = paper_cell(tmp_path)
+    path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#"))
     assert reapproaches_of(load_cell(path), None) == 4
     assert reapproaches_of(load_cell(path), 0) == 0
-    arguments = ["design", str(path), "--poses", "15", "--candidates", "700", "--no-polish"]
-    arguments += ["--levels", "A2=5x3", "--reapproach", "3", "--json", str(tmp_path / "best.json")]
-    done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "best.csv")])
+    done = run(
+        "design", path, "--poses", 15, "--candidates", 700, "--no-polish", "--levels", "A2=5x3",
+        "--reapproach", 3, "--json", tmp_path / "best.json", "-o", tmp_path / "best.csv",
+    )  # fmt: skip
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
     assert "15 poses and 3 repeat visits" in said

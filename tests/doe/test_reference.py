@@ -18,9 +18,9 @@ from calib.files.write_tables import plan_csv
 from calib.model.build import build
 from doe.constraints import scene_of, visible
 from doe.visiting import spacing, with_reference
-from studies.demo.embedded import INPUTS, embedded_text
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, read_by, with_effects
+from tests.studies.command_line import paper_cell
 
 ELASTIC = ("joint_compliance:A2,A3,A4,A5,A6",)
 LEVELS = "A2=-100,-20x4"
@@ -69,9 +69,7 @@ def test_its_repeats_add_most(elastic: Cell, plain: doe.Design) -> None:
 @pytest.mark.long
 def test_its_repeats_count_in_what_is_expected(tmp_path: Path) -> None:
     """The cell asks for it, the plan comes back from its file, and the covariance holds it."""
-    for name in INPUTS:
-        (tmp_path / name).write_text(embedded_text(name))
-    path = tmp_path / "cell.toml"
+    path = paper_cell(tmp_path)
     path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreference_every = 5\n#"))
     cell = with_effects(load_cell(path), *ELASTIC)
     assert spacing(cell, 0) == 0

@@ -15,11 +15,10 @@ from calib.arrays import Array
 from calib.cell import Cell
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
+from studies.research.cameras import corners, frame, pixels
 from tests.calib.arm.test_mujoco import in_mujoco
-from tests.photographs import cv2
 from tests.two_arms import EYE, PLATE, in_view, urdf, written
 
-K = np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 480.0], [0.0, 0.0, 1.0]])
 T_HEAD_EYE = from_xyz_rpy(np.array([0.05, 0.0, 0.06]), np.radians([-110.0, 0.0, -90.0]))
 T_HAND_PLATE = from_xyz_rpy(np.array([-0.04, -0.03, -0.02]), np.zeros(3))
 CAPSULE = "[[robot.capsules_mm.{}]]\nfrom = {}\nto = {}\nradius = {}\n"
@@ -34,9 +33,8 @@ def between(cell: Cell, q: Array) -> Array:
         mujoco.mj_forward(model, data)
         ends = []
         for name, T in (("head", T_HEAD_EYE), ("right_hand", T_HAND_PLATE)):
-            body, own = data.body(name), np.eye(4)
-            own[:3, :3], own[:3, 3] = body.xmat.reshape(3, 3), body.xpos
-            ends.append(own @ T)
+            body = data.body(name)
+            ends.append(frame(body.xpos, body.xmat.reshape(3, 3)) @ T)
         found.append(np.linalg.inv(ends[0]) @ ends[1])
     return np.array(found)
 
@@ -44,11 +42,11 @@ def between(cell: Cell, q: Array) -> Array:
 def test_every_pose_of_a_plan_shows_the_head_the_board(tmp_path: Path) -> None:
     cell = load_cell(written(tmp_path, PLATE, EYE, effects='"base", "tool", "joint_offset"'))
     plan = design(cell, poses=12, candidates=1500)
-    points = np.array([[20.0 * x, 20.0 * y, 0.0] for y in range(1, 5) for x in range(1, 6)]) * 1e-3
+    points = corners(5, 4, 0.02)
     for T in between(cell, plan.poses.q):
-        uv, _ = cv2.projectPoints(points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], K, None)
+        uv = pixels(points, T, 900.0, (640.0, 480.0))
         assert (uv >= 9.99).all()
-        assert (uv[:, 0] <= np.array([1270.01, 950.01])).all()
+        assert (uv <= np.array([1270.01, 950.01])).all()
         sight = points @ T[:3, :3].T + T[:3, 3]
         lean = np.arccos(sight @ T[:3, 2] / np.linalg.norm(sight, axis=1))
         assert np.degrees(lean).max() <= 60.01

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,13 @@ def cell_of(*effects: str) -> Cell:
 
 
 ALL = cell_of("tool", "joint_offset", "backlash:j1", "base_drift")
+QUICK: dict[str, Any] = {"poses": 14, "criterion": "D", "candidates": 400, "fresh": False}
+
+
+@cache
+def planned(*effects: str) -> doe.Design:
+    """A plan for a tool, joint offsets and these, made once for all that ask for it."""
+    return doe.design(cell_of("tool", "joint_offset", *effects), reapproach=0, **QUICK)
 
 
 def candidates(problem: Problem, q: np.ndarray) -> Pool:
@@ -100,8 +108,8 @@ def test_orders_against_all_of_them() -> None:
 )
 def test_a_plan_on_paper_tells_what_was_promised(tmp_path: Path, effects: tuple[str, ...]) -> None:
     """Standard deviations from the file alone, by calib, are those of the design."""
-    cell = cell_of("tool", "joint_offset", *effects)
-    plan = doe.design(cell, poses=14, criterion="D", candidates=400, fresh=False, reapproach=0)
+    plan = planned(*effects)
+    cell = plan.problem.cell
     (tmp_path / "plan.csv").write_text(plan_csv(cell, plan.poses))
     poses = calib.load_plan(cell, tmp_path / "plan.csv")
     J = calib.observation(cell, poses)
@@ -111,10 +119,7 @@ def test_a_plan_on_paper_tells_what_was_promised(tmp_path: Path, effects: tuple[
 
 
 def test_sides_are_balanced_and_driven() -> None:
-    plan = doe.design(
-        cell_of("tool", "joint_offset", "backlash"),
-        poses=12, criterion="D", candidates=400, fresh=False, reapproach=0,
-    )  # fmt: skip
+    plan = planned("backlash")
     assert plan.poses.approach is not None
     assert (np.abs(plan.poses.approach.sum(axis=0)) <= 4).all()
     points = plan.day.driven
@@ -126,19 +131,11 @@ def test_sides_are_balanced_and_driven() -> None:
 
 
 def test_a_planned_order_tells_more_than_one_by_chance() -> None:
-    cell = cell_of("tool", "joint_offset", "base_drift")
-    plan = doe.design(cell, poses=12, criterion="D", candidates=400, fresh=False)
-    rng = np.random.default_rng(0)
-
-    def by_chance() -> float:
-        q = plan.poses.q[rng.permutation(12)]
-        judged = doe.design(
-            cell, poses=12, criterion="D", candidates=400, fresh=False,
-            against={"by chance": poses_at(q, time=plan.poses.time)},
-        )  # fmt: skip
-        return judged.rivals["by chance"].efficiency
-
-    assert by_chance() < plan.efficiency
+    plan = planned("base_drift")
+    q = plan.poses.q[np.random.default_rng(0).permutation(len(plan.poses))]
+    by_chance = poses_at(q, time=plan.poses.time)
+    judged = doe.design(plan.problem.cell, reapproach=0, against={"by chance": by_chance}, **QUICK)
+    assert judged.rivals["by chance"].efficiency < plan.efficiency
 
 
 def test_the_time_is_needed() -> None:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib.files.write_tables import measurements_csv
-from studies.cli import main
 from studies.demo.embedded import embedded_text, simulated
 from tests.calib.files.test_images import charuco
 from tests.camera_cells import PINHOLE, camera_cell, kr270_cell
 from tests.studies.command_line import paper_cell
+from tests.studies.command_line import run as posecal
 
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["import", *(str(a) for a in arguments)])
+run = partial(posecal, "import")
 
 
 @pytest.fixture(scope="module")

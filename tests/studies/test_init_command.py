@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 import calib
 import doe
 from calib.model.build import build
-from studies.cli import main
 from studies.demo.embedded import embedded_text
 from tests import two_arms
 from tests.calib.files.test_dh import TABLES
 from tests.calib.files.test_kinematics import franka_text, ur_text
+from tests.helpers import all_seen
+from tests.studies.command_line import run as posecal
 
 MJCF = """<mujoco model="hand arm"><worldbody>
 <body name="base"><geom size="0.1" mass="5"/>
@@ -29,8 +30,7 @@ MJCF = """<mujoco model="hand arm"><worldbody>
 </body></body></body></worldbody></mujoco>"""
 
 
-def init(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["init", *(str(a) for a in arguments)])
+init = partial(posecal, "init")
 
 
 def urdf(joints: str) -> str:
@@ -92,7 +92,7 @@ def test_it_can_be_planned_with_at_once(tmp_path: Path) -> None:
     assert init(tmp_path / "arm.csv", "-o", tmp_path / "cell", "--dh", "classic").exit_code == 0
     plan = tmp_path / "plan.csv"
     call = ["design", tmp_path / "cell" / "cell.toml", "--candidates", "500", "-o", plan]
-    done = CliRunner().invoke(main, [*map(str, call), "--no-polish", "--criterion", "D"])
+    done = posecal(*call, "--no-polish", "--criterion", "D")
     assert done.exit_code == 0, done.output
     cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
     assert len(calib.load_plan(cell, plan)) == 30
@@ -209,9 +209,7 @@ def test_both_arms_of_a_torso(tmp_path: Path) -> None:
     plan = doe.design(cell, poses=14, candidates=300, fresh=False)
     model = build(cell, plan.poses).model
     truth = 0.1 * model.sizes * np.random.default_rng(0).normal(size=len(model.parameters))
-    points = model.predict(truth, plan.poses)
-    seen = np.ones(points.shape[:-1], dtype=bool)
-    exact = calib.Measurements(plan.poses, points, seen, np.full(seen.shape, np.nan))
+    exact = all_seen(plan.poses, model.predict(truth, plan.poses))
     found = calib.identify(replace(cell, size_prior={}), exact)
     np.testing.assert_allclose(found.values, truth, atol=1e-6 * model.sizes.max(), rtol=0)
 

@@ -6,11 +6,11 @@ import csv
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 import calib
 from calib.arm.robot import Source
@@ -20,15 +20,13 @@ from doe.constraints import constraints_of
 from doe.constraints.clearance import Clearance
 from doe.day.day import day_of
 from doe.day.straight import straight
-from studies.cli import main
 from studies.programs.languages import LANGUAGES, axis_names, identifier
 from studies.programs.stops import Stop, plain_text, plan_stops
 from tests.helpers import cell_of, random_robot
 from tests.studies.command_line import paper_cell
+from tests.studies.command_line import run as posecal
 
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["program", *(str(a) for a in arguments)])
+run = partial(posecal, "program")
 
 
 @pytest.fixture

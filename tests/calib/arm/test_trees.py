@@ -22,10 +22,11 @@ from calib.errors import CalibError
 from calib.files.mjcf import load_mjcf
 from calib.model import Model
 from calib.model.build import build
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import Poses, poses_at
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.helpers import (
     GRAVITY,
+    all_seen,
     central_difference,
     model_of,
     random_context,
@@ -224,9 +225,7 @@ def test_two_hands_on_a_torso_are_identified_together(seed: int) -> None:
     model = build(cell, poses).model
     values = truth * model.sizes
     readings = model.predict(values, poses)
-    shape = readings.shape[:-1]
-    data = Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
-    found = calib.identify(cell, data)
+    found = calib.identify(cell, all_seen(poses, readings))
     np.testing.assert_allclose(found.values / model.sizes, truth, atol=1e-6)
     assert {p.where for p in model.parameters} >= {"torso", "right3", "left3"}
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+
+from tests.studies.command_line import run
 
 pytest.importorskip("mujoco")
 
@@ -14,7 +15,6 @@ import calib
 from calib.compensation.estimate import Estimate, estimate_of
 from calib.files.estimate import load_estimate
 from doe.ahead.enough import enough
-from studies.cli import main
 from studies.enough.record import enough_record
 from studies.enough.telling import told
 from studies.record import envelope
@@ -59,8 +59,8 @@ def test_the_trend_is_carried_on(tmp_path: Path) -> None:
 def test_it_is_handed_on_by_file(tmp_path: Path) -> None:
     cell, _, known, _ = _known(tmp_path, _warming(0))
     out = tmp_path / "result.json"
-    run = ["identify", str(cell.path), str(tmp_path / "measurements.csv"), "--json", str(out)]
-    assert CliRunner().invoke(main, run, catch_exceptions=False).exit_code == 0
+    done = run("identify", cell.path, tmp_path / "measurements.csv", "--json", out)
+    assert done.exit_code == 0, done.output
     read = load_estimate(cell, out)
     targets, _ = calib.load_targets(cell, tmp_path / "targets.csv")
     np.testing.assert_allclose(

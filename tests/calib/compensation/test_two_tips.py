@@ -14,8 +14,9 @@ from calib.errors import CalibError
 from calib.identification import Identification
 from calib.model import Model
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
+from calib.poses import poses_at
 from tests.calib.arm.test_trees import two_hands
+from tests.helpers import all_seen
 
 
 def identified() -> tuple[Cell, Model, Identification]:
@@ -25,9 +26,7 @@ def identified() -> tuple[Cell, Model, Identification]:
     cell = replace(cell, robot=replace(cell.robot, limits=limits))
     model = build(cell, poses).model
     readings = model.predict(truth * model.sizes * 0.3, poses)
-    shape = readings.shape[:-1]
-    data = Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
-    return cell, model, calib.identify(cell, data)
+    return cell, model, calib.identify(cell, all_seen(poses, readings))
 
 
 @pytest.mark.parametrize("tip", ["right_hand", "left_hand"])

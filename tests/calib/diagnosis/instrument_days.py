@@ -9,13 +9,13 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
+from studies.research.cameras import pixels
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
 from tests.plain_arm import frame, looking, tips
 
@@ -181,14 +181,11 @@ def read(
     for i in range(count):
         there = TILES * (1.0 + fault.pitch) @ board[i, :3, :3].T + board[i, :3, 3]
         own = (there - camera[i, :3, 3]) @ camera[i, :3, :3]
-        fx, fy = LENS[:2] * (1.0 + larger[i])
-        K = np.array([[fx, 0.0, LENS[2]], [0.0, fy, LENS[3]], [0.0, 0.0, 1.0]])
-        none = np.zeros(3)
-        pixels = cv2.projectPoints(np.ascontiguousarray(own), none, none, K, LENS[4:])[0][:, 0]
-        pixels = pixels + rng.normal(scale=SIGMA_PX, size=pixels.shape)
-        inside = ((pixels > 0.0) & (pixels < PIXELS)).all(axis=1) & (own[:, 2] > 0.1)
+        uv = pixels(own, np.eye(4), LENS[:2] * (1.0 + larger[i]), LENS[2:4], LENS[4:])
+        uv = uv + rng.normal(scale=SIGMA_PX, size=uv.shape)
+        inside = ((uv > 0.0) & (uv < PIXELS)).all(axis=1) & (own[:, 2] > 0.1)
         for k in np.flatnonzero(inside):
-            rows.append([i, "eye", f"plate:p{k}", *(f"{x:.6f}" for x in pixels[k])])
+            rows.append([i, "eye", f"plate:p{k}", *(f"{x:.6f}" for x in uv[k])])
     return cell, tabled(cell, folder, q, rows, ["u_px", "v_px"])
 
 

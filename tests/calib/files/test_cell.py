@@ -14,17 +14,16 @@ from calib.cell import Repeatability
 from calib.diagnosis.candidates import candidates
 from calib.errors import InputError
 from calib.model.build import build
-from studies.demo.embedded import INPUTS, embedded_text
 from tests.helpers import all_seen
+from tests.studies.command_line import paper_cell
 
 
 def cell_with(folder: Path, robot: str = "", more: str = "") -> Cell:
     """The embedded cell with lines added to [robot], and tables at the end."""
-    for name in INPUTS:
-        (folder / name).write_text(embedded_text(name))
-    text = embedded_text("cell.toml").replace('tip = "tool0"\n', f'tip = "tool0"\n{robot}')
-    (folder / "cell.toml").write_text(f"{text}\n{more}")
-    return calib.load_cell(folder / "cell.toml")
+    path = paper_cell(folder)
+    text = path.read_text().replace('tip = "tool0"\n', f'tip = "tool0"\n{robot}')
+    path.write_text(f"{text}\n{more}")
+    return calib.load_cell(path)
 
 
 def excluding(folder: Path, *names: str) -> Cell:

@@ -22,8 +22,8 @@ from calib.files.schema import CouplingTable
 from calib.files.tables import load_measurements
 from calib.files.write_tables import joint_header, measurements_csv
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
-from tests.helpers import cell_of
+from calib.poses import poses_at
+from tests.helpers import all_seen, cell_of
 from tests.plain_arm import frame
 from tests.trees import Joint, placed
 
@@ -61,11 +61,7 @@ def test_those_that_move_it_tell_where_it_is(tmp_path: Path) -> None:
     cell = cell_with(tmp_path)
     q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 7))
     q[:, 2] = by_hand(q[:, 0], q[:, 1])
-    shape = (4, 1)
-    data = Measurements(
-        poses_at(q), np.ones((4, 1, 3)), np.ones(shape, dtype=bool), np.full(shape, np.nan)
-    )
-    text = measurements_csv(cell, data)
+    text = measurements_csv(cell, all_seen(poses_at(q), np.ones((4, 1, 3))))
     assert "c_deg" not in text.splitlines()[0]
     (tmp_path / "t.csv").write_text(text)
     again = load_measurements(cell, tmp_path / "t.csv").poses.q
@@ -111,8 +107,7 @@ def test_errors_of_factors_and_offset_are_identified(tmp_path: Path) -> None:
     assert own == ["from_a", "from_b"]
     T = np.array([_tip(row) for row in moved])
     points = (T[:, :3, :3] @ cell.markers[0] + T[:, :3, 3])[:, None]
-    data = Measurements(poses_at(q), points, np.ones((80, 1), dtype=bool), np.full((80, 1), np.nan))
-    found = calib.identify(cell, data)
+    found = calib.identify(cell, all_seen(poses_at(q), points))
     values = {p.id: v for p, v in zip(found.model.parameters, found.values, strict=True)}
     assert values["joint_coupling:c.from_a"] == pytest.approx(0.01, abs=1e-8)
     assert values["joint_coupling:c.from_b"] == pytest.approx(-0.02, abs=1e-8)

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 from calib.errors import InputError
 from calib.files.cell_out import extended_cell
 from calib.files.lenses import lens_yaml, read_lens
 from calib.instruments import Camera
-from studies.cli import main
+from studies.research.cameras import corners, frame, pixels
 from tests.camera_cells import camera_cell
+from tests.studies.command_line import run
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 VALUES = np.array([1371.25, 1369.5, 962.75, 541.125, -0.12, 0.05, 8e-4, -5e-4, -0.01])
@@ -210,18 +210,17 @@ def test_deviations_as_opencv_gives_them(tmp_path: Path) -> None:
 def readings(path: Path) -> None:
     """Images of the board by OpenCV: two joints, the true lens, a camera half a metre away."""
     rng = np.random.default_rng(5)
-    grid = np.array([(x + 1, y + 1, 0) for y in range(4) for x in range(5)]) * 0.03
     rows = ["pose,instrument,marker,j1_deg,j2_deg,u_px,v_px"]
     for pose, (a, b) in enumerate(rng.uniform(-0.5, 0.5, (25, 2))):
         Ra = cv2.Rodrigues(np.array([0.0, 0.0, a]))[0]
         Rb = cv2.Rodrigues(np.array([0.0, b, 0.0]))[0]
-        tip = grid + np.array([0.05, -0.07, 0.02])
+        tip = corners(5, 4, 0.03) + np.array([0.05, -0.07, 0.02])
         world = tip @ (Ra @ Rb).T + Ra @ [0.4, 0.0, 0.0] + np.array([0.0, 0.0, 0.2])
-        R, t = np.diag([1.0, -1.0, -1.0]), np.array([-0.45, 0.0, 0.8])
-        pixels, _ = cv2.projectPoints(world, cv2.Rodrigues(R)[0], t, K, VALUES[4:])
+        T = frame([-0.45, 0.0, 0.8], np.diag([1.0, -1.0, -1.0]))
+        uv = pixels(world, T, VALUES[:2], VALUES[2:4], VALUES[4:])
         rows += [
             f"p{pose},cam,b:{i},{np.degrees(a):.12g},{np.degrees(b):.12g},{u:.9f},{v:.9f}"
-            for i, (u, v) in enumerate(pixels[:, 0])
+            for i, (u, v) in enumerate(uv)
         ]
     path.write_text("\n".join(rows))
 
@@ -232,16 +231,16 @@ def test_a_lens_that_was_free_is_written_as_found(tmp_path: Path) -> None:
     more = 'free = ["focal", "center"]\nsigma_px'
     path = cell_of(tmp_path, guess, CELL.replace("sigma_px", more))
     readings(tmp_path / "m.csv")
-    call = ["identify", str(path), str(tmp_path / "m.csv"), "--json", str(tmp_path / "r.json")]
+    call = ["identify", path, tmp_path / "m.csv", "--json", tmp_path / "r.json"]
     found = tmp_path / "lenses" / "found.yaml"
-    done = CliRunner().invoke(main, [*call, "--calibration", f"cam={found}"])
+    done = run(*call, "--calibration", f"cam={found}")
     assert done.exit_code == 0, done.output
     lens = read_lens(found)
     assert lens.form == "ros"
     np.testing.assert_allclose(lens.values[:4], VALUES[:4], atol=1e-3)
     np.testing.assert_array_equal(lens.values[4:], VALUES[4:])
     assert "lenses/cam.yaml" in (tmp_path / "r.json").read_text()
-    over = CliRunner().invoke(main, [*call, "--calibration", str(tmp_path / "lenses/cam.yaml")])
+    over = run(*call, "--calibration", tmp_path / "lenses/cam.yaml")
     assert over.exit_code == 2
     assert "is already an input" in " ".join(over.output.split())
 
@@ -262,8 +261,7 @@ def test_a_cell_written_elsewhere_names_the_same_calibration(tmp_path: Path) -> 
 def test_a_lens_that_was_known_is_not_written(tmp_path: Path) -> None:
     path = cell_of(tmp_path, ROS)
     readings(tmp_path / "m.csv")
-    call = ["identify", str(path), str(tmp_path / "m.csv"), "--calibration", "x.yaml"]
-    done = CliRunner().invoke(main, call)
+    done = run("identify", path, tmp_path / "m.csv", "--calibration", "x.yaml")
     assert done.exit_code == 2
     assert "is given as known" in " ".join(done.output.split())
 

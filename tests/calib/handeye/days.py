@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 import calib
 from calib.arrays import Array
 from calib.poses import Measurements, poses_at
+from studies.research.cameras import pixels
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
+from tests.helpers import all_seen
 from tests.plain_arm import frame, looking, tips
 
 Kind = Literal["camera in hand", "camera on base", "poses"]
@@ -93,9 +94,7 @@ class Arm:
             rows, inside = self._read(self.seen(q), noise, rng)
             found += [(own, row) for own, row, good in zip(q, rows, inside, strict=True) if good]
         q, rows = (np.array(part) for part in zip(*found[:count], strict=True))
-        shape = rows.shape[:2]
-        data = Measurements(poses_at(q), rows, np.ones(shape, dtype=bool), np.full(shape, np.nan))
-        return Day(self.cell, data, E)
+        return Day(self.cell, all_seen(poses_at(q), rows), E)
 
     def _read(self, C: Array, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
         if self.kind == "poses":
@@ -105,11 +104,13 @@ class Arm:
             )
             rows = np.concatenate([T[:, :3, 3], T[:, :3, 0], T[:, :3, 1]], axis=1)[:, None]
             return rows, np.ones(len(C), dtype=bool)
-        K = np.array([[LENS[0], 0.0, LENS[2]], [0.0, LENS[1], LENS[3]], [0.0, 0.0, 1.0]])
         points = TILES @ np.swapaxes(C[:, :3, :3], -1, -2) + C[:, None, :3, 3]
-        flat = np.ascontiguousarray(points.reshape(-1, 3))
-        pixels, _ = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), K, LENS[4:])
-        pixels = pixels.reshape((*points.shape[:-1], 2)).astype(float)
-        inside = ((pixels > 0.0) & (pixels < PIXELS)).all(axis=(1, 2))
+        uv = np.array([seen_by_opencv(T) for T in C])
+        inside = ((uv > 0.0) & (uv < PIXELS)).all(axis=(1, 2))
         inside &= (points[..., 2] > 0.2).all(axis=1) & (C[:, 2, 2] > 0.5)
-        return pixels + noise * SIGMA_PX * rng.normal(size=pixels.shape), inside
+        return uv + noise * SIGMA_PX * rng.normal(size=uv.shape), inside
+
+
+def seen_by_opencv(T: Array) -> Array:
+    """Pixels (n, 2) of the board at T in camera axes."""
+    return pixels(TILES, T, LENS[:2], LENS[2:4], LENS[4:])

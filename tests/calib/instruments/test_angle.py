@@ -11,16 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Angle
-from studies.cli import main
 from tests.camera_cells import kr270_cell
 from tests.plain_arm import rotation, tips
+from tests.studies.command_line import run
 
 OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])  # rad
 HOME = np.radians([10.0, -60.0, 80.0, 15.0, 40.0, 20.0])
@@ -90,9 +89,9 @@ def test_once_around_is_nothing() -> None:
 
 def test_commands_speak_of_milliradians(tmp_path: Path) -> None:
     cell = written(tmp_path)
-    call = [str(tmp_path / "cell.toml"), str(table(tmp_path, cell, 1)), "--holdout", "0.3"]
+    call = (tmp_path / "cell.toml", table(tmp_path, cell, 1), "--holdout", 0.3)
     for command in ("identify", "diagnose"):
-        done = CliRunner().invoke(main, [command, *call, "--json", str(tmp_path / command)])
+        done = run(command, *call, "--json", tmp_path / command)
         assert done.exit_code == 0, done.output
     fields = json.loads((tmp_path / "identify").read_text())
     assert {(own["instrument"], own["unit"]) for own in fields["instruments"]} == {

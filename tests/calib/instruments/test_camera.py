@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
 from calib.arrays import Array
@@ -24,10 +23,11 @@ from calib.instruments import ArmCamera, FixedCamera
 from calib.instruments.detection import Board
 from calib.instruments.lens import Lens
 from calib.model.build import build
-from studies.cli import main
+from studies.research.cameras import pixels
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
 from tests.helpers import central_difference
 from tests.plain_arm import frame, looking, tips
+from tests.studies.command_line import run
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 PIXELS = np.array([1920.0, 1080.0])
@@ -39,11 +39,8 @@ SOLID = np.random.default_rng(4).uniform(-0.08, 0.08, (9, 3))
 
 def projected(points: Array, lens: Array = LENS) -> Array:
     """Pixels (..., 2) of points (..., 3), camera axes, by OpenCV."""
-    fx, fy, cx, cy = lens[:4]
-    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    flat = np.ascontiguousarray(points.reshape(-1, 3))
-    found, _ = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), K, lens[4:])
-    return np.asarray(found, dtype=np.float64).reshape((*points.shape[:-1], 2))
+    found = pixels(points.reshape(-1, 3), np.eye(4), lens[:2], lens[2:4], lens[4:])
+    return found.reshape((*points.shape[:-1], 2))
 
 
 @pytest.fixture
@@ -290,9 +287,8 @@ def test_a_lens_that_is_not_known(written: Callable[..., Path], given: str) -> N
 
 def test_the_command_speaks_of_pixels(written: Callable[..., Path]) -> None:
     cell, path = watched(written, TILED, 25, seed=1)
-    call = ["identify", str(cell.path), str(path), "--holdout", "0.3"]
-    call += ["--json", str(path.parent / "r")]
-    done = CliRunner().invoke(main, [*call, "--figures", str(path.parent / "figures")])
+    asked = ("--holdout", 0.3, "--json", path.parent / "r", "--figures", path.parent / "figures")
+    done = run("identify", cell.path, path, *asked)
     assert done.exit_code == 0, done.output
     assert re.search(r"fell from [\d.]+ px to [\d.]+ px", " ".join(done.output.split()))
     fields = json.loads((path.parent / "r").read_text())

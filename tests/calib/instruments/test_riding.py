@@ -22,7 +22,7 @@ from calib.scatter.poses import Variances, scatter_of
 from doe.constraints import scene_of, visible
 from doe.problem.pool import drawn
 from tests.calib.arm.test_trees import SEEDS, Tree
-from tests.helpers import central_difference
+from tests.helpers import all_seen, central_difference
 from tests.two_arms import COMMON, EYE, PLATE, in_view, written
 
 ON_HAND = '[markers_mm]\nm = [90, 20, 30]\nn = { position = [0, 50, 10], on = "left_hand" }\n'
@@ -88,13 +88,7 @@ def simulated(cell: Cell, poses: Poses, seed: int = 0) -> tuple[Model, Array, Me
     model = build(cell, poses).model
     draws = np.random.default_rng(seed).normal(size=len(model.parameters))
     values = model.initial + 0.3 * draws * model.sizes
-    readings = model.predict(values, poses)
-    shape = readings.shape[:-1]
-    return (
-        model,
-        values,
-        Measurements(poses, readings, np.ones(shape, bool), np.full(shape, np.nan)),
-    )
+    return model, values, all_seen(poses, model.predict(values, poses))
 
 
 def test_a_camera_on_the_head_tells_what_lies_between_it_and_the_hand(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from calib.cell import Load
 from doe.constraints import constraints_of, scene_of, visible
 from doe.constraints.limits import static_torques
 from doe.constraints.scene import Scene
-from studies.demo.embedded import embedded_text
 from tests.doe.constraints.arms import LINK, allowed, configurations, only, planar, shaped
 from tests.helpers import GRAVITY, designed
+from tests.studies.command_line import paper_cell
 
 
 def test_cell_without_anything() -> None:
@@ -46,7 +46,7 @@ def test_order_and_names_of_constraints() -> None:
 
 def test_constraints_of_a_cell_file(tmp_path: Path) -> None:
     """What a cell file says in millimetres and degrees, at three configurations of the KR 270."""
-    text = embedded_text("cell.toml")
+    path = paper_cell(tmp_path)
     tables = """
         [robot.capsules_mm]
         A3 = [{ from = [0, 0, 0], to = [1100, 0, 0], radius = 80 }]
@@ -63,11 +63,12 @@ def test_constraints_of_a_cell_file(tmp_path: Path) -> None:
         center_mm = [0, 2000, 750]
         radius_mm = 300
         """
-    text = text.replace("com_mm = [300, 0, 150]", "com_mm = [300, 0, 150]\nmax_tilt_deg = 20")
+    text = path.read_text().replace(
+        "com_mm = [300, 0, 150]", "com_mm = [300, 0, 150]\nmax_tilt_deg = 20"
+    )
     text = text.replace("[instrument]", "[instrument]\nposition_mm = [-5000, 0, 750]")
-    (tmp_path / "cell.toml").write_text(text + tables)
-    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-    cell = load_cell(tmp_path / "cell.toml")
+    path.write_text(text + tables)
+    cell = load_cell(path)
     # Stretched forward; to the right, A1 turns about -z; forward and raised; bent to the floor.
     q = np.radians(
         [

@@ -19,10 +19,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from studies import engines
-from studies.cli import main
 from studies.compare import command, montecarlo
 from studies.compare.experiment import SimulatedExperiment, experiment_of
 from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
@@ -30,6 +29,7 @@ from studies.compare.prediction import Prediction, predict
 from studies.demo.embedded import embedded_text
 from studies.engines import engine
 from tests.helpers import cell_of, random_poses, random_robot
+from tests.studies.command_line import paper_cell, run
 
 pytestmark = pytest.mark.long
 
@@ -154,11 +154,7 @@ def test_an_interruption_waits_until_no_lock_is_taken(study: Study) -> None:
 @pytest.fixture
 def small(tmp_path: Path) -> list[str]:
     """Arguments of a comparison whose blocks are fast."""
-    lines = embedded_text("cell.toml").splitlines()
-    at = next(i for i, line in enumerate(lines) if line.startswith("effects ="))
-    lines[at] = 'effects = ["tool", "joint_compliance:A3,A4"]'
-    (tmp_path / "cell.toml").write_text("\n".join(lines))
-    (tmp_path / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
+    paper_cell(tmp_path, "tool", "joint_compliance:A3,A4")
     plan = embedded_text("plan.csv").splitlines()
     (tmp_path / "plan.csv").write_text("\n".join(plan[:5]) + "\n")
     (tmp_path / "other.csv").write_text("\n".join([plan[0], *plan[5:9]]) + "\n")
@@ -166,7 +162,7 @@ def small(tmp_path: Path) -> list[str]:
 
 
 def compare(*options: str) -> Result:
-    return CliRunner().invoke(main, ["compare", *options])
+    return run("compare", *options)
 
 
 def test_an_interrupted_command_writes_what_is_done(

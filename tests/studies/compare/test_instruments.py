@@ -7,22 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from studies.cli import main
-from studies.demo.embedded import embedded_text
-from tests.studies.command_line import result
-
-EFFECTS = 'effects = ["base", "tool", "joint_offset:A2,A3"]'
+from tests.studies.command_line import paper_cell, result, run
 
 
 def written(folder: Path, name: str, sigma: float, robot: str = "") -> Path:
-    lines = embedded_text("cell.toml").splitlines()
-    lines = [EFFECTS if line.startswith("effects =") else line for line in lines]
+    lines = paper_cell(folder, "base", "tool", "joint_offset:A2,A3").read_text().splitlines()
     lines = [f"sigma_mm = {sigma}" if line.startswith("sigma_mm") else line for line in lines]
     at = lines.index("[robot]")
-    (folder / "kr270.urdf").write_text(embedded_text("kr270.urdf"))
-    (folder / "plan.csv").write_text(embedded_text("plan.csv"))
     path = folder / name
     path.write_text("\n".join([*lines[: at + 1], robot, *lines[at + 1 :]]) + "\n")
     return path
@@ -61,8 +54,7 @@ def test_another_robot_is_refused(tmp_path: Path) -> None:
     cell = written(tmp_path, "cell.toml", 0.01)
     other = tmp_path / "other.toml"
     other.write_text(cell.read_text().replace('tip = "tool0"', 'tip = "link_5"'))
-    call = ["compare", str(cell), str(tmp_path / "plan.csv"), "--with", str(other)]
-    done = CliRunner().invoke(main, [*call, "--monte-carlo", "0"])
+    done = run("compare", cell, tmp_path / "plan.csv", "--with", other, "--monte-carlo", 0)
     assert done.exit_code == 2
     assert len(done.stderr.splitlines()) == 1
     assert "other.toml" in done.stderr
@@ -109,8 +101,7 @@ def photographed(tmp_path: Path) -> Path:
 
 
 def asked(folder: Path, cell: str, *more: str) -> Result:
-    call = ["compare", str(folder / cell), str(folder / "near.csv"), *more]
-    return CliRunner().invoke(main, call)
+    return run("compare", folder / cell, folder / "near.csv", *more)
 
 
 @pytest.mark.long
@@ -142,8 +133,8 @@ def test_a_camera_that_sees_nothing_is_refused_in_a_line(photographed: Path, tri
 def test_nothing_matches_what_is_not_known(photographed: Path) -> None:
     """The tracker's poses leave parameters open, so nothing can be said to match it."""
     tracker = photographed / "tracker.toml"
-    wide = 'effects = ["base", "tool", "geometry", "stiffness_vs_angle:A2"]'
-    tracker.write_text(tracker.read_text().replace(EFFECTS, wide))
+    wide = '"geometry", "stiffness_vs_angle:A2"'
+    tracker.write_text(tracker.read_text().replace('"joint_offset:A2,A3"', wide))
     out = photographed / "r.json"
     more = ("--with", str(photographed / "ahead.toml"), "--monte-carlo", "0", "--json", str(out))
     done = asked(photographed, "tracker.toml", *more)

@@ -7,22 +7,21 @@ from collections.abc import Iterator
 from importlib.resources import files
 
 import pytest
-from click.testing import CliRunner
 
 from calib.effects import EFFECTS
 from calib.files.columns import OTHERS, WRENCH
 from calib.instruments import KINDS
 from doe.criteria import CRITERIA, UNASKED
-from studies.cli import main
 from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
 from studies.document.page import Writer
 from studies.explain.text import TABLES, document_of, forms, meanings, rows
 from studies.explain.topics import titles, topic, written
+from tests.studies.command_line import run
 from tests.studies.explain.reading import length, sentences, texts
 
 
 def said(*arguments: str) -> str:
-    done = CliRunner().invoke(main, ["explain", *arguments])
+    done = run("explain", *arguments)
     assert done.exit_code == 0, done.output
     return " ".join(done.output.split())
 

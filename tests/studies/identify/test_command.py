@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
-from studies.cli import main
 from tests.helpers import measured_cell
 from tests.studies.command_line import run
 
@@ -69,9 +67,7 @@ def test_base_and_markers_predict_the_readings(demo: Path, fields: dict[str, Any
 
 
 def test_json_to_standard_output_is_json_alone(demo: Path) -> None:
-    done = CliRunner().invoke(
-        main, ["identify", str(demo / "cell.toml"), str(demo / "measurements.csv"), "--json", "-"]
-    )
+    done = run("identify", demo / "cell.toml", demo / "measurements.csv", "--json", "-")
     assert json.loads(done.stdout)["status"] == "converged"
     assert "42 of 42 parameters" in done.stderr
 

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from calib import Cell, Poses
 from doe.ahead.foresee import foresee
-from studies.cli import main
 from studies.demo.embedded import __file__ as demo_file
 from studies.plan.record import plan_record
 from studies.record import envelope
+from tests.studies.command_line import run as posecal
 
 DEMO = Path(demo_file).parent
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["diagnose", *map(str, arguments)])
+run = partial(posecal, "diagnose")
 
 
 @pytest.mark.long

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import calib
-from studies.cli import main
 from studies.document import Raw
 from studies.plots.coverage import seen_where
 from studies.report.sections import board_views
@@ -21,6 +19,7 @@ from studies.results import read
 from tests.calib.files.test_images import SQUARES
 from tests.camera_cells import PINHOLE, kr270_cell
 from tests.photographs import SIZE, facing, pixels
+from tests.studies.command_line import run
 from tests.studies.examples import OLD, changed, old_fields
 
 pytestmark = pytest.mark.usefixtures("without_figures")
@@ -33,7 +32,7 @@ def box(page: Path) -> str:
 
 
 def reported(result: Path, page: Path, *more: str) -> str:
-    done = CliRunner().invoke(main, ["report", str(result), "-o", str(page), *more])
+    done = run("report", result, "-o", page, *more)
     assert done.exit_code == 0, done.output
     return box(page)
 
@@ -95,14 +94,8 @@ def test_the_day_is_that_of_readings_that_count_from_1970(
     text = "\n".join([lines[0], *(",".join(row) for row in rows), ""])
     (tmp_path / "day.csv").write_text(text)
     result = tmp_path / "r.json"
-    call = [
-        "identify",
-        str(tmp_path / "cell.toml"),
-        str(tmp_path / "day.csv"),
-        "--json",
-        str(result),
-    ]
-    assert CliRunner().invoke(main, call).exit_code == 0
+    done = run("identify", tmp_path / "cell.toml", tmp_path / "day.csv", "--json", result)
+    assert done.exit_code == 0
     assert "measured 2026-03-04" in reported(result, tmp_path / "p.html")
 
 

@@ -159,7 +159,7 @@ def _without_markers(
         mask[:, lost] = False
         M = problem.fixed + problem.regressor.information(visits, mask).sum(axis=0)
         own = np.zeros(len(T), dtype=bool)
-        for effect, part in zip(model.effects, model.slices, strict=True):
+        for effect, part in model.parts:
             own[part] = isinstance(effect, Tool) and effect.marker == lost
         rows = problem.at_targets.rows
         if rows.shape[1] > 3:  # they count at the markers, of which there are several

@@ -154,8 +154,7 @@ def candidates(
 
     model, values : of the later day; poses : that it was identified at
     """
-    keys = [(p.effect, p.where, p.name) for p in model.parameters]
-    rows = np.array([keys.index(key) for key in found.keys])
+    rows = np.array([model.keys.index(key) for key in found.keys])
     suspects = tuple(_suspects(model, poses, context))
     taken, _ = taken_up(model, values, poses, tuple(effect for _, effect in suspects))
     causes = [*_of_the_model(found, model)]
@@ -184,7 +183,7 @@ def _of_the_model(found: Difference, model: Model) -> Iterator[ChangeCause]:
     for effect in model.effects:
         if isinstance(effect, Geometry) or effect.kind == "base":
             continue
-        keys = [(p.effect, p.where, p.name) for p in effect.parameters]
+        keys = [p.key for p in effect.parameters]
         columns = np.array([[float(key == own) for own in keys] for key in found.keys])
         if not columns.any():
             continue

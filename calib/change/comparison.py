@@ -119,7 +119,7 @@ def changes(
         raise CalibError("the later result did not converge; mend the identification first")
     model, values, poses = estimate.model, estimate.values, after.poses
     found = _with_lacking(cell, model, values, difference(before, after), before, after)
-    keys = {(p.effect, p.where, p.name): p for p in model.parameters}
+    keys = {p.key: p for p in model.parameters}
     at = poses_at(generic_configurations(cell.robot, _GENERIC)) if poses is None else poses
     causes = candidates(found, model, values, at, context_of(cell, at))
     targets, weights = targets_of(cell)
@@ -156,8 +156,7 @@ def _with_lacking(
     if before.poses is None or after.poses is None:
         return found
     days, excess = (before.poses, after.poses), max(before.excess, after.excess)
-    keys = [(p.effect, p.where, p.name) for p in model.parameters]
-    rows = [keys.index(key) for key in found.keys]
+    rows = [model.keys.index(key) for key in found.keys]
     context = context_of(cell, after.poses)
     own = shown_otherwise(model, values, days, context, excess)[rows]
     return replace(found, covariance=found.covariance + own @ own.T, lacking=own @ own.T)
@@ -218,7 +217,7 @@ def rows_at(
     model = working_points(model)
     _, J = model.jacobian(values, targets)
     J = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(len(model.markers))
-    keys = [(p.effect, p.where, p.name) for p in model.parameters]
+    keys = model.keys
     own = J[..., [keys.index(key) for key in found.keys]]
     free = [i for i, key in enumerate(keys) if key[0] in ("base", "tool") and key not in found.keys]
     placed = J[..., free]

@@ -127,7 +127,7 @@ def known_of(found: Identification) -> DayEstimate:
     fitted = found.fit.data.take(~found.fit.outlier)
     return DayEstimate.of_fit(
         estimate.covariance,
-        keys=tuple((p.effect, p.where, p.name) for p in model.parameters),
+        keys=model.keys,
         values=found.values,
         lost=np.array([p.id in estimate.undetermined for p in model.parameters]),
         markers=dict(zip(model.marker_names, found.marker_positions, strict=True)),

@@ -9,7 +9,6 @@ screened at that fit; what the contest ends with is fitted in full by whoever as
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,7 +32,6 @@ from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
 from calib.identification.noise_level import Growth, growth_with_range, replicate_factor
 from calib.identification.noise_scales import noise_scales
-from calib.identification.outliers import judge, threshold
 
 _MOST_ROUNDS = 40  # of a contest from nothing
 _MOST_MORE = 12  # of one that goes on from another
@@ -247,7 +245,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         except Unsolvable:  # to first order an arm may be so soft that it does not stand
             outcome = plausible(linear, outcome)
             fit = stage.exact(outcome.fit)
-        out, statistic, limit = _outliers(stage, fit)
+        out, statistic, limit = stage.outliers(fit)
         out |= waiting
         if not stage.robust and np.array_equal(out, stage.dropped):
             break
@@ -278,11 +276,3 @@ def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:
     """The stage weighed by what repeated readings say of the noise, and actual over stated noise."""
     factor = replicate_factor(stage.data, stated)
     return replace(stage, weights=stated / factor), factor
-
-
-def _outliers(stage: Stage, fit: Fit) -> tuple[Mask, Array, float]:
-    """Poses that the model with all its effects does not explain."""
-    plain = stage.statistics(fit)
-    statistic = plain / stage.extrapolation_factor(fit, plain)
-    limit = threshold(statistic, math.prod(stage.weights.shape[-3:-1]))
-    return judge(statistic, limit), statistic, limit

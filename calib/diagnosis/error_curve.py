@@ -22,7 +22,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import PoseVariable, last_moves, polyline
 from calib.diagnosis.prior import curves_in, prior_rows
 from calib.diagnosis.screen import field
-from calib.diagnosis.stage import determined_by, positions
+from calib.diagnosis.stage import determined_by
 from calib.effects.drive import along_axis
 from calib.effects.protocol import PoseEffect, State, TwistEffect, displaced
 from calib.model import Model
@@ -180,7 +180,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     if frame is None or not candidate.effect.drawn:
         return None
     state = after.model.state(after.values, poses)
-    values = after.values[positions(after.model, candidate.effect)]
+    values = after.values[after.positions(candidate.effect)]
     moved = displacement_of(candidate, values, frame, state)
     directions = directions_of(candidate.where, moved, frame, robot, state)
     load = load_of(moved, directions, frame, state)
@@ -256,7 +256,7 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array)
 
     after, stage = result.after, result.stage
     others = tuple(e for e in after.model.effects if e is not candidate.effect)
-    rest = np.delete(after.values, positions(after.model, candidate.effect))
+    rest = np.delete(after.values, after.positions(candidate.effect))
     alone = stage.observation(after.model.with_effects(others), after.weight)
     seen = determined_by(alone, rest)
     amplitudes = [
@@ -284,7 +284,7 @@ def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
     """The displacement of a line's frame that moves the markers most as an effect does, (m, c)."""
     after, poses = result.after, result.data.poses
     without = after.values.copy()
-    without[positions(after.model, candidate.effect)] = 0.0
+    without[after.positions(candidate.effect)] = 0.0
     shift = after.model.predict(after.values, poses) - after.model.predict(without, poses)
     model, values = after.model.extended(after.values, [line])
     return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))

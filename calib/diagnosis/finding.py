@@ -23,7 +23,6 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import with_curves
 from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
-from calib.identification.noise_scales import with_stated
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.result import fields_of
@@ -194,10 +193,8 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
     kept = ~stage.dropped
     weights = stage.weights[kept] * factor
     dof = int(counted(weights).sum()) - fit.spent
-    lengths = stage.model.readout.channels.lengths
-    data = stage.data.take(kept)
-    alone = noise_level(fit.cost * factor**2, dof, data, weights, lengths)
-    alone = with_stated(alone, stage.model.readout, data, weights)
+    data, readout = stage.data.take(kept), stage.model.readout
+    alone = noise_level(fit.cost * factor**2, dof, data, weights, readout)
     if alone.source == "residual" and fit.levels is not None and fit.levels.instrument_only:
         # What the markers of one reading say of each other repeats in every reading.
         return replace(alone, source="replicates")

@@ -59,7 +59,7 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
     fit = view.fit
     own = [
         i
-        for effect, part in zip(fit.model.effects, fit.model.slices, strict=True)
+        for effect, part in fit.model.parts
         for i in range(part.start, part.stop)
         if isinstance(effect, Constant)
     ]

@@ -113,10 +113,7 @@ def linearised(
     for own in in_parts(m, math.prod((*shape, len(everything)))):
         readings[own], by = whole.jacobian(everything, poses.take(own))
         J[own] = by[_rows_of(read[own])]
-    known = {
-        id(effect): np.arange(part.start, part.stop)
-        for effect, part in zip(whole.effects, whole.slices, strict=True)
-    }
+    known = {id(effect): np.arange(part.start, part.stop) for effect, part in whole.parts}
     carried = {key: known[id(carrier)] for key, carrier in carriers.items()}
     moving = everything.copy()
     moving[whole.tunings] = 0.0

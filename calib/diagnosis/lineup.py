@@ -22,12 +22,11 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.evidence import VISIBLE
-from calib.identification.scan import Carried, carried, scores, times
+from calib.identification.scan import Carried, carried, falls, times
 from calib.linear import unit
 from calib.poses import Poses
 
 _LISTED = 6  # best tunings of each form that later rounds choose among
-_CHUNK = 400  # tunings at a time: memory
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
 
@@ -46,6 +45,10 @@ class TunedForm:
     def limits(self) -> Array:
         """Magnitudes of its amplitudes beyond which nothing is believed, SI."""
         return (self.effect.allowance or 1.0) * np.array([p.limit for p in self.effect.amplitudes])
+
+    def falls(self, carried: Carried) -> Array:
+        """Fall of the sum of squares at every tuning, shape (C,)."""
+        return falls(carried, self.functions, self.limits)
 
     def only(self, chosen: IntArray) -> TunedForm:
         """The form at a part of its tunings."""
@@ -67,7 +70,7 @@ class TuningGrid:
     def scanned(self, carried: Carried) -> TuningGrid:
         """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
-        short = first.only(_peaks(_falls(first, carried))[:_LISTED])
+        short = first.only(_peaks(first.falls(carried))[:_LISTED])
         richer = short.effect.richer(short.tunings)
         if richer is None:
             return replace(self, forms=(short,))
@@ -82,9 +85,9 @@ class TuningGrid:
         """
         worth, found = -np.inf, self.forms[0].only(np.array([0]))
         for form in self.forms:
-            falls = _falls(form, carried)
-            first = int(np.argmax(falls))
-            gain = float(falls[first]) - len(form.limits) * float(np.log(max(rows, 1)))
+            each = form.falls(carried)
+            first = int(np.argmax(each))
+            gain = float(each[first]) - len(form.limits) * float(np.log(max(rows, 1)))
             if gain > worth:
                 worth, found = gain, form.only(np.array([first]))
         effect = found.effect.tuned(float(found.tunings[0]))
@@ -103,14 +106,6 @@ def tuning_grids(suspects: Sequence[Candidate], poses: Poses) -> tuple[TuningGri
         tried = len(grid) + (2 * _LISTED if effect.richer(grid) is not None else 0)
         found.append(TuningGrid(replace(suspect, tried=tried), poses, (form,)))
     return tuple(found)
-
-
-def _falls(form: TunedForm, carried: Carried) -> Array:
-    parts = [
-        scores(carried, form.functions[i : i + _CHUNK], form.limits)[0]
-        for i in range(0, len(form.tunings), _CHUNK)
-    ]
-    return np.concatenate(parts)
 
 
 def _peaks(falls: Array) -> IntArray:

@@ -34,7 +34,7 @@ _SETTLED = 0.02
 
 def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
     """The curves of a model, and where their coefficients stand."""
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Curve):
             yield effect, part
 
@@ -61,7 +61,7 @@ def prior_rows(model: Model, amplitudes: Sequence[float]) -> Array:
 def _limits(model: Model) -> Array:
     """Standard deviations a priori of what is suspected by name, shape (p,), infinite of all else."""
     found = np.full(len(model.parameters), np.inf)
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if effect.allowance is not None:
             found[part] = effect.allowance * np.array([p.limit for p in effect.parameters])
     found[model.tunings] = np.inf

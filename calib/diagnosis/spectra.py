@@ -24,7 +24,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.gear_ripple import FEWEST, GearRipple
-from calib.identification.scan import carried, scores, times
+from calib.identification.scan import carried, falls, times
 from calib.linear import Complement
 from calib.poses import Poses
 from calib.threads import one_blas_thread
@@ -37,7 +37,6 @@ _ROUNDS = 4  # of a fit of lines, from where the scan found them
 _ALIKE = 0.9  # correlation over the poses from which on two lines are one
 _PERHAPS = 0.7  # of their phases alone, worth an exact look
 _SLOW = 3.0  # cycles a turn below which what stands out is no line
-_CHUNK = 400  # cycles at a time: memory
 _NONE = np.zeros(0)
 
 
@@ -176,28 +175,28 @@ class _Joint:
         limits = (self.ripple.allowance or 1.0) * np.array(
             [p.limit for p in self.ripple.amplitudes]
         )
-        scan, parts = carried(complement, self.carrier), [np.zeros(0)]
-        for i in range(0, len(cycles), _CHUNK):
-            functions = self.ripple.functions(self.poses, cycles[i : i + _CHUNK])
-            parts.append(scores(scan, functions, limits)[0])
-        return np.concatenate(parts) / self.scale**2
+        scan, functions = (
+            carried(complement, self.carrier),
+            self.ripple.functions(self.poses, cycles),
+        )
+        return falls(scan, functions, limits) / self.scale**2
 
     def lines(self, fall: Array, alarm: float) -> tuple[SpectralLine, ...]:
         """Lines above the alarm, the strongest first; looked for about what is half as high."""
         slow = self.cycles < _SLOW
         joint = self.beside_slow() if fall[slow].max(initial=0.0) > alarm else self
         near, complement = self.about(self.cycles[fall > 0.5 * alarm]), joint.complement
-        at, falls = np.zeros(0), list[float]()
-        while len(near) and len(falls) < _MOST_LINES:
+        at, found = np.zeros(0), list[float]()
+        while len(near) and len(found) < _MOST_LINES:
             now = joint.falls(complement, near)
             best = int(np.argmax(now))
             if now[best] <= alarm:
                 break
             fitted = joint.fitted(np.append(at, near[best]))
             at, complement = fitted.at, joint.complement.without(fitted.X)
-            falls.append(float(now[best]))
+            found.append(float(now[best]))
             near = self.about(near[now > 0.5 * alarm], but=at)
-        return tuple(joint.line(k, fitted, fall) for k, fall in enumerate(falls))
+        return tuple(joint.line(k, fitted, fall) for k, fall in enumerate(found))
 
     def about(self, chosen: Array, but: Array = _NONE) -> Array:
         """Cycles within a line's width of those chosen, but none of a line and nothing slow."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
-from calib.identification.outliers import extrapolation_factor, fit_statistics
+from calib.identification.outliers import extrapolation_factor, fit_statistics, judge, threshold
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
@@ -138,7 +139,7 @@ class Fit:
 
     def positions(self, effect: Effect) -> IntArray:
         """Where an effect's parameters stand in the values."""
-        return positions(self.model, effect)
+        return self.model.positions(effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,12 +296,12 @@ class Stage:
         cov = fit.by_instrument(fit.r, fit.J).covariance
         return fit_statistics(r, J, fit.weight * ~self.dropped, cov)[0]
 
-    def extrapolation_factor(self, fit: Fit, statistics: Array) -> Array:
-        """How many times larger these statistics may be of poses that stand alone, shape (m,)."""
-        r, J = self._in_full(fit)
-        kept = ~self.dropped
-        known = fit.by_instrument(r, J).observation.prior_residuals(fit.values)
-        return extrapolation_factor(self.data.poses, r, J, kept, fit.span, known, statistics)
+    def outliers(self, fit: Fit) -> tuple[Mask, Array, float]:
+        """Poses that a fit does not explain, (m,), the statistic of every pose, (m,), and its limit."""
+        plain, whole = self.statistics(fit), fit.by_instrument(*self._in_full(fit)).linear
+        statistic = plain / extrapolation_factor(self.data.poses, whole, ~self.dropped, plain)
+        limit = threshold(statistic, math.prod(self.weights.shape[-3:-1]))
+        return judge(statistic, limit), statistic, limit
 
     def _in_full(self, fit: Fit) -> tuple[Array, Array]:
         """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""
@@ -326,14 +327,3 @@ def determined_by(observation: Points, start: Array) -> Array:
     plain = np.eye(len(start))[:, ~curved]
     kept = choose_directions(observation, start, plain).kept
     return np.concatenate([plain[:, kept], np.eye(len(start))[:, curved]], axis=1)
-
-
-def positions(model: Model, effect: Effect) -> IntArray:
-    """Where an effect's parameters stand in the vector of values, shape (k,).
-
-    Raises KeyError where the effect is none of the model's.
-    """
-    for own, part in zip(model.effects, model.slices, strict=True):
-        if own is effect:
-            return np.arange(part.start, part.stop)
-    raise KeyError(effect.where)

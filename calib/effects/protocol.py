@@ -57,6 +57,11 @@ class Parameter:
     largest: float | None = None
 
     @property
+    def key(self) -> tuple[str, str, str]:
+        """Effect, where and name, which are unique in a model."""
+        return self.effect, self.where, self.name
+
+    @property
     def limit(self) -> float:
         """Magnitude beyond which such an error is seldom met, SI."""
         return 10.0 * self.size if self.largest is None else self.largest

@@ -137,7 +137,7 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
         first = next(i for i, (k, w, _) in enumerate(keys) if (k, w) == (kind, where))
         effects.append(effect.tuned(values[first]) if isinstance(effect, Tuned) else effect)
     model = model_of(cell, effects)
-    if [(p.effect, p.where, p.name) for p in model.parameters] != keys:
+    if list(model.keys) != keys:
         raise CalibError("its parameters are not those of the effects here")
     return model
 

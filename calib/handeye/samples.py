@@ -112,9 +112,7 @@ class Pair:
         """Three points of the body: its origin, and its axes, which turn by what r does."""
         name = f"body:{self.camera}"
         effect, part = next(
-            (e, p)
-            for e, p in zip(model.effects, model.slices, strict=True)
-            if isinstance(e, Body) and e.where == name
+            (e, p) for e, p in model.parts if isinstance(e, Body) and e.where == name
         )
         origin, x, y = model.marker_positions(values)[effect.markers][:CORNERS]
         axes = rotation_of(np.concatenate([origin, x - origin, y - origin]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from calib.effects.tool import Tool
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable, identifiable
-from calib.observations import Observation, Points, points_of
+from calib.observations import Observation, points_of
 from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
@@ -58,7 +58,7 @@ class Estimator:
         if not observation.efficient or observation.weighing is not None:
             counted = observation if kept is None else observation.only(kept)
             values = levenberg_marquardt(points_of(counted).flat, values, span).values
-        return _linear(points_of(observation), values, span)
+        return by_instrument(observation, values, span)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Covariance (p, p) for the noise as stated."""
@@ -72,6 +72,17 @@ class Estimator:
         """Degrees of freedom of the residuals; negative where the readings do not suffice."""
         known = observation.model.known_rows
         return int(observation.numbers.sum()) + known - int(span.shape[1])
+
+    def dof_of_readings(self, observation: Observation, values: Array, span: Array) -> int:
+        """The same less those of the prior's own residuals, which are no residuals of readings.
+
+        These are its rows less what it determines of the values.
+        """
+        dof, rows = self.dof(observation, span), observation.model.prior_rows
+        if not rows:
+            return dof
+        follow = observation.linear(values, span).held_gains[-rows:]
+        return dof - round(rows - float(np.trace(observation.model.by_prior @ follow.T)))
 
 
 @dataclass(frozen=True)
@@ -107,7 +118,7 @@ class Differences(Estimator):
     ) -> LinearProblem:
         del kept  # differences are weighted by their noise: their minimum is the points' own
         soft = span[:, _soft(observation.model, span)]
-        return _linear(points_of(observation, centred=True), values, soft)
+        return by_instrument(observation, values, soft, centred=True)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
         """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
@@ -147,20 +158,12 @@ class Differences(Estimator):
         return spare - soft if soft else -1
 
 
-def _linear(points: Points, values: Array, span: Array) -> LinearProblem:
-    return LinearProblem(*points.linearise(values), span, *points.model.prior_residuals(values))
-
-
-def prior_residual_freedom(observation: Observation, values: Array, span: Array) -> float:
-    """Degrees of freedom of the prior's own residuals: its rows less what it determines of the values.
-
-    They are no residuals of readings.
-    """
-    rows = observation.model.prior_rows
-    if not rows:
-        return 0.0
-    follow = observation.linear(values, span).held_gains[-rows:]
-    return rows - float(np.trace(observation.model.by_prior @ follow.T))
+def by_instrument(
+    observation: Observation, values: Array, span: Array, centred: bool = False
+) -> LinearProblem:
+    """The readings to first order, as if nothing but the instrument erred."""
+    points = replace(points_of(observation, centred=centred), scatter=None)
+    return points.linear(values, span)
 
 
 def steps(model: Model, span: Array) -> tuple[Array, Array]:

@@ -22,11 +22,10 @@ from calib.identification.estimators import (
     Differences,
     Estimator,
     choose_directions,
-    prior_residual_freedom,
     rigid_directions,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
-from calib.identification.noise_scales import noise_scales, with_stated
+from calib.identification.noise_scales import noise_scales
 from calib.identification.outliers import (
     extrapolation_factor,
     independent_share,
@@ -129,14 +128,13 @@ class Estimation:
         known = self.model.known_rows - self.model.prior_rows
         prior = self.model.prior_residuals(self.values)[0][:known]
         cost = float((judged.r**2).sum()) + float((prior**2).sum())
-        return cost, _spare(self.estimator, self.counted, self.values, self.span)
+        return cost, self.estimator.dof_of_readings(self.counted, self.values, self.span)
 
     @cached_property
     def noise(self) -> NoiseLevel:
         """Noise scale of the readings, from the poses that were kept."""
         data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
-        alone = noise_level(*self.left, data, weights, self.model.readout.channels.lengths)
-        alone = with_stated(alone, self.model.readout, data, weights)
+        alone = noise_level(*self.left, data, weights, self.model.readout)
         if self.observation.mixing is None or self.levels is None:
             return alone
         return of_levels(self.levels, alone)
@@ -190,13 +188,6 @@ class Estimation:
         counted = replace(self.counted, scatter=scatter.at(found.variances))
         whole = self.estimator.covariance(counted, self.values, self.span)
         return whole - self.stated_covariance * self.widening**2, found
-
-
-def _spare(estimator: Estimator, observation: Observation, values: Array, span: Array) -> int:
-    """Degrees of freedom of the residuals, less what the robot's type says of itself."""
-    return estimator.dof(observation, span) - round(
-        prior_residual_freedom(observation, values, span)
-    )
 
 
 # -- outliers ----------------------------------------------------------------------------------
@@ -375,16 +366,13 @@ def _judged(
 ) -> _Judgement:
     """What the fit to the poses kept says of every pose."""
     judged = estimator.judged(observation, values, span, kept)
-    known = observation.prior_residuals(values)
-    statistics, rows = pose_statistics(judged.r, judged.J, kept, judged.span, known[1])
-    poses = observation.data.poses
-    lack = extrapolation_factor(poses, judged.r, judged.J, kept, judged.span, known, statistics)
-    statistics = statistics / lack
+    statistics, rows = pose_statistics(judged, kept)
+    statistics = statistics / extrapolation_factor(observation.data.poses, judged, kept, statistics)
     if not small_set(len(kept)):
         limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
         return _Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((judged.r[kept] ** 2).sum())
-    dof = _spare(estimator, observation.only(kept), values, span)
+    dof = estimator.dof_of_readings(observation.only(kept), values, span)
     each = observation.data.in_place(judged.r).reshape(len(kept), -1)
     tested = statistics, rows, kept, cost, dof, independent_share(each, kept)
     fresh = kept.copy()

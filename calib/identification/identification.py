@@ -307,7 +307,7 @@ class Identification(Result, Estimation):
         """Placement of the base in each station's frame: (x, y, z, rx, ry, rz), m and rad."""
         return {
             effect.where: self.values[part]
-            for effect, part in zip(self.model.effects, self.model.slices, strict=True)
+            for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
 

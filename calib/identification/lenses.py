@@ -41,7 +41,7 @@ def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array, Mask]
     In the order and the units of :class:`calib.instruments.lens.Lens`.
     """
     by = np.zeros((len(camera.lens.values), len(result.values)))
-    for effect, part in zip(result.model.effects, result.model.slices, strict=True):
+    for effect, part in result.model.parts:
         if isinstance(effect, Base) and effect.of.name == camera.name:
             by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
         elif isinstance(effect, LensEffect) and effect.changes(camera):

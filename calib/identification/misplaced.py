@@ -175,24 +175,11 @@ def _run(
 # -- markers under each other's names --------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Exchanged:
-    """The exchange of two markers that fits each pose best.
+def exchanged(model: Model, data: Measurements) -> tuple[IntArray, Array, Array]:
+    """The exchange of two markers that fits each pose best: the marker that each one is, (m, M).
 
-    order : ndarray of int, shape (m, M), the marker that each one is
-    before, after : ndarray, shape (m,), m, by which the nominal arm misses each pose, as read and with
-        its exchange; zero where nothing can be told
-    """
-
-    order: IntArray
-    before: Array
-    after: Array
-
-
-def exchanged(model: Model, data: Measurements) -> Exchanged:
-    """Test, pose by pose, whether two markers have exchanged names.
-
-    Where half of the readings or more are exchanged, the others come out.
+    Beside it by how much the nominal arm misses each pose as read, and with its exchange, (m,), m; zero
+    where nothing can be told. Where half of the readings or more are exchanged, the others come out.
     """
     m, M = data.seen.shape
     order = np.tile(np.arange(M), (m, 1))
@@ -206,7 +193,7 @@ def exchanged(model: Model, data: Measurements) -> Exchanged:
         order[here] = _best_order(model, own, values)
         before[here] = missed_by(model, own, values)
         after[here] = missed_by(model, reordered(own, order[here]), values)
-    return Exchanged(order, before, after)
+    return order, before, after
 
 
 def _settled(model: Model, data: Measurements) -> Array | None:

@@ -156,13 +156,13 @@ def _shifted(model: Model, data: Measurements) -> Mistake | None:
 
 def _renamed(model: Model, data: Measurements, far: float) -> Mistake | None:
     """Two markers exchanged at some poses: far off as they read, near with the exchange undone."""
-    found = exchanged(model, data)
-    limit = np.minimum(_ARM * model.robot.reach, found.before / _TIMES)
-    wrong = np.flatnonzero((found.before > far) & (found.after <= limit))
+    order, before, after = exchanged(model, data)
+    limit = np.minimum(_ARM * model.robot.reach, before / _TIMES)
+    wrong = np.flatnonzero((before > far) & (after <= limit))
     if not len(wrong):
         return None
     poses = tuple(data.poses.names[i] for i in wrong)
-    moved = found.order[wrong] != np.arange(data.seen.shape[1])
+    moved = order[wrong] != np.arange(data.seen.shape[1])
     said = []
     for pair in np.unique(moved, axis=0):
         one, other = (model.marker_names[j] for j in np.flatnonzero(pair))
@@ -173,8 +173,8 @@ def _renamed(model: Model, data: Measurements, far: float) -> Mistake | None:
         ("exchanged",),
         ("; ".join(said),),
         ("exchange their names there",),
-        _rms(found.before[wrong]),
-        _rms(found.after[wrong]),
+        _rms(before[wrong]),
+        _rms(after[wrong]),
         poses,
     )
 

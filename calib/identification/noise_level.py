@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size
+from calib.model.readout import Readout
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.poses.moves import visits
@@ -149,17 +150,20 @@ def refuted(cost: float, dof: int) -> bool:
 
 
 def noise_level(
-    cost: float, dof: int, data: Measurements, weights: Array, lengths: Mask
+    cost: float, dof: int, data: Measurements, weights: Array, readout: Readout
 ) -> NoiseLevel:
     """Decide by chi-square and F tests which source to trust, two-sided at one per cent.
 
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
-    weights : ndarray, shape (m, C, r, r), whitening matrices
-    lengths : ndarray of bool, shape (C, r), numbers in whose unit the level is told
+    weights : ndarray, shape (m, C, r, r), whitening matrices, by the noise scales of the readout
     """
     from scipy.special import chdtr, chdtrc, fdtr, fdtrc
 
-    believed = believed_sigma(data, weights, lengths)
+    lengths = readout.channels.lengths
+    believed = stated = believed_sigma(data, weights, lengths)
+    if scales := readout.noise_scales:
+        back = readout.rescaled(weights, {name: 1.0 / s for name, s in scales.items()})
+        stated = believed_sigma(data, back, lengths)
     spread, repeats = replicate_spread(data, weights)
     factor = 1.0
     source: Source = "cell"
@@ -177,7 +181,7 @@ def noise_level(
         if 2.0 * min(below, p_fit) < _DISAGREE:
             factor, source = float(np.sqrt(cost / dof)), "residual"
     known = {"cell": np.inf, "replicates": repeats, "residual": dof}[source]
-    return NoiseLevel(believed, factor, source, known, own, p_fit, believed)
+    return NoiseLevel(believed, factor, source, known, own, p_fit, stated)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,13 @@ moves all that rides on the tip as one, and is no instrument's noise.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
-from calib.identification.noise_level import REPLICATES, NoiseLevel, believed_sigma, refuted
+from calib.identification.noise_level import REPLICATES, refuted
 from calib.instruments import Channels
 from calib.linear import orthonormal
-from calib.model.readout import Readout
 from calib.poses import Measurements
 
 _SAME = 0.05  # change of a scale that is not worth another fit: a thousandth of the deviations
@@ -90,14 +88,3 @@ def _left(r: Array, J: Array, levers: Array, counts: Mask) -> tuple[Array, Array
     left = r.ravel() - Q @ (Q.T @ r.ravel())
     taken = (U**2).sum(axis=-1) + (Q**2).sum(axis=-1).reshape(r.shape)
     return left.reshape(r.shape), np.where(counts, 1.0 - taken, 0.0)
-
-
-def with_stated(
-    noise: NoiseLevel, readout: Readout, data: Measurements, weights: Array
-) -> NoiseLevel:
-    """The noise beside what the cell says of it; weights : (m, C, r, r), by the noise scales."""
-    if not readout.noise_scales:
-        return noise
-    back = {name: 1.0 / s for name, s in readout.noise_scales.items()}
-    stated = readout.rescaled(weights, back)
-    return replace(noise, stated=believed_sigma(data, stated, readout.channels.lengths))

@@ -19,6 +19,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.identification.pattern import beyond
+from calib.linear import LinearProblem
 from calib.model.covariance import covariance
 from calib.poses import Poses
 from calib.solver import condensed
@@ -30,19 +31,15 @@ _FEW = 30  # poses below which quartiles mean little and poses are tested one by
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
-def pose_statistics(
-    r: Array, J: Array, kept: Mask, span: Array, held: Array
-) -> tuple[Array, Array]:
+def pose_statistics(linear: LinearProblem, kept: Mask) -> tuple[Array, Array]:
     """Mean square of the residual of each pose over its predicted variance, and its rows, (m,) each.
 
-    r : ndarray, shape (m, rows), whitened; zero rows for hidden markers
-    J : ndarray, shape (m, rows, p), whitened
-    kept : ndarray of bool, shape (m,), the poses that were fitted
-    span : ndarray, shape (p, k), the directions that were estimated
-    held : ndarray, shape (h, p), derivatives of what is known beside the poses
+    linear : LinearProblem, of all poses; kept : ndarray of bool, shape (m,), those that were fitted
     """
+    J, held = linear.J, linear.pull * linear.held
     rows = condensed(stacked(J if kept.all() else J[kept]))
-    return fit_statistics(r, J, kept, covariance(np.concatenate([rows, held]), span))
+    cov = covariance(np.concatenate([rows, held]), linear.span)
+    return fit_statistics(linear.r, J, kept, cov)
 
 
 def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
@@ -215,32 +212,23 @@ class _Others:
 
 
 def extrapolation_factor(
-    poses: Poses,
-    r: Array,
-    J: Array,
-    kept: Mask,
-    span: Array,
-    known: tuple[Array, Array],
-    statistics: Array,
+    poses: Poses, linear: LinearProblem, kept: Mask, statistics: Array
 ) -> Array:
     """How many times larger the mean square of a pose may be because it stands alone, shape (m,).
 
     One for all that do not.
 
-    r : ndarray, shape (m, rows), whitened; J : ndarray, shape (m, rows, p)
-    kept : ndarray of bool, shape (m,), poses that were fitted
-    span : ndarray, shape (p, k), directions that were estimated
-    known : residuals (h,) and derivatives (h, p) of what is known beside the poses
-    statistics : ndarray, shape (m,), as of ``pose_statistics``; only who stands out is asked
+    linear, kept : as of :func:`pose_statistics`
+    statistics : ndarray, shape (m,), of the same; only who stands out is asked
     """
     found = np.ones(len(poses))
-    counted = J.any(axis=(1, 2))
+    counted = linear.J.any(axis=(1, 2))
     typical = float(np.median(statistics[kept & counted]))
     for one, far in _alone(poses):
         others = kept & ~one & counted
         if others.sum() < 2 or statistics[one].max() <= _STANDS_OUT * typical or typical <= 0.0:
             continue
-        fit = _fitted(r, J, others, span, known)
+        fit = _fitted(linear, others)
         more = [
             max(0.0, square / typical - 1.0) * max(1.0, far / reached) ** 2
             for end, out, reached in _ends(poses, others, far)
@@ -268,12 +256,14 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
         yield poses.configuration == i, share
 
 
-def _fitted(r: Array, J: Array, others: Mask, span: Array, known: tuple[Array, Array]) -> _Others:
+def _fitted(linear: LinearProblem, others: Mask) -> _Others:
+    r, J, span = linear.r, linear.J, linear.span
     m, rows = r.shape
-    A = np.concatenate([(J[others] @ span).reshape(-1, span.shape[1]), known[1] @ span])
+    held = linear.pull * linear.held @ span
+    A = np.concatenate([(J[others] @ span).reshape(-1, span.shape[1]), held])
     U, s, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
     U = U[:, s > _RANK * s.max(initial=0.0)]
-    y = np.concatenate([r[others].ravel(), known[0]])
+    y = np.concatenate([r[others].ravel(), linear.pull * linear.off])
     y = y - U @ (U.T @ y)
     count = int(others.sum()) * rows
     left, Q = np.zeros((m, rows)), np.zeros((m, rows, U.shape[1]))

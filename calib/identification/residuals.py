@@ -12,13 +12,14 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError, NoEquilibrium
+from calib.identification.estimators import by_instrument
 from calib.identification.fit import Estimation
 from calib.identification.outliers import fit_statistics, pose_statistics, threshold
 from calib.identification.start import whitening
 from calib.instruments import Channels, Instrument
 from calib.model import Model
 from calib.model.build import lacking
-from calib.observations import Points, points_of
+from calib.observations import Points
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
 
@@ -145,10 +146,9 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     Raises CalibError where they do not say what the model asks, or stood at a station of their own.
     """
     model, values, observation = fit.model, fit.values, fit.observation
-    r, J = points_of(observation).linearise(values)
-    held = observation.prior_residuals(values)[1]
+    fitted = by_instrument(observation, values, fit.span)
     rows = math.prod(observation.weights.shape[-3:-1])
-    limit = threshold(pose_statistics(r, J, fit.kept, fit.span, held)[0], rows)
+    limit = threshold(pose_statistics(fitted, fit.kept)[0], rows)
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))

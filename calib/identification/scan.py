@@ -24,6 +24,8 @@ from calib.arrays import Array, IntArray
 from calib.evidence import score_test
 from calib.linear import Complement
 
+_AT_ONCE = 400  # tunings: memory
+
 
 @dataclass(frozen=True, eq=False)
 class Carried:
@@ -64,16 +66,20 @@ def times(carrier: Array, functions: Array) -> Array:
     return np.asarray(rows.reshape((*carrier.shape[:2], -1)))
 
 
-def scores(carried: Carried, functions: Array, limits: Array) -> tuple[Array, IntArray]:
-    """Fall of the sum of squares at every tuning, (C,), and how many directions it takes, (C,).
+def falls(carried: Carried, functions: Array, limits: Array) -> Array:
+    """Fall of the sum of squares at every tuning, shape (C,).
 
     functions : ndarray, shape (C, m, f); limits : ndarray, shape (f b,), largest believable amplitudes
     """
-    F = np.ascontiguousarray(np.swapaxes(functions, -1, -2))
-    z = _summed(F, carried.g[..., None])[..., 0]
-    C, S = _summed(F, carried.H), _products(F, carried)
-    lengths = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
-    return score_test(S - C @ np.swapaxes(C, -1, -2), z, lengths, limits)
+    found = np.zeros(len(functions))
+    for start in range(0, len(functions), _AT_ONCE):
+        own = slice(start, start + _AT_ONCE)
+        F = np.ascontiguousarray(np.swapaxes(functions[own], -1, -2))
+        z = _summed(F, carried.g[..., None])[..., 0]
+        C, S = _summed(F, carried.H), _products(F, carried)
+        lengths = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
+        found[own], _ = score_test(S - C @ np.swapaxes(C, -1, -2), z, lengths, limits)
+    return found
 
 
 def _summed(F: Array, at_poses: Array) -> Array:

@@ -39,7 +39,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
     for instrument, part in model.readout.channels.blocks:
         bases = {
             e.where if instrument.sites else e.station: s
-            for e, s in zip(model.effects, model.slices, strict=True)
+            for e, s in model.parts
             if isinstance(e, Base) and e.of.name == instrument.name
         }
         read = instrument.read_of(len(markers))
@@ -66,7 +66,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
             if station in bases and station not in placed:
                 values[bases[station]] = start.place
             placed.add(station)
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values

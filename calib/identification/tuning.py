@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
-from calib.identification.scan import Carried, carried, scores, times
+from calib.identification.scan import Carried, carried, falls, times
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Observation, Points, points_of
@@ -109,7 +109,7 @@ def _together(
     by_old = {id(before): after for before, after in zip(old, new, strict=True)}
     model = model.with_effects(tuple(by_old.get(id(e), e) for e in model.effects))
     values, first, begin = model.initial, 0, 0
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Tuned):
             count = len(effect.amplitudes)
             values[part.start + 1 : part.stop] = amplitudes[begin : begin + count]
@@ -140,7 +140,7 @@ def _falls(effect: Tuned, poses: Poses, carried: Carried, tunings: Array) -> Arr
     """By how much the cost falls with the effect at each tuning (C,), whatever its amplitudes, (C,)."""
     f = effect.functions(poses, tunings).shape[-1]
     sizes = np.array([p.size for p in effect.amplitudes]).reshape(f, -1)
-    return scores(carried, effect.functions(poses, tunings), _ANY * sizes.ravel())[0]
+    return falls(carried, effect.functions(poses, tunings), _ANY * sizes.ravel())
 
 
 # -- how sure ----------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ def profiled(
     """
     model, points = observation.model, points_of(observation)
     out = np.full(len(values), np.nan)
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         fitted = span[part.start].any() or part.start in model.still
         if isinstance(effect, Tuned) and fitted and not effect.rests(values[part]):
             own = _half_width(effect, part, points, values, span, std[part.start], factor)

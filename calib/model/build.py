@@ -234,11 +234,10 @@ def _of_type(built: Built, prior: Prior) -> Model:
     Raises CalibError.
     """
     model, full = built.model, built.full
-    keys, every = ([(p.effect, p.where, p.name) for p in of.parameters] for of in (model, full))
     theirs = [key for key in prior.keys if is_constant(key[0])]
-    own = [key for key in keys if is_constant(key[0])]
+    own = [key for key in model.keys if is_constant(key[0])]
     if own and theirs:
-        lost = [key for key in theirs if key not in every]
+        lost = [key for key in theirs if key not in full.keys]
         B = np.zeros((len(own), 0)) if lost else carried_over(full, model, theirs)
         if lost or np.linalg.matrix_rank(B, tol=_ABSENT) < len(own):
             raise CalibError(
@@ -246,7 +245,7 @@ def _of_type(built: Built, prior: Prior) -> Model:
                 "from cells with these [model] effects, or take it out"
             )
         prior = prior.in_terms_of(theirs, own, B)
-    known = prior.only(keys)
+    known = prior.only(model.keys)
     if not known.keys:
         there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
         raise CalibError(f"[model.prior] knows {there} and nothing of this model; take it out")
@@ -353,7 +352,7 @@ def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
     few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
     _, J = part.jacobian(soft, few)
     moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
-    for effect, columns in zip(part.effects, part.slices, strict=True):
+    for effect, columns in part.parts:
         if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
             _refuse_idle(effect, part, poses)
 

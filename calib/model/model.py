@@ -45,7 +45,7 @@ from calib.errors import NoEquilibrium
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
-from calib.population.prior import Prior
+from calib.population.prior import Key, Prior
 from calib.poses import Measurements, Poses
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
@@ -112,13 +112,22 @@ class Model:
         return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
 
     @property
-    def _parts(self) -> Iterator[tuple[Effect, slice]]:
+    def parts(self) -> Iterator[tuple[Effect, slice]]:
         """Each effect and where its parameters stand."""
         return zip(self.effects, self.slices, strict=True)
 
+    @cached_property
+    def keys(self) -> tuple[Key, ...]:
+        """Effect, where and name of every parameter."""
+        return tuple(p.key for p in self.parameters)
+
+    def positions(self, effect: Effect) -> IntArray:
+        """Where the parameters of one of its effects stand, shape (k,)."""
+        return next(np.arange(s.start, s.stop) for e, s in self.parts if e is effect)
+
     def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the parameters of some kinds of effect."""
-        found = [np.arange(s.start, s.stop) for e, s in self._parts if isinstance(e, kinds)]
+        found = [np.arange(s.start, s.stop) for e, s in self.parts if isinstance(e, kinds)]
         return np.concatenate(found) if found else np.zeros(0, dtype=int)
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
@@ -143,18 +152,18 @@ class Model:
     @cached_property
     def tunings(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the parameters that are tunings."""
-        return np.array([s.start for e, s in self._parts if isinstance(e, Tuned)], dtype=int)
+        return np.array([s.start for e, s in self.parts if isinstance(e, Tuned)], dtype=int)
 
     @cached_property
     def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
-        own = [s.start for e, s in self._parts if isinstance(e, Tuned) and not e.smooth]
+        own = [s.start for e, s in self.parts if isinstance(e, Tuned) and not e.smooth]
         return np.array(own, dtype=int)
 
     def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
         """The model without some of its effects, and its values (p,) without theirs."""
         gone = {id(effect) for effect in effects}
-        kept = [(e, s) for e, s in self._parts if id(e) not in gone]
+        kept = [(e, s) for e, s in self.parts if id(e) not in gone]
         own = [values[s] for _, s in kept]
         return self.with_effects(tuple(e for e, _ in kept)), np.concatenate([np.zeros(0), *own])
 
@@ -202,7 +211,7 @@ class Model:
         """
         loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         changed = loads
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, WeightEffect) and values[..., part].any():
                 changed = changed.changed(effect.changes(poses, loads), values[..., part])
         return changed
@@ -210,7 +219,7 @@ class Model:
     def _springs(self, values: Array, poses: Poses) -> Array:
         """Wrenches of springs beside the joints, shape (..., m, F, 6), in frame axes."""
         total = np.zeros((len(poses), self.robot.frame_count, 6))
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, SpringEffect):
                 basis = effect.wrench_basis(poses)
                 total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
@@ -218,7 +227,7 @@ class Model:
 
     def _given(self, values: Array, poses: Poses) -> Array | None:
         """Displacements known before the arm bends, (..., m, F, 6), None where there are none."""
-        chosen = [(e, part) for e, part in self._parts if isinstance(e, PoseEffect)]
+        chosen = [(e, part) for e, part in self.parts if isinstance(e, PoseEffect)]
         moved = [
             own
             for e, part in chosen
@@ -229,7 +238,7 @@ class Model:
 
     def _deflections(self, values: Array, state: State) -> Array:
         """Displacements of what is elastic, shape (..., m, F, 6)."""
-        chosen = [(e, part) for e, part in self._parts if isinstance(e, ElasticEffect)]
+        chosen = [(e, part) for e, part in self.parts if isinstance(e, ElasticEffect)]
         moved = [
             own
             for e, part in chosen
@@ -247,7 +256,7 @@ class Model:
     def constant_displacements(self, values: Array) -> Array:
         """Displacement of each frame that holds at every pose, shape (..., F, 6), m and rad."""
         xi = np.zeros((*values.shape[:-1], self.robot.frame_count, 6))
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, Constant):
                 xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
         return xi
@@ -257,7 +266,7 @@ class Model:
     def marker_positions(self, values: Array) -> Array:
         """Markers in the tip frame, shape (..., M, 3), m."""
         offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, Tool):
                 offsets[..., effect.markers, :] = effect.offsets(values[..., part])
         return self.markers + offsets
@@ -265,12 +274,12 @@ class Model:
     @cached_property
     def readout(self) -> Readout:
         """What makes readings of points."""
-        reading = [(e, part) for e, part in self._parts if isinstance(e, ReadingEffect)]
+        reading = [(e, part) for e, part in self.parts if isinstance(e, ReadingEffect)]
         return Readout(
             Channels(self.instruments, len(self.markers)),
-            tuple((e, part) for e, part in self._parts if isinstance(e, Base)),
+            tuple((e, part) for e, part in self.parts if isinstance(e, Base)),
             tuple(sorted(reading, key=lambda own: not own[0].first)),
-            tuple((e, p) for e, p in self._parts if isinstance(e, PartEffect) and e.body is None),
+            tuple((e, p) for e, p in self.parts if isinstance(e, PartEffect) and e.body is None),
             self.noise_scales,
         )
 
@@ -279,7 +288,7 @@ class Model:
         batch = values.shape[:-1]
         R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
         p = np.zeros((*batch, len(poses), 3))
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, Base) and isinstance(effect.of, Tracker):
                 R_base, p_base = effect.of.placement(values[..., part])
                 here = poses.station == effect.station
@@ -312,7 +321,7 @@ class Model:
     def _fixed_on_tip(self, values: Array, poses: Poses) -> Array:
         """Markers in the tip frame, (..., m or 1, M, 3), m, before a body of several comes loose."""
         markers = self.marker_positions(values)[..., None, :, :]
-        moved = [(e, part) for e, part in self._parts if isinstance(e, MarkerEffect)]
+        moved = [(e, part) for e, part in self.parts if isinstance(e, MarkerEffect)]
         if moved or self._bodies:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
@@ -323,7 +332,7 @@ class Model:
     @property
     def _bodies(self) -> list[tuple[PartEffect, slice]]:
         """Effects that displace several markers on the tip as one."""
-        own = ((e, p) for e, p in self._parts if isinstance(e, PartEffect))
+        own = ((e, p) for e, p in self.parts if isinstance(e, PartEffect))
         return [(e, p) for e, p in own if e.body is not None]
 
     def _follow_bodies(self, values: Array, poses: Poses, frames: Frames, J: Array) -> None:
@@ -384,14 +393,13 @@ class Model:
     @cached_property
     def own_prior(self) -> Prior | None:
         """What is believed beforehand of the parameters that the model has."""
-        keys = {(p.effect, p.where, p.name) for p in self.parameters}
-        return None if self.prior is None else self.prior.only(keys)
+        return None if self.prior is None else self.prior.only(self.keys)
 
     @cached_property
     def own_prior_at(self) -> IntArray:
         """Positions of these parameters."""
-        keys = [(p.effect, p.where, p.name) for p in self.parameters]
-        return np.zeros(0, dtype=int) if self.own_prior is None else self.own_prior.positions(keys)
+        known = self.own_prior
+        return np.zeros(0, dtype=int) if known is None else known.positions(self.keys)
 
     @cached_property
     def by_prior(self) -> Array:
@@ -405,7 +413,7 @@ class Model:
     def _believed(self) -> Array:
         """What is known of the values about zero beforehand, as rows of unit variance (k, p)."""
         found = [np.zeros((0, len(self.parameters)))]
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if np.isfinite(effect.believed).any():
                 own = effect.belief
                 found.append(np.zeros((len(own), len(self.parameters))))
@@ -439,11 +447,11 @@ class Model:
         J = np.zeros((3, len(self.parameters)))
         if name in self.marker_names:
             marker = self.marker_names.index(name)
-            for effect, part in self._parts:
+            for effect, part in self.parts:
                 if isinstance(effect, Tool) and effect.marker == marker:
                     J[list(effect.components), part] = np.eye(len(effect.components))
             return self.marker_positions(values)[..., marker, :], J
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, Base) and effect.where == name:
                 J[:, part] = np.eye(3)
                 return values[..., part], J
@@ -497,7 +505,7 @@ class Model:
         state = self.state(values, poses)
         points = self.tip_points(state.frames, values, poses)
         J = self._by_arm(values, state, points)
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, Tool):
                 R_tip = self._axes_under(state.frames, effect.markers)
                 by_values = effect.columns(values[..., part])[..., None, :, :, :]
@@ -521,7 +529,7 @@ class Model:
         soft, loads = self._flexibilities(values, poses), self.loads(values, poses)
         tips = [frame for frame, _ in self.by_tip]
         fields = arm_jacobian(
-            self.robot, tuple(self._parts), values, state, given, loads, soft, tips
+            self.robot, tuple(self.parts), values, state, given, loads, soft, tips
         )
         if len(tips) == 1:
             return _moved_by(fields[0], points)
@@ -538,7 +546,7 @@ class Model:
         Shapes (..., m, 6, 6).
         """
         total: dict[tuple[int, int], Array] = {}
-        for effect, part in self._parts:
+        for effect, part in self.parts:
             if isinstance(effect, ElasticEffect) and values[..., part].any():
                 for frames, own in effect.flexibilities(poses).items():
                     K = np.einsum("mijp,...p->...mij", own, values[..., part])

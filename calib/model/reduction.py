@@ -102,8 +102,8 @@ def carried_over(full: Model, model: Model, keys: Sequence[Key]) -> Array:
     X = _rows(
         rigid, _generic_values(rigid), poses_at(generic_configurations(model.robot, _CARRIED))
     )
-    there = [(p.effect, p.where, p.name) for p in rigid.parameters]
-    own = [key for key in _keys(model) if key in there and key[0] not in _PLACES]
+    there = rigid.keys
+    own = [key for key in model.keys if key in there and key[0] not in _PLACES]
     placed = [i for i, key in enumerate(there) if key[0] in _PLACES]
     kept = [*(there.index(key) for key in own), *placed]
     norms = np.linalg.norm(X, axis=0)
@@ -111,10 +111,6 @@ def carried_over(full: Model, model: Model, keys: Sequence[Key]) -> Array:
     wanted = [there.index(key) for key in keys]
     shares = np.linalg.lstsq(X[:, kept] / scale[kept], X[:, wanted] / scale[wanted], rcond=1e-9)[0]
     return np.asarray((shares * scale[wanted] / scale[kept][:, None])[: len(own)])
-
-
-def _keys(model: Model) -> list[Key]:
-    return [(p.effect, p.where, p.name) for p in model.parameters]
 
 
 def _as_tracked(model: Model) -> Model:

@@ -55,14 +55,13 @@ def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elemen
     G = np.eye(len(own), len(theirs) + len(rest), len(theirs) - len(constant))
     if constant:
         G[: len(constant), : len(theirs)] = carried_over(full, model, [e.key for e in theirs])
-    order = [(p.effect, p.where, p.name) for p in model.parameters]
     keys, errors = tuple(e.key for e in (*constant, *rest)), (*theirs, *rest)
     scales = {e.kind: e.parameter.scale for e in errors}
     classes = tuple(scales)
     places = np.array([f"{e.key[0]}:{e.key[1]}" for e in errors])
     every = Elementary(
         keys,
-        np.array([order.index(key) for key in keys], dtype=int),
+        np.array([model.keys.index(key) for key in keys], dtype=int),
         G,
         np.array([e.size for e in errors]),
         classes,
@@ -70,12 +69,12 @@ def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elemen
         np.array([classes.index(e.kind) for e in errors], dtype=int),
         np.unique(places, return_inverse=True)[1].reshape(-1),
     )
-    return every.without([order.index(key) for key in keys if key in taken])
+    return every.without([model.keys.index(key) for key in keys if key in taken])
 
 
 def _errors(model: Model) -> list[_Error]:
     return [
-        _Error((p.effect, p.where, p.name), p, isinstance(e, Constant), _is_zero(model, e, k))
+        _Error(p.key, p, isinstance(e, Constant), _is_zero(model, e, k))
         for e in model.effects
         if not isinstance(e, Base | Tool)
         for k, p in enumerate(e.parameters)

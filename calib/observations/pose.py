@@ -165,7 +165,7 @@ class PoseObservation(Observation):
     def _tool_columns(self) -> Array:
         """How the markers' parameters follow the shape, (p, 3 M)."""
         E = np.zeros((len(self.model.parameters), *self.model.markers.shape))
-        for effect, part in zip(self.model.effects, self.model.slices, strict=True):
+        for effect, part in self.model.parts:
             if isinstance(effect, Tool):
                 E[part, effect.marker] = np.eye(3)[list(effect.components)]
         return E.reshape(len(E), -1)

@@ -88,7 +88,7 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
             break
     offsets = _laid(shape, markers, free) - model.markers
     placed = np.broadcast_to(values, (*offsets.shape[:-2], len(values))).copy()
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Tool):
             placed[..., part] = offsets[..., effect.marker, list(effect.components)]
     return placed

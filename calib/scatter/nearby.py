@@ -9,7 +9,7 @@ sum is ``n (x + x^2 / 2)`` where the exact gain is ``-n log(1 - x)``: never too 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,11 +46,13 @@ class NearbyLikelihood:
         return independent(self.problem, self.theta)
 
     @cached_property
-    def _bare(self) -> Likelihood:
-        """With the known columns alone."""
+    def _alone(self) -> tuple[Likelihood, Array, float]:
+        """The likelihood of the known columns alone, its pulls (v,), and what a step promises."""
         known = self.problem.known
         chosen = np.append(np.arange(known), self.problem.outside.shape[1] - 1)
-        return likelihood(self.problem.with_columns(chosen, known), self.theta)
+        found = likelihood(self.problem.with_columns(chosen, known), self.theta)
+        pulls = self._pulls(np.zeros(0, dtype=int), np.zeros(0))
+        return found, pulls, step(found, self.theta, self.free)[1]
 
     @cached_property
     def _products(self) -> tuple[Array, Array]:
@@ -78,8 +80,13 @@ class NearbyLikelihood:
         unit = np.linalg.cholesky(A / np.outer(scale, scale) + 1e-12 * np.eye(len(own)))
         L = unit * scale[:, None]
         z = np.linalg.solve(L, right)
-        changed = self._pulls(own, np.linalg.solve(L.T, z)) - self._bare_pulls
-        return Gain(float(z @ z), self._promised(changed) - self._unmoved, L.T)
+        promised = 0.0
+        if len(self.free):
+            alone, pulls, unmoved = self._alone
+            changed = self._pulls(own, np.linalg.solve(L.T, z)) - pulls
+            there = replace(alone, gradient=alone.gradient - changed)
+            promised = step(there, self.theta, self.free)[1] - unmoved
+        return Gain(float(z @ z), promised, L.T)
 
     def _pulls(self, own: IntArray, values: Array) -> Array:
         """``y^T P V_j P y`` by every variance, shape (v,), with columns ``own`` at values (k,)."""
@@ -89,24 +96,3 @@ class NearbyLikelihood:
         combined[:p] = share[:, own - p] @ values - share[:, -1]
         combined[-1] = 1.0
         return self._rows.pulls(combined)
-
-    @cached_property
-    def _bare_pulls(self) -> Array:
-        """The same without any suspect."""
-        return self._pulls(np.zeros(0, dtype=int), np.zeros(0))
-
-    @cached_property
-    def _unmoved(self) -> float:
-        """What finding them anew promises without any suspect."""
-        return self._promised(np.zeros(len(self.theta)))
-
-    def _promised(self, changed: Array) -> float:
-        """Fall by finding the variances anew.
-
-        changed : ndarray, shape (v,), by how much ``y^T P V_j P y`` is changed
-        """
-        if not len(self.free):
-            return 0.0
-        found = self._bare
-        there = Likelihood(found.value, found.gradient - changed, found.information, found.diagonal)
-        return step(there, self.theta, self.free)[1]

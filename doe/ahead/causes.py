@@ -24,7 +24,6 @@ from calib.diagnosis.causes import Cause
 from calib.diagnosis.contest import Entrant
 from calib.diagnosis.equivalence import SAME
 from calib.diagnosis.shape import SHAPE_ALPHA, TESTED, chance_of, wave_power, waves
-from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import linear_scores
 from calib.evidence import visible_directions
 from doe.ahead.forecast import Forecast, Offer
@@ -143,7 +142,7 @@ class Discrimination:
     ) -> Discrimination:
         """Of the rivals of one place, as the readings in hand know them."""
         model, (r, rows) = forecast.model, forecast.known.independent
-        at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in members]
+        at = [np.setdiff1d(model.positions(c.effect), model.tunings) for c in members]
         own = np.concatenate(at)
         # Each rival takes the place of all: to first order, whole refits differ by less than noise.
         y = r + rows[:, own] @ forecast.values[own]
@@ -288,7 +287,7 @@ def forms_of(forecast: Forecast, diagnosis: Diagnosis) -> Iterator[CauseForm]:
 
 def _form(forecast: Forecast, diagnosis: Diagnosis, cause: Cause) -> CauseForm | None:
     model, q = diagnosis.after.model, diagnosis.data.poses.q
-    own = np.setdiff1d(positions(model, cause.named.candidate.effect), model.tunings)
+    own = np.setdiff1d(model.positions(cause.named.candidate.effect), model.tunings)
     joints = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
     if not len(joints) or not len(own):
         return None

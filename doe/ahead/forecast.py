@@ -122,7 +122,7 @@ class Forecast(Linearisation):
         """Candidates (m, dof) with their rows, each as one among ``count`` poses to come."""
         robot, parameters = self.model.robot, len(self.model.parameters)
         joint, sided = np.zeros(parameters, dtype=int), False
-        for effect, part in zip(self.model.effects, self.model.slices, strict=True):
+        for effect, part in self.model.parts:
             variable, _, name = effect.depends_on.partition(":")
             if variable == "approach" and name in robot.joints:
                 joint[part], sided = robot.joints.index(name), True

@@ -20,7 +20,6 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import Detectable, detectable
 from calib.diagnosis.screen import Field, field
-from calib.diagnosis.stage import positions
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
@@ -193,7 +192,7 @@ class CauseDetection:
 
         kept : ndarray of int, of what is modelled; asked : int, all causes that will be
         """
-        at = [np.setdiff1d(positions(model, c.effect), model.tunings) for c in causes]
+        at = [np.setdiff1d(model.positions(c.effect), model.tunings) for c in causes]
         ends = np.cumsum([0, *map(len, at)])
         columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
         X = rows[:, np.concatenate([kept[:0], *at])]

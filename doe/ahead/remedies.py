@@ -14,7 +14,6 @@ import numpy as np
 
 from calib.arm.se3 import so3_exp
 from calib.arrays import Array, stacked
-from calib.diagnosis.stage import positions
 from calib.effects.base import Base
 from calib.effects.link_growth import translations
 from calib.effects.readings import ReadingEffect
@@ -219,7 +218,7 @@ def remedies_of(found: PowerAnalysis) -> tuple[tuple[Remedy, ...], ...]:
         return ()
     every = [found.seen[i].candidate for group in groups for i in group]
     model, values = found.model.extended(found.values, [c.effect for c in every])
-    at = np.concatenate([positions(found.forecast.model, effect) for effect in model.effects])
+    at = np.concatenate([found.forecast.model.positions(effect) for effect in model.effects])
     forecast = found.forecast.with_model(model, values, at)
     q = forecast.feasible(int(found.data.poses.configuration.max()) + 1, seed=0)
     causes = np.arange(len(found.values), len(values))

@@ -106,7 +106,7 @@ class Linearisation:
         if not self.silent:
             return J
         heard = J.copy()
-        for effect, part in zip(self.model.effects, self.model.slices, strict=True):
+        for effect, part in self.model.parts:
             if any(effect is other for other in self.silent):
                 heard[..., part] = 0.0
         return heard
@@ -128,7 +128,7 @@ def nominal(model: Model, poses: Poses) -> Array:
     a time constant show beside an amplitude only, which is taken as usual.
     """
     values = soft(model, poses) if len(model.where(LoadEffect)) else model.initial
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Tuned):
             values[part.start + 1 : part.stop] = model.sizes[part.start + 1 : part.stop]
     return values

@@ -89,7 +89,7 @@ def _meaning(model: Model, values: Array, poses: Poses) -> _Truth:
     frames, dq = np.zeros((robot.dof + 2, 6)), np.zeros(q.shape)
     compliance, masses, markers = np.zeros(q.shape), robot.masses.copy(), model.markers.copy()
     payload, com, bases = model.payload.mass, np.array(model.payload.com), {}
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         own = values[part]
         joint = robot.joints.index(effect.where) if effect.where in robot.joints else -1
         match effect:

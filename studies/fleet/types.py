@@ -100,9 +100,7 @@ def _terms(
         e for e in cell.effects if parse_effect(e)[0] in GROUPS or is_constant(parse_effect(e)[0])
     )
     built = build(replace(cell, effects=rigid, prior=None))
-    every = {(p.effect, p.where, p.name) for p in built.full.parameters}
-    order = [(p.effect, p.where, p.name) for p in built.model.parameters]
-    own = [key for key in order if key in keys]
+    own, every = [key for key in built.model.keys if key in keys], set(built.full.keys)
     found = {}
     for theirs in lists:
         constants = [key for key in theirs if is_constant(key[0])]
@@ -141,9 +139,7 @@ def _robot(name: str, known: DayEstimate, T: Array) -> RobotEstimate:
 
 def _parameters(own: TableOutcome, keys: tuple[Key, ...]) -> tuple[Parameter, ...]:
     cell = load_cell(own.cell)
-    by_key = {
-        (p.effect, p.where, p.name): p for p in load_estimate(cell, _result(own)).model.parameters
-    }
+    by_key = {p.key: p for p in load_estimate(cell, _result(own)).model.parameters}
     if not by_key.keys() >= set(keys):
         raise InputError(_result(own), "estimate", "is not of its cell", "run the fleet anew")
     return tuple(by_key[key] for key in keys)

@@ -71,7 +71,7 @@ def instrument_places(cell: Cell, plan: Poses | Measurements) -> InstrumentPlace
         return InstrumentPlaces(known, cell.markers)
     found = {
         (effect.where if effect.of.sites else effect.of.name): values[part]
-        for effect, part in zip(model.effects, model.slices, strict=True)
+        for effect, part in model.parts
         if isinstance(effect, Base) and effect.station in (None, 0)
     }
     return InstrumentPlaces({**known, **found}, model.marker_positions(values))

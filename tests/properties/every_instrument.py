@@ -76,7 +76,7 @@ class Scene:
     def at(self, model: Model) -> Array:
         """Values of a model with its instruments where they stand."""
         values = model.initial
-        for effect, part in zip(model.effects, model.slices, strict=True):
+        for effect, part in model.parts:
             if effect.kind == "base":
                 values[part] = self.places[effect.where]
         return values

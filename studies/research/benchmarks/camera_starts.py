@@ -364,7 +364,7 @@ def truth_values(setup: SetUp, model: Any) -> Array:
         return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
 
     values, hand = model.initial.copy(), setup.kind["cameras"] == "hand"
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if isinstance(effect, Base):
             place = setup.at if hand else inverse(setup.cameras[effect.of.name])
             lens = [setup.focal - f for f in cast("Camera", effect.of).lens.values[:2]]

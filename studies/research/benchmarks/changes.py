@@ -118,7 +118,7 @@ def linear_day(
     if size is not None:
         estimate = estimate + cov @ J[:, :own].T @ (J[:, own:] @ size)
     markers = dict(zip(model.marker_names, model.marker_positions(estimate), strict=True))
-    keys = tuple((p.effect, p.where, p.name) for p in model.parameters)
+    keys = model.keys
     known = DayEstimate(
         keys, estimate, cov, np.zeros(own, dtype=bool), markers, np.inf, poses=poses
     )

@@ -104,7 +104,7 @@ def learnt(of: Type, count: int, rng: np.random.Generator) -> Prior:
         cov = covariance(J, np.eye(len(values)))[np.ix_(of.own, of.own)]
         found = values[of.own] + np.linalg.cholesky(cov) @ rng.normal(size=len(of.own))
         robots.append(RobotEstimate(str(i), found, cov, np.zeros((len(of.own), 0))))
-    keys = [(p.effect, p.where, p.name) for p in of.model.parameters]
+    keys = of.model.keys
     names = tuple(keys[i] for i in of.own)
     return population(of.cell.robot.name, names, of.model.sizes[of.own], robots).prior
 
@@ -148,7 +148,7 @@ def outcome(of: Type, prior: Prior, before: int, goal: float, rng: np.random.Gen
         held += ((low <= truth[of.own]) & (truth[of.own] <= high)).tolist()
         strange.append(found.of_type is not None and not found.of_type.of_the_type)
     hit = truth.copy()
-    keys = [(p.effect, p.where, p.name) for p in of.model.parameters]
+    keys = of.model.keys
     hit[of.own[[keys[i][1] == "A3" and keys[i][2].startswith("r") for i in of.own]][0]] += _KNOCK
     for n in POSES[-2:]:
         found = calib.identify(

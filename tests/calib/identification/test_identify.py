@@ -33,7 +33,7 @@ def measured(
     """Data of a random truth: base anywhere, geometry of some sizes, markers far from the guess."""
     model = build(cell, poses).model
     truth = model.sizes * rng.normal(size=len(model.parameters)) * size
-    for effect, part in zip(model.effects, model.slices, strict=True):
+    for effect, part in model.parts:
         if effect.kind == "base":
             axis = rng.normal(size=3)
             turn = axis / np.linalg.norm(axis) * rng.uniform(0, np.pi)

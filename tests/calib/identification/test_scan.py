@@ -11,7 +11,7 @@ import calib
 from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
 from calib.effects.tuned import Tuned
-from calib.identification.scan import carried, scores, times
+from calib.identification.scan import carried, falls, times
 from calib.model.build import context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
@@ -43,9 +43,9 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     tunings = effect.grid(stage.data.poses)[::7]
     functions = effect.functions(stage.data.poses, tunings)
     limits = np.array([p.limit for p in effect.amplitudes])
-    falls, _ = scores(carried(fit.linear.complement, carrier), functions, limits)
+    found = falls(carried(fit.linear.complement, carrier), functions, limits)
     r, J = fit.linear.independent
-    for fall, own in zip(falls, functions, strict=True):
+    for fall, own in zip(found, functions, strict=True):
         rows = times(carrier, own)
         X = (rows if fit.mixing is None else fit.mixing(rows)).reshape(-1, rows.shape[-1])
         one = score(field(J @ fit.span, X, r), np.arange(X.shape[1]), None, limits)

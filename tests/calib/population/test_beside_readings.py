@@ -150,7 +150,7 @@ def told(found: calib.Identification | Diagnosis) -> tuple[Array, Array]:
     """The same of a result."""
     fit = found.after if isinstance(found, Diagnosis) else found
     cov = fit.covariance * (found.scale**2 if isinstance(found, Diagnosis) else 1.0)
-    keys = [(p.effect, p.where, p.name) for p in fit.model.parameters]
+    keys = fit.model.keys
     at = [keys.index(key) for key in KEYS]
     return fit.values[at], np.sqrt(np.diag(cov))[at]
 
@@ -173,7 +173,7 @@ def test_it_counts_as_by_hand(tmp_path: Path, loud: float, arm: str) -> None:
     for values, own in (told(found), told(in_poses)):
         np.testing.assert_allclose((values - mean) / std, 0.0, atol=0.02)
         np.testing.assert_allclose(own, std, rtol=0.02)
-    keys = [(p.effect, p.where, p.name) for p in found.model.parameters]
+    keys = found.model.keys
     foreseen = doe.enough(known, data).steps[0].std[[keys.index(key) for key in KEYS]]
     np.testing.assert_allclose(foreseen, told(found)[1], rtol=0.01)
     alone = told(calib.identify(cell, data))[1]
@@ -183,7 +183,7 @@ def test_it_counts_as_by_hand(tmp_path: Path, loud: float, arm: str) -> None:
 def test_it_is_foreseen_as_it_will_count_where_readings_show_the_scatter(tmp_path: Path) -> None:
     cell, data, _ = day(tmp_path, 3, scatters=True)
     found = calib.identify(of_a_type(cell), data)
-    keys = [(p.effect, p.where, p.name) for p in found.model.parameters]
+    keys = found.model.keys
     steps = doe.enough(of_a_type(cell), data).steps
     np.testing.assert_allclose(
         steps[0].std[[keys.index(key) for key in KEYS]], told(found)[1], rtol=0.01

@@ -17,7 +17,6 @@ from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.equivalence import Named
-from calib.diagnosis.stage import positions
 from calib.errors import CalibError
 from doe.ahead.causes import Discrimination
 from doe.ahead.forecast import Forecast, Offer
@@ -139,10 +138,10 @@ def test_predictions_are_those_of_stacked_least_squares(
     session = forecast.conditions.in_order(cell.robot, six.poses.q)
     _, J = forecast.model.jacobian(forecast.values, session)
     fresh = J.reshape(-1, J.shape[-1]) / found.noise.sigma
-    at = [positions(forecast.model, c.effect) for c in (first, second)]
+    at = [forecast.model.positions(c.effect) for c in (first, second)]
     rest = np.setdiff1d(np.arange(J.shape[-1]), np.concatenate(at))
     refit = found.stage.fit([second.effect])
-    b = [found.causes[0].values, refit.values[positions(refit.model, second.effect)]]
+    b = [found.causes[0].values, refit.values[refit.model.positions(second.effect)]]
     for have, predicted in (
         (rows, prediction.now),
         (np.concatenate([rows, fresh]), prediction.after),
@@ -168,7 +167,7 @@ def test_the_poses_chosen_beat_poses_at_random(
     members = [c for c, _ in found.causes[0].named.members]
     forecast = Forecast.after_diagnosis(cell, found, [c.effect for c in members])
     r, rows = forecast.known.independent
-    at = [positions(forecast.model, c.effect) for c in members]
+    at = [forecast.model.positions(c.effect) for c in members]
     y = r + rows[:, np.concatenate(at)] @ forecast.values[np.concatenate(at)]
     evidence = Discrimination.of(rows, y, forecast.model.sizes, at, ((0, 1),))
     q = forecast.feasible(120, seed=5).reshape(20, 6, -1)

@@ -34,7 +34,7 @@ def of_a_type(cell: Cell, mean: float, covariance: Callable[[Array], Array]) -> 
     """The cell with 30 robots of its type known; mean in plausible sizes, covariance of the sizes."""
     own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
     sizes = np.array([p.size for p in own])
-    keys = tuple((p.effect, p.where, p.name) for p in own)
+    keys = tuple(p.key for p in own)
     return replace(cell, prior=Prior("kr270", keys, mean * sizes, covariance(sizes), 30))
 
 

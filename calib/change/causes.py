@@ -165,12 +165,11 @@ def candidates(
         if kind in ("base", "tool"):
             sizes = np.full(len(sizes), _KNOCK)
         causes.append(_cause(kind, effect, taken[rows, part], sizes))
-    return tuple(cause for cause in causes if _shows(found, cause) > _NOTHING)
-
-
-def _shows(found: Difference, cause: ChangeCause) -> float:
-    """By how many standard deviations a plausible size shifts what is compared."""
-    return float(np.linalg.norm(found.half @ (cause.columns * cause.sizes)))
+    return tuple(
+        cause
+        for cause in causes
+        if np.linalg.norm(found.half @ (cause.columns * cause.sizes)) > _NOTHING
+    )
 
 
 def _cause(kind: str, effect: Effect, columns: Array, sizes: Array) -> ChangeCause:
@@ -200,15 +199,10 @@ def _suspects(model: Model, poses: Poses, context: Context) -> Iterator[tuple[st
     yield from (("joint_offset", e) for e in lacked(model, context, ("joint_offset",)))
     for joint in robot.joints[1:]:  # the first segment is the base's
         yield "link_geometry", LinkGeometry.at(context, joint)
-    kinds = [kind for kind in _DRIVES if kind != "joint_compliance" or _stressed(model, poses)]
-    yield from ((effect.kind, effect) for effect in lacked(model, context, kinds))
-
-
-def _stressed(model: Model, poses: Poses) -> bool:
-    """Whether a compliance shows, and none by angle stands for it."""
-    if any(effect.kind == "stiffness_vs_angle" for effect in model.effects):
-        return False
-    return not loads_of(model.robot, poses, model.payload, model.gravity).absent
+    by_angle = any(effect.kind == "stiffness_vs_angle" for effect in model.effects)
+    idle = loads_of(model.robot, poses, model.payload, model.gravity).absent
+    drives = [kind for kind in _DRIVES if kind != "joint_compliance" or not (by_angle or idle)]
+    yield from ((effect.kind, effect) for effect in lacked(model, context, drives))
 
 
 def taken_up(

@@ -118,7 +118,12 @@ def changes(
     if not estimate.converged:
         raise CalibError("the later result did not converge; mend the identification first")
     model, values, poses = estimate.model, estimate.values, after.poses
-    found = _with_lacking(cell, model, values, difference(before, after), before, after)
+    found = difference(before, after)
+    if before.poses is not None and after.poses is not None:
+        days, excess = (before.poses, after.poses), max(before.excess, after.excess)
+        follows = shown_otherwise(model, values, days, context_of(cell, after.poses), excess)
+        own = follows[[model.keys.index(key) for key in found.keys]]
+        found = replace(found, covariance=found.covariance + own @ own.T, lacking=own @ own.T)
     keys = {p.key: p for p in model.parameters}
     at = poses_at(generic_configurations(cell.robot, _GENERIC)) if poses is None else poses
     causes = candidates(found, model, values, at, context_of(cell, at))
@@ -130,6 +135,7 @@ def changes(
     )
     scatter = scatter_at(model, values, targets, estimate.variances).mean(axis=1)
     share = weights / weights.sum()
+    by_later = np.einsum("mrp,pq,mrq->m", rows, found.later, rows, optimize=True)
     return Changes(
         found,
         tuple(keys[key] for key in found.keys),
@@ -137,35 +143,11 @@ def changes(
         targets,
         change,
         kept,
-        _spread(rows, found.later, share),
+        float(np.sqrt(max(float(share @ by_later), 0.0))),
         float(np.sqrt(share @ scatter + estimate.unexplained.rms**2)),
         tolerance,
         outside(before, after),
     )
-
-
-def _with_lacking(
-    cell: Cell,
-    model: Model,
-    values: Array,
-    found: Difference,
-    before: DayEstimate,
-    after: DayEstimate,
-) -> Difference:
-    """The difference with what the model lacks in its covariance."""
-    if before.poses is None or after.poses is None:
-        return found
-    days, excess = (before.poses, after.poses), max(before.excess, after.excess)
-    rows = [model.keys.index(key) for key in found.keys]
-    context = context_of(cell, after.poses)
-    own = shown_otherwise(model, values, days, context, excess)[rows]
-    return replace(found, covariance=found.covariance + own @ own.T, lacking=own @ own.T)
-
-
-def _spread(rows: Array, cov: Array, share: Array) -> float:
-    """RMS error that a covariance (k, k) leaves at the targets, m."""
-    squared = np.einsum("mrp,pq,mrq->m", rows, cov, rows, optimize=True)
-    return float(np.sqrt(max(float(share @ squared), 0.0)))
 
 
 def outside(before: DayEstimate, after: DayEstimate) -> float | None:

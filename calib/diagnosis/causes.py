@@ -219,8 +219,7 @@ def _no_cause(finding: Finding, named: Named) -> bool:
     fit, candidate = finding.after, named.candidate
     if is_weak(fit, candidate):
         return True
-    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
-    std = finding.scale * np.sqrt(np.diag(fit.covariance)[own])
+    std = finding.scale * fit.std_of(fit.model.amounts(candidate.effect))
     return bool(_share_of(finding, named.entry) < _NO_SHARE and (std > candidate.limits).all())
 
 

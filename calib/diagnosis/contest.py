@@ -181,8 +181,7 @@ def plausible(stage: Stage, outcome: Outcome) -> Outcome:
 
 def far_out(fit: Fit, candidate: Candidate) -> str:
     """What of a cause is larger than such errors usually are, empty where nothing is."""
-    amounts = candidate.amounts
-    values = fit.values[fit.positions(candidate.effect)][-len(amounts) :]
+    amounts, values = candidate.amounts, fit.values[fit.model.amounts(candidate.effect)]
     worst = int(np.argmax(np.abs(values) / candidate.limits))
     p, limit = amounts[worst], float(candidate.limits[worst])
     if abs(values[worst]) <= limit:
@@ -221,7 +220,8 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     stage : Stage, weighed by the noise as stated; what it drops stays out
     """
     stated, data, waiting = stage.weights, stage.data, stage.dropped
-    stage, factor = _as_repeated(stage, stated)
+    factor = replicate_factor(data, stated)
+    stage = replace(stage, weights=stated / factor)
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
     asked = lineup(linear, suspects)
     outcome = contest(linear, asked)
@@ -233,8 +233,9 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         if grows is not None:
             stated = stated / grows.relative[..., None, None]
         stated = readout.rescaled(stated, scales)
-        stage = replace(stage, model=replace(stage.model, noise_scales=scales))
-        stage, factor = _as_repeated(stage, stated)
+        factor = replicate_factor(data, stated)
+        model = replace(stage.model, noise_scales=scales)
+        stage = replace(stage, model=model, weights=stated / factor)
         known = replace(linear.model, noise_scales=scales)
         linear = replace(linear, weights=stage.weights, model=known)
         outcome = contest(linear, asked)
@@ -264,15 +265,5 @@ def _scales_of(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:
 
     factor : actual over stated noise by which the stage weighs all of them
     """
-    channels = stage.model.readout.channels
-    if len(channels.instruments) < 2:
-        return {}
-    levers = fit.observation.rows(stage.scatter.levers[..., -6:])
-    found = noise_scales(channels, stage.data, fit.r, fit.J @ fit.span, levers)
-    return found and {i.name: factor * found.get(i.name, 1.0) for i in channels.instruments}
-
-
-def _as_repeated(stage: Stage, stated: Array) -> tuple[Stage, float]:
-    """The stage weighed by what repeated readings say of the noise, and actual over stated noise."""
-    factor = replicate_factor(stage.data, stated)
-    return replace(stage, weights=stated / factor), factor
+    found = noise_scales(fit.observation, stage.scatter, fit.r, fit.J @ fit.span)
+    return found and {i.name: factor * found.get(i.name, 1.0) for i in stage.model.instruments}

@@ -81,7 +81,7 @@ class CrossValidation:
 
     stage: Stage
     fit: Fit
-    _last: dict[bool, Folds] = field(default_factory=dict, init=False, repr=False)
+    _last: dict[bool, Predicted] = field(default_factory=dict, init=False, repr=False)
 
     def ledger(
         self, effects: Sequence[Effect], by_time: bool, alternatives: Sequence[Alternative] = ()
@@ -93,7 +93,7 @@ class CrossValidation:
             is chosen anew
         """
         rest = self._without(effects, by_time)
-        gone, left, again = rest.left, self._folds(by_time).left, 1.0
+        gone, left, again = rest.left, self._whole(by_time).left, 1.0
         if alternatives:
             left, again = self._anew(rest, effects, by_time, alternatives)
         errors = np.stack([left, gone], axis=-1)
@@ -113,7 +113,7 @@ class CrossValidation:
 
     def _anew(
         self,
-        plain: Without,
+        plain: Predicted,
         effects: Sequence[Effect],
         by_time: bool,
         alternatives: Sequence[Alternative],
@@ -124,33 +124,39 @@ class CrossValidation:
         Besides, of how many folds that is the first of the alternatives, at whatever tuning.
         What is best is told by rows that err independently, what is missed by least squares.
         """
-        mixing = self.fit.mixing
-        judged = plain if mixing is None else self._independent._without(effects, by_time)
-        best, worth = plain.left.copy(), np.zeros(len(plain.folds.folds))
+        mixing, judged = self.fit.mixing, plain
+        if mixing is not None:
+            judged = self._independent._without(effects, by_time)
+        best, worth = plain.left.copy(), np.zeros(len(plain.folds))
         same = np.zeros(len(worth), dtype=bool)
         for other in alternatives:
             alike = other if mixing is None else replace(other, rows=mixing(other.rows))
             gains, left = judged.with_alternative(alike)[0], plain.with_alternative(other)[1]
             for f in np.flatnonzero(gains > worth):
-                here = plain.folds.folds[f].here
+                here = plain.folds[f].here
                 worth[f], best[here] = gains[f], left[here]
                 same[f] = other.name == alternatives[0].name
         return best, float(same.mean())
 
-    def _without(self, effects: Sequence[Effect], by_time: bool) -> Without:
+    def _without(self, effects: Sequence[Effect], by_time: bool) -> Predicted:
         """The rest of the fit, some of its effects taken out."""
-        kept, fit = self._kept, self.fit
+        fit, whole = self.fit, self._whole(by_time)
         own = np.concatenate([fit.positions(effect) for effect in effects])
-        u = kept.freed(own)  # directions that nothing of the rest sees
-        left = kept.without(own, fit.moving[own]).left
-        return Without(kept, self._folds(by_time), u, fit.pull, left)
+        u = whole.kept.freed(own)  # directions that nothing of the rest sees
+        return replace(whole, u=u, r=whole.kept.without(own, fit.moving[own]).left)
 
-    def _folds(self, by_time: bool) -> Folds:
+    def _whole(self, by_time: bool) -> Predicted:
+        """The fit as it is."""
         if by_time not in self._last:
-            r, Q = self._kept.complement.at_readings
+            # By least squares, which is what predicts.
+            linear = self.fit.linear
+            kept = linear if linear.mixing is None else replace(linear, mixing=None)
+            Q = kept.complement.at_readings[1]
             fold = _folds(self.stage.data.poses, by_time)
-            each = (_fold(Q, fold == f) for f in range(int(fold.max()) + 1))
-            self._last[by_time] = Folds(tuple(each), r)
+            each = (Fold.of(Q, fold == f) for f in range(int(fold.max()) + 1))
+            none = np.zeros((Q.shape[-1], 0))
+            left = kept.complement.left
+            self._last[by_time] = Predicted(kept, tuple(each), none, self.fit.pull, left)
         return self._last[by_time]
 
     @cached_property
@@ -159,23 +165,18 @@ class CrossValidation:
         fit, mixing = self.fit, self.fit.mixing or Mixing((), 1.0)
         return replace(self, fit=fit.by_instrument(mixing(fit.r[..., None])[..., 0], mixing(fit.J)))
 
-    @cached_property
-    def _kept(self) -> LinearProblem:
-        """The fit to first order by least squares, which is what predicts."""
-        linear = self.fit.linear
-        return linear if linear.mixing is None else replace(linear, mixing=None)
-
 
 @dataclass(frozen=True, eq=False)
-class Without:
-    """Cross-validation residuals of a fit from which some effects are removed.
+class Predicted:
+    """Cross-validation residuals of a fit from which some effects are removed, or none.
 
+    kept : LinearProblem, the fit; folds : tuple of Fold
     u : ndarray, shape (k, c), directions of the fit that they leave free
     r : ndarray, shape (N,), the residual then
     """
 
     kept: LinearProblem
-    folds: Folds
+    folds: tuple[Fold, ...]
     u: Array
     pull: float
     r: Array
@@ -199,12 +200,12 @@ class Without:
         """
         m, R, k = other.rows.shape
         X = self.projected(self.kept.columns(other.rows))
-        back, gains, left = self._predicted(X), np.zeros(len(self.folds.folds)), self.left.copy()
+        back, gains, left = self._predicted(X), np.zeros(len(self.folds)), self.left.copy()
         S, z = X.T @ X + np.diag((self.pull / other.limits) ** 2), X.T @ self.r
         rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))
         price = k * float(np.log(max(2, rows)))
         at_poses = X[: m * R].reshape(m, R, k)
-        for f, fold in enumerate(self.folds.folds):
+        for f, fold in enumerate(self.folds):
             own, missed = stacked(at_poses[fold.here]), back[fold.here]
             told = z - own.T @ left[fold.here].ravel()
             b = np.linalg.lstsq(S - own.T @ stacked(missed), told, rcond=1e-12)[0]
@@ -213,8 +214,19 @@ class Without:
         return gains, left
 
     def _predicted(self, rows: Array) -> Array:
+        """What rows (N, ..) of the readings leave, (m, R, ..), predicted without their fold.
+
+        ``(I - Q Q^T + W W^T)^-1`` by Woodbury, W the rows of the free directions in the fold.
+        """
         m, R = self.kept.r.shape
-        return self.folds.without(self.u, rows[: m * R].reshape(m, R, -1))
+        at_poses, free = rows[: m * R].reshape(m, R, -1), np.eye(self.u.shape[1])
+        out = np.zeros(at_poses.shape)
+        for fold in self.folds:
+            W = fold.Q @ self.u
+            back, left = fold.predicted(W), fold.predicted(stacked(at_poses[fold.here]))
+            left = left - back @ np.linalg.solve(free + W.T @ back, W.T @ left)
+            out[fold.here] = left.reshape(-1, R, out.shape[-1])
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,35 +241,16 @@ class Fold:
     Q: Array
     inverse: Array
 
+    @classmethod
+    def of(cls, Q: Array, here: Mask) -> Fold:
+        """Of the basis at all poses, (m, R, k)."""
+        own = stacked(Q[here])
+        values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
+        return cls(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
+
     def predicted(self, rows: Array) -> Array:
         """``(I - Q Q^T)^-1`` of rows (n, c): what they leave when the others predict them."""
         return np.asarray(rows + self.Q @ (self.inverse @ (self.Q.T @ rows)))
-
-
-@dataclass(frozen=True, eq=False)
-class Folds:
-    """All folds; r : ndarray, shape (m, R), residuals of the fit."""
-
-    folds: tuple[Fold, ...]
-    r: Array
-
-    @cached_property
-    def left(self) -> Array:
-        """Residuals (m, R) of poses predicted without their fold."""
-        return self.without(np.zeros((self.folds[0].Q.shape[1], 0)), self.r[..., None])[..., 0]
-
-    def without(self, u: Array, r: Array) -> Array:
-        """The same with directions u (k, c) no longer fitted, of rows r (m, R, ..) as they are then.
-
-        ``(I - Q Q^T + W W^T)^-1`` by Woodbury, W the directions' rows in the fold.
-        """
-        out = np.zeros(r.shape)
-        for fold in self.folds:
-            W = fold.Q @ u
-            back, left = fold.predicted(W), fold.predicted(stacked(r[fold.here]))
-            left = left - back @ np.linalg.solve(np.eye(u.shape[1]) + W.T @ back, W.T @ left)
-            out[fold.here] = left.reshape(r[fold.here].shape)
-        return out
 
 
 def _folds(poses: Poses, by_time: bool) -> IntArray:
@@ -267,12 +260,6 @@ def _folds(poses: Poses, by_time: bool) -> IntArray:
     count = int(poses.configuration.max()) + 1
     drawn = np.random.default_rng(0).permutation(count) % min(_FOLDS, count)
     return np.asarray(drawn[poses.configuration])
-
-
-def _fold(Q: Array, here: Mask) -> Fold:
-    own = stacked(Q[here])
-    values, vectors = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
-    return Fold(here, own, (vectors / np.maximum(values, _FREE)) @ vectors.T)
 
 
 def _rms(stage: Stage, fit: Fit, errors: Array) -> float:

@@ -34,7 +34,6 @@ from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import with_stations_of
 from calib.identification.start import check_counts, initial_values, whitening
-from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
@@ -175,18 +174,13 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
 
 def _stage(cell: Cell, data: Measurements) -> Stage:
     """What the readings are fitted by, refused where they cannot be; without those before a move."""
-    model = _model(cell, data)
+    model = build(cell, data.poses).model
+    if model.prior_rows or cell.size_prior == "estimated":
+        # What these readings let be believed of the robot's type and of the sizes of its errors.
+        model = replace(model, prior=identify(cell, data).model.prior)
     check_counts(model, data)
     start = initial_values(model, data)
     refuse_mistakes(model, data, start)
     weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
     model, start = model.extended(start, common_errors(model, start, data))
     return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
-
-
-def _model(cell: Cell, data: Measurements) -> Model:
-    """What the cell contains, with what these readings let be believed of its type and its sizes."""
-    model = build(cell, data.poses).model
-    if not model.prior_rows and cell.size_prior != "estimated":
-        return model
-    return replace(model, prior=identify(cell, data).model.prior)

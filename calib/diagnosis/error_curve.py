@@ -20,7 +20,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import PoseVariable, last_moves, polyline
-from calib.diagnosis.prior import curves_in, prior_rows
+from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by
 from calib.effects.drive import along_axis
@@ -67,7 +67,10 @@ def directions_of(where: str, moved: Array | None, frame: int, robot: Robot, sta
     if where not in robot.joints:
         return np.eye(6)
     axis = along_axis(robot, robot.joints.index(where))
-    if moved is None or axis[:3].any() or _along(moved, axis):
+    if moved is None or axis[:3].any():
+        return axis[:, None]
+    beside = moved - np.outer(moved @ axis, axis)
+    if float((beside**2).sum()) <= _BESIDE * float((moved**2).sum()):
         return axis[:, None]
     across = np.eye(3) - np.outer(axis[3:], axis[3:])
     moments = state.wrench.local[:, frame, 3:] @ across
@@ -75,11 +78,6 @@ def directions_of(where: str, moved: Array | None, frame: int, robot: Robot, sta
     _, _, Vt = np.linalg.svd(np.concatenate([moments - moments.mean(axis=0), 1e-9 * across]))
     tilts = np.column_stack([Vt[0], np.cross(axis[3:], Vt[0])])
     return np.concatenate([np.zeros((3, 2)), tilts])
-
-
-def _along(moved: Array, axis: Array) -> bool:
-    beside = moved - np.outer(moved @ axis, axis)
-    return float((beside**2).sum()) <= _BESIDE * float((moved**2).sum())
 
 
 def variable_of(
@@ -195,7 +193,8 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     h = np.asarray(np.linalg.lstsq(hats, effect, rcond=None)[0].T.ravel(), dtype=np.float64)
     fit = _fitted(result, candidate, line, h)
     g, cov = fit.values[-len(h) :], fit.covariance[-len(h) :, -len(h) :]
-    grid = _grid(knots)
+    parts = [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(knots)]
+    grid = np.append(np.concatenate(parts), knots[-1])
     value, std = _evaluated(function.at(grid), g, cov)
     at_poses, std_at_poses = _evaluated(hats, g, cov)
     lost: Array = h - fit.projection @ h
@@ -259,12 +258,7 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array)
     rest = np.delete(after.values, after.positions(candidate.effect))
     alone = stage.observation(after.model.with_effects(others), after.weight)
     seen = determined_by(alone, rest)
-    amplitudes = [
-        a
-        for a, (e, _) in zip(after.amplitudes, curves_in(after.model), strict=True)
-        if e is not candidate.effect
-    ]
-    held = np.pad(prior_rows(alone.model, amplitudes), ((0, 0), (0, len(h))))
+    held = np.pad(prior_rows(alone.model, after.amplitudes), ((0, 0), (0, len(h))))
     model = after.model.with_effects((*others, line))
     observation = replace(stage.observation(model, after.weight), prior=held)
     _, J = observation.flat(np.append(rest, h))
@@ -317,12 +311,6 @@ def _as_error(
     found = (np.linalg.pinv(D) @ rows)[..., 0]
     told = (seen * model.readout.channels.rows).sum(axis=1) >= c
     return np.where(told[:, None], found, np.nan)
-
-
-def _grid(knots: Array) -> Array:
-    """Knots, and points between them."""
-    parts = [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(knots)]
-    return np.append(np.concatenate(parts), knots[-1])
 
 
 def _evaluated(hats: Array, g: Array, cov: Array) -> tuple[Array, Array]:

@@ -71,15 +71,12 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     """
     if not active:
         return []
-    crossed = CrossValidation(stage, fit)
-    accounts = [
-        (
-            c,
-            crossed.ledger([o.effect for o in with_curves(c, active)], c.depends_on in BY_TIME),
-        )
-        for c in active
-    ]
-    idle = [(c, a) for c, a in accounts if not a.earns]
+    crossed, idle = CrossValidation(stage, fit), []
+    for c in active:
+        place = [o.effect for o in with_curves(c, active)]
+        errors = crossed.ledger(place, c.depends_on in BY_TIME)
+        if not errors.earns:
+            idle.append((c, errors))
     idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
     if idle:
         worse = [c for c, _ in idle[: (len(idle) + 1) // 2]]
@@ -90,13 +87,6 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
     return []
 
 
-def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
-    """Whether nothing of a cause exceeds its own deviation: to first order it seemed to act."""
-    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
-    std = np.sqrt(np.diag(fit.covariance))[own]
-    return not (np.abs(fit.values[own]) > std).any()
-
-
 def is_weak(fit: Fit, candidate: Candidate) -> bool:
     """Whether the amounts of a cause are not beyond three of their own deviations, all taken together.
 
@@ -104,7 +94,7 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
     """
     from scipy.special import chdtrc
 
-    own = fit.positions(candidate.effect)[-len(candidate.amounts) :]
+    own = fit.model.amounts(candidate.effect)
     own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
     cov = fit.covariance[np.ix_(own, own)]
     distance = float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
@@ -171,7 +161,9 @@ def finding_of(search: Search) -> Finding:
         if not fresh:
             named, after = classes(linear, outcome)
             after = stage.exact(_with_paying_parameters(linear, after))
-            gone = [n for n in named if _is_nothing(after, n.candidate)]
+            # What does not exceed its own deviation only seemed to act, to first order.
+            at = [(n, after.model.amounts(n.candidate.effect)) for n in named]
+            gone = [n for n, own in at if (np.abs(after.values[own]) <= after.std_of(own)).all()]
             # The best name of an entry may be another than that by which it came in.
             fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
             if not fresh:

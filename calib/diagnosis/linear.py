@@ -42,17 +42,15 @@ class LinearModel(Model):
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Model:
         """The same robot under other effects; the model itself where one was not linearised."""
-        if not all(self._knows(effect) for effect in effects):
-            return self.exact.with_effects(effects)
+        for effect in effects:
+            if id(effect) not in self.known and (effect.kind, effect.where) not in self.carried:
+                return self.exact.with_effects(effects)
         return super().with_effects(effects)
 
     @property
     def exact(self) -> Model:
         """The model itself."""
         return Model(**_described(self))
-
-    def _knows(self, effect: Effect) -> bool:
-        return id(effect) in self.known or (effect.kind, effect.where) in self.carried
 
     def predict(self, values: Array, poses: Poses) -> Array:
         if poses is not self.at or values.ndim > 1:
@@ -62,21 +60,15 @@ class LinearModel(Model):
     def _jacobian(self, values: Array, poses: Poses) -> tuple[Array, Array]:
         if poses is not self.at or values.ndim > 1:
             return super()._jacobian(values, poses)
-        J = self._own
+        J = self._last.get("own")  # the same array each time
+        if J is None:
+            by = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
+            J = np.zeros((*self.readings_at_zero.shape, by.shape[-1]))
+            J[_rows_of(self.read)] = by
+            self._last["own"] = J
         moving = values.copy()
         moving[self.tunings] = 0.0
         return self.readings_at_zero + J @ moving, J
-
-    @property
-    def _own(self) -> Array:
-        """Derivatives by the present parameters, (m, C, r, p); the same array each time."""
-        own = self._last.get("own")
-        if own is None:
-            by = np.concatenate([self.of(effect) for effect in self.effects], axis=-1)
-            own = np.zeros((*self.readings_at_zero.shape, by.shape[-1]))
-            own[_rows_of(self.read)] = by
-            self._last["own"] = own
-        return np.asarray(own)
 
     def of(self, effect: Effect) -> Array:
         """Derivatives of what is read by an effect's parameters, (m, c, r, k), by its tuning none."""

@@ -8,9 +8,9 @@ statement then costs more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,10 @@ _LEAST_FREE = 0.5  # coefficients that the data determine
 _LEAST = 1e-9  # rad or m
 _ROUNDS = 30
 _SETTLED = 0.02
+_THE_SAME = 0.05  # change of an amplitude that is not worth another fit
+
+Amplitudes: TypeAlias = Mapping[Curve, float]
+"""Size of each curve's coefficients a priori."""
 
 
 def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
@@ -39,63 +43,58 @@ def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
             yield effect, part
 
 
-def weak(model: Model) -> tuple[float, ...]:
-    """Amplitudes at which the prior says next to nothing."""
-    return tuple(effect.parameters[0].size for effect, _ in curves_in(model))
+def amplitude_of(curve: Curve, amplitudes: Amplitudes) -> float:
+    """The amplitude of a curve; where none is known one at which the prior says next to nothing."""
+    return amplitudes.get(curve, curve.parameters[0].size)
 
 
-def prior_rows(model: Model, amplitudes: Sequence[float]) -> Array:
+def prior_rows(model: Model, amplitudes: Amplitudes) -> Array:
     """Rows of unit variance, shape (h, p): of causes one over their limits, of curves L^-1 / amplitude.
 
     ``L L^T`` is the curve's ``spread``.
     """
-    limits = _limits(model)
+    limits = np.full(len(model.parameters), np.inf)
+    for effect, part in model.parts:
+        if effect.allowance is not None:
+            limits[part] = effect.allowance * np.array([p.limit for p in effect.parameters])
+    limits[model.tunings] = np.inf
     rows = [np.diag(1.0 / limits)[np.isfinite(limits)]]
-    for (effect, part), amplitude in zip(curves_in(model), amplitudes, strict=True):
+    for curve, part in curves_in(model):
         own = np.zeros((part.stop - part.start, len(model.parameters)))
-        own[:, part] = np.linalg.inv(np.linalg.cholesky(effect.spread)) / amplitude
+        half = np.linalg.cholesky(curve.spread)
+        own[:, part] = np.linalg.inv(half) / amplitude_of(curve, amplitudes)
         rows.append(own)
     return np.concatenate(rows)
 
 
-def _limits(model: Model) -> Array:
-    """Standard deviations a priori of what is suspected by name, shape (p,), infinite of all else."""
-    found = np.full(len(model.parameters), np.inf)
-    for effect, part in model.parts:
-        if effect.allowance is not None:
-            found[part] = effect.allowance * np.array([p.limit for p in effect.parameters])
-    found[model.tunings] = np.inf
-    return found
-
-
 def fitted_amplitudes(
-    model: Model, amplitudes: Sequence[float], J: Array, r: Array, span: Array
-) -> tuple[float, ...]:
+    model: Model, amplitudes: Amplitudes, J: Array, r: Array, span: Array
+) -> tuple[Amplitudes, bool]:
     """Amplitudes that the coefficients show (MacKay, Neural Computation 4(3), 1992, fixed point).
 
     J : ndarray, shape (N, p), r : ndarray, shape (N,), whitened data as a linear problem ``r = J v``
     span : ndarray, shape (p, k), directions that are estimated
+    Besides whether that is what they were.
     """
-    found = np.array(amplitudes)
-    if not len(found):
-        return ()
+    curves = list(curves_in(model))
+    begun = found = np.array([amplitude_of(curve, amplitudes) for curve, _ in curves])
+    if not curves:
+        return {}, True
     rows = condensed(np.column_stack([J, r]))
     J, r = rows[:, :-1], rows[:, -1]
-    inverses = [np.linalg.inv(effect.spread) for effect, _ in curves_in(model)]
-    parts = [part for _, part in curves_in(model)]
+    inverses = [np.linalg.inv(curve.spread) for curve, _ in curves]
     for _ in range(_ROUNDS):
-        cov = covariance(np.concatenate([J, prior_rows(model, found.tolist())]), span)
-        values = cov @ (J.T @ r)
-        fresh = []
-        for inverse, part, amplitude in zip(inverses, parts, found, strict=True):
-            free = len(inverse) - float(np.trace(inverse @ cov[part, part])) / amplitude**2
+        now = {curve: float(a) for (curve, _), a in zip(curves, found, strict=True)}
+        cov = covariance(np.concatenate([J, prior_rows(model, now)]), span)
+        values, last, found = cov @ (J.T @ r), found, found.copy()
+        for i, (inverse, (_, part)) in enumerate(zip(inverses, curves, strict=True)):
+            free = len(inverse) - float(np.trace(inverse @ cov[part, part])) / last[i] ** 2
             squared = float(values[part] @ inverse @ values[part]) / max(free, _LEAST_FREE)
-            fresh.append(max(float(np.sqrt(squared)), _LEAST))
-        settled = np.allclose(fresh, found, rtol=_SETTLED)
-        found = np.array(fresh)
-        if settled:
+            found[i] = max(float(np.sqrt(squared)), _LEAST)
+        if np.allclose(found, last, rtol=_SETTLED):
             break
-    return tuple(found.tolist())
+    shown = {curve: float(a) for (curve, _), a in zip(curves, found, strict=True)}
+    return shown, bool(np.allclose(found, begun, rtol=_THE_SAME))
 
 
 @dataclass(frozen=True, eq=False)

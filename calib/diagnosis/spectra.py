@@ -18,7 +18,6 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
@@ -100,7 +99,7 @@ def _joints(stage: Stage, fit: Fit, scale: float) -> list[_Joint]:
     """Every joint that turns and moves, with what its spectrum needs."""
     robot, poses, kept = fit.model.robot, stage.data.poses, ~stage.dropped
     moving = [
-        _ripple(robot, k)
+        GearRipple(robot.joints[k], k + 1, along_axis(robot, k)[:, None], FEWEST, 1, None)
         for k in range(robot.dof)
         if not robot.prismatic[k] and len(np.unique(poses.q[kept, k])) > 2
     ]
@@ -123,11 +122,6 @@ def _joints(stage: Stage, fit: Fit, scale: float) -> list[_Joint]:
         complement = bare.linear.complement
         found.append(_Joint(ripple, poses, complement, rows[..., i : i + 1], scale, named))
     return found
-
-
-def _ripple(robot: Robot, joint: int) -> GearRipple:
-    axis = along_axis(robot, joint)[:, None]
-    return GearRipple(robot.joints[joint], joint + 1, axis, FEWEST, 1, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
-from calib.diagnosis.prior import curves_in, fitted_amplitudes, prior_rows, weak
+from calib.diagnosis.prior import Amplitudes, curves_in, fitted_amplitudes, prior_rows
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
@@ -42,7 +42,7 @@ class Fit:
         levels of noise once they are found
     values : ndarray, shape (p,); span : ndarray, shape (p, k)
     weight : ndarray, shape (m,), of each pose, one where it counts in full
-    amplitudes : tuple of float, of the curves' coefficients a priori
+    amplitudes : dict, curve -> size of its coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
     levels : VarianceEstimate or None, how the readings err beside the instrument
     """
@@ -51,7 +51,7 @@ class Fit:
     values: Array
     span: Array
     weight: Array
-    amplitudes: tuple[float, ...]
+    amplitudes: Amplitudes
     r: Array
     J: Array
     converged: bool
@@ -141,6 +141,10 @@ class Fit:
         """Where an effect's parameters stand in the values."""
         return self.model.positions(effect)
 
+    def std_of(self, amounts: IntArray) -> Array:
+        """Standard deviations of some values, the noise as stated."""
+        return np.sqrt(np.diag(self.covariance)[amounts])
+
 
 @dataclass(frozen=True, eq=False)
 class Stage:
@@ -183,15 +187,14 @@ class Stage:
         full = np.ones(len(self.data))
         span = determined_by(self.observation(model, full), values)
         if like is None:
-            fit = self._fitted(model, values, span, full, weak(model))
+            fit = self._fitted(model, values, span, full, {})
         else:
-            amplitudes = _amplitudes_in(model, like)
-            fit = self._fitted(model, values, span, like.weight, amplitudes, like.pull)
+            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like.pull)
             fit = replace(fit, levels=like.levels)
         for _ in range(_TURNS):
             fit = self._settled(fit)
             pull, fit = fit.pull, self._under_levels(fit)
-            held = fit.amplitudes or fit.model.prior_rows
+            held = fit.model.prior_rows or any(curves_in(fit.model))
             if not held or abs(fit.pull - pull) <= _ALIKE * pull:
                 break
         return fit
@@ -246,9 +249,8 @@ class Stage:
                 weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
             J = stacked(fit.J) / fit.pull
             r = fit.r.ravel() / fit.pull + J @ fit.moving
-            amplitudes = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
-            same_weights = np.allclose(weight, fit.weight, atol=_SETTLED)
-            if same_weights and np.allclose(amplitudes, fit.amplitudes, rtol=_SETTLED):
+            amplitudes, same = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
+            if same and np.allclose(weight, fit.weight, atol=_SETTLED):
                 break
             last = fit
             fit = self._fitted(fit.model, fit.values, fit.span, weight, amplitudes, fit.pull)
@@ -261,7 +263,7 @@ class Stage:
         start: Array,
         span: Array,
         weight: Array,
-        amplitudes: tuple[float, ...],
+        amplitudes: Amplitudes,
         pull: float = 1.0,
     ) -> Fit:
         observation = replace(
@@ -307,16 +309,6 @@ class Stage:
         """Whitened residuals (m, rows) and derivatives of every pose, none dropped or weighed down."""
         every = replace(self, dropped=np.zeros(len(self.data), dtype=bool))
         return every.observation(fit.model, np.ones(len(self.data))).linearise(fit.values)
-
-
-def _amplitudes_in(model: Model, like: Fit) -> tuple[float, ...]:
-    """Those of a model's curves: as another fit has them, weak for those that it lacks."""
-    known = {
-        id(effect): amplitude
-        for (effect, _), amplitude in zip(curves_in(like.model), like.amplitudes, strict=True)
-    }
-    own = zip(curves_in(model), weak(model), strict=True)
-    return tuple(known.get(id(effect), amplitude) for (effect, _), amplitude in own)
 
 
 def determined_by(observation: Points, start: Array) -> Array:

@@ -138,7 +138,9 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
     """What explains more in a member's place, or as much by name."""
     rest = [c for c in state.active if c is not member]
     eligible = [c for c in _eligible(rest, state.view) if c is not member]
-    eligible = [c for c in eligible if not c.is_like(member) and not _through(c, member)]
+    if isinstance(member.effect, ElasticEffect):  # loads move the arm through it alone
+        eligible = [c for c in eligible if not isinstance(c.effect, LoadEffect)]
+    eligible = [c for c in eligible if not c.is_like(member)]
     if member.named:  # a curve comes in beside it, and it then stands or falls
         eligible = [c for c in eligible if c.named]
     eligible.append(member)
@@ -149,11 +151,6 @@ def _challenger(state: Round, member: Candidate, own: Score, beside: Field) -> C
         return None
     where = state.view.where
     return best if _kept(beside, where[member.key], where[best.key]) < _APART else None
-
-
-def _through(candidate: Candidate, member: Candidate) -> bool:
-    """Whether a candidate is a load that moves the arm only through the elasticity of a member."""
-    return isinstance(candidate.effect, LoadEffect) and isinstance(member.effect, ElasticEffect)
 
 
 def _newcomers(state: Round) -> list[Candidate]:

@@ -275,14 +275,11 @@ def search_with_noise_scales(
 
 def _scales_left(found: Estimation) -> Mapping[str, float]:
     """Actual over assumed noise of several instruments after a fit; empty where it is as assumed."""
-    counted, model = points_of(found.counted), found.model
-    if len(model.instruments) < 2:
-        return {}
-    none = Variances.none(model.robot.dof)
-    levers = scatter_of(model, found.values, counted.data.poses, none).levers[..., -6:]
+    counted = points_of(found.counted)
+    none = Variances.none(found.model.robot.dof)
+    scatter = scatter_of(found.model, found.values, counted.data.poses, none)
     r, J = counted.whitened(found.values)
-    channels, data = model.readout.channels, counted.data
-    return noise_scales(channels, data, r, J @ found.span, counted.rows(levers))
+    return noise_scales(counted, scatter, r, J @ found.span)
 
 
 @dataclass(frozen=True, eq=False)

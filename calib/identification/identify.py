@@ -34,7 +34,6 @@ from calib.observations import (
     points_of,
     with_measured_shape,
 )
-from calib.population.sizes import Elementary
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
@@ -117,15 +116,11 @@ def estimated(
             if approach == "points"
             else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
-        errors = _errors(cell, built) if asked else None
+        known = () if cell.prior is None else cell.prior.keys  # of which the type says more
+        errors = elementary(built.model, built.full, known) if asked else None
         return built, start, fitted(cell, estimator, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-
-
-def _errors(cell: Cell, built: Built) -> Elementary:
-    """The errors whose sizes are asked, but for those of which the robot's type knows more."""
-    return elementary(built.model, built.full, () if cell.prior is None else cell.prior.keys)
 
 
 def _identification(

@@ -9,7 +9,6 @@ import numpy as np
 from calib.arrays import Array
 from calib.errors import ImplausibleData
 from calib.identification.misplaced import (
-    Placed,
     exchanged,
     placed,
     shifted,
@@ -116,7 +115,12 @@ def _undone(
     first = [placed(own, data, rounds=1).share for _, own, data in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     again = [(slip, placed(own, data)) for slip, own, data in (tried[i] for i in closest)]
-    fitting = [(slip, fit) for slip, fit in again if _explains(model, fit, missed)]
+    fitting = []
+    for slip, fit in again:
+        # The arm then errs as arms do, beside its motion as well, and did not before.
+        least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
+        if fit.rms <= least and fit.share <= _SHARE and fit.kept.mean() >= _MOST:
+            fitting.append((slip, fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
@@ -128,12 +132,6 @@ def _undone(
         _rms(missed[best.kept]),
         best.rms,
     )
-
-
-def _explains(model: Model, fit: Placed, missed: Array) -> bool:
-    """Whether the arm then errs as arms do, beside its motion as well, and did not before."""
-    least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
-    return fit.rms <= least and fit.share <= _SHARE and bool(fit.kept.mean() >= _MOST)
 
 
 def _shifted(model: Model, data: Measurements) -> Mistake | None:

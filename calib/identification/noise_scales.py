@@ -16,9 +16,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.identification.noise_level import REPLICATES, refuted
-from calib.instruments import Channels
 from calib.linear import orthonormal
-from calib.poses import Measurements
+from calib.observations import Points
+from calib.scatter import Scatter
 
 _SAME = 0.05  # change of a scale that is not worth another fit: a thousandth of the deviations
 _ROUNDS = 30
@@ -27,17 +27,19 @@ _LEAST = 0.2  # nobody's instrument is five times better than its maker says
 _SHOWN = 1e-6  # of the largest: directions in which the tip moves no row
 
 
-def noise_scales(
-    channels: Channels, data: Measurements, r: Array, J: Array, levers: Array
-) -> Mapping[str, float]:
+def noise_scales(points: Points, scatter: Scatter, r: Array, J: Array) -> Mapping[str, float]:
     """Actual over stated noise of those of several instruments that err by more or less than stated.
 
+    points : Points, what was read; scatter : Scatter, of the same poses: how rows follow the tip
     r : ndarray, shape (m, R), whitened residuals of what was read, zero for what does not count; J :
-    (m, R, k), what was fitted; levers : (m, R, 6), how the rows follow the tip, whitened as they are
+    (m, R, k), what was fitted
     An instrument is judged where its rows have ten degrees of freedom beside all that, two-sided at one
     per cent. A single one is not asked: its noise has a level of its own.
     """
-    count = len(channels.instruments)
+    channels, data = points.model.readout.channels, points.data
+    count, levers = len(channels.instruments), points.rows(scatter.levers[..., -6:])
+    if count < 2:
+        return {}
     of_channel = np.repeat(np.arange(count), [p.stop - p.start for _, p in channels.blocks])
     of_row = np.repeat(of_channel[data.read], data.readings.shape[-1], axis=-1)
     counts: Mask = np.any(J, axis=-1)

@@ -108,16 +108,9 @@ def _together(
     """The model with the new in place of the old, and its values."""
     by_old = {id(before): after for before, after in zip(old, new, strict=True)}
     model = model.with_effects(tuple(by_old.get(id(e), e) for e in model.effects))
-    values, first, begin = model.initial, 0, 0
-    for effect, part in model.parts:
-        if isinstance(effect, Tuned):
-            count = len(effect.amplitudes)
-            values[part.start + 1 : part.stop] = amplitudes[begin : begin + count]
-            begin += count
-        else:
-            count = part.stop - part.start
-            values[part] = rest[first : first + count]
-            first += count
+    values, own = model.initial, model.where(Tuned)
+    values[np.setdiff1d(np.arange(len(values)), own)] = rest
+    values[np.setdiff1d(own, model.tunings)] = amplitudes
     return model, values
 
 

@@ -125,6 +125,10 @@ class Model:
         """Where the parameters of one of its effects stand, shape (k,)."""
         return next(np.arange(s.start, s.stop) for e, s in self.parts if e is effect)
 
+    def amounts(self, effect: Effect) -> IntArray:
+        """The same without a tuning, which is no amount."""
+        return np.setdiff1d(self.positions(effect), self.tunings)
+
     def where(self, *kinds: type[Effect]) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
         """Positions of the parameters of some kinds of effect."""
         found = [np.arange(s.start, s.stop) for e, s in self.parts if isinstance(e, kinds)]

@@ -82,7 +82,10 @@ def population(
     sizes : ndarray, shape (k,), SI, plausible sizes
     """
     t = np.array([robot.values / sizes for robot in robots]).reshape(-1, len(sizes))
-    C = np.array([_error(robot, sizes) for robot in robots]).reshape(-1, *2 * sizes.shape)
+    open_ = [_OPEN * robot.open / sizes[:, None] for robot in robots]  # as good as unknown
+    C = np.array(
+        [r.noise / np.outer(sizes, sizes) + V @ V.T for r, V in zip(robots, open_, strict=True)]
+    ).reshape(-1, *2 * sizes.shape)
     kept, aside = np.arange(len(robots)), list[Aside]()
     fit = _fit(t, C)
     while len(kept) - 1 >= max(_FEWEST - 1, (_MOST - 1) * (len(aside) + 1)):
@@ -98,12 +101,6 @@ def population(
     scale = np.outer(sizes, sizes)
     prior = Prior(type_, keys, fit.mean * sizes, (fit.sigma + fit.doubt) * scale, len(kept))
     return Population(prior, np.sqrt(np.diag(fit.sigma)) * sizes, tuple(aside))
-
-
-def _error(robot: RobotEstimate, sizes: Array) -> Array:
-    """Covariance of an estimate in plausible sizes, what was not determined as good as unknown."""
-    V = _OPEN * robot.open / sizes[:, None]
-    return np.asarray(robot.noise / np.outer(sizes, sizes) + V @ V.T)
 
 
 def _fit(t: Array, C: Array) -> _TypeFit:

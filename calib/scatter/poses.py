@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.arm.kinematics import Frames, forward
-from calib.arm.robot import Robot
+from calib.arm.kinematics import forward
 from calib.arm.se3 import cross, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
@@ -149,30 +148,29 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
     robot, frames = model.robot, forward(model.robot, poses.q)
     R, o_tips = model.under_markers(frames)
     points = rotate(R, model.marker_positions(values)) + o_tips
-    axes = [_axis(model, frames, k) for k in range(robot.dof)]
-    moved = [
-        _moved(slides, axis, points - o[:, None]) * robot.carries[k, model.marker_frames][:, None]
-        for k, (slides, axis, o) in enumerate(axes, 1)
-    ]
+    tip = np.zeros((len(poses), 6, robot.dof + 6))
+    tip[:, :, robot.dof :] = np.eye(6)
+    moved = []
+    for k, slides in enumerate(robot.prismatic):
+        axis, o = rotate(frames.R[:, k + 1], robot.axes[k]), frames.o[:, k + 1]
+        by_joint = _moved(slides, axis, points - o[:, None])
+        moved.append(by_joint * robot.carries[k + 1, model.marker_frames][:, None])
+        tip[:, :3, k] = _moved(slides, axis, (frames.o[:, -1] - o)[:, None])[:, 0]
+        tip[:, 3:, k] = 0.0 if slides else axis
     turned = [cross(unit, points - o_tips) for unit in np.eye(3)]
     still = [np.broadcast_to(unit, points.shape) for unit in np.eye(3)]
     levers = np.stack([*moved, *still, *turned], axis=-1)
+    tip[:, :, : robot.dof] *= robot.moving(robot.tip_frame)  # zero of what does not carry it
     for seat in model.readout.channels.seats:  # a tip scatters before what reads it
         levers[:, seat, :, robot.dof :] = 0.0
     return Scatter(
         model.readout.follow(values, poses, points, levers),
         model.readout.channels.lengths,
-        _tip_levers(axes, frames.o[:, -1]) * _felt(robot),
+        tip,
         visits(poses),
         poses.configuration,
         variances,
     )
-
-
-def _axis(model: Model, frames: Frames, k: int) -> tuple[bool, Array, Array]:
-    """Whether joint k slides, its axis (m, 3) and its origin (m, 3), base axes."""
-    robot = model.robot
-    return bool(robot.prismatic[k]), rotate(frames.R[:, k + 1], robot.axes[k]), frames.o[:, k + 1]
 
 
 def _moved(slides: bool, axis: Array, away: Array) -> Array:
@@ -180,18 +178,3 @@ def _moved(slides: bool, axis: Array, away: Array) -> Array:
     if slides:
         return np.broadcast_to(axis[:, None], away.shape)
     return cross(axis[:, None], away)
-
-
-def _felt(robot: Robot) -> Array:
-    """Zero for the levers (n + 6,) of joints that do not carry the tip."""
-    return np.concatenate([robot.moving(robot.tip_frame), np.ones(6)])
-
-
-def _tip_levers(axes: list[tuple[bool, Array, Array]], o_tip: Array) -> Array:
-    m, n = len(o_tip), len(axes)
-    J = np.zeros((m, 6, n + 6))
-    for k, (slides, axis, o) in enumerate(axes):
-        J[:, :3, k] = _moved(slides, axis, (o_tip - o)[:, None])[:, 0]
-        J[:, 3:, k] = 0.0 if slides else axis
-    J[:, :, n:] = np.eye(6)
-    return J

@@ -142,7 +142,7 @@ class Discrimination:
     ) -> Discrimination:
         """Of the rivals of one place, as the readings in hand know them."""
         model, (r, rows) = forecast.model, forecast.known.independent
-        at = [np.setdiff1d(model.positions(c.effect), model.tunings) for c in members]
+        at = [model.amounts(c.effect) for c in members]
         own = np.concatenate(at)
         # Each rival takes the place of all: to first order, whole refits differ by less than noise.
         y = r + rows[:, own] @ forecast.values[own]
@@ -287,7 +287,7 @@ def forms_of(forecast: Forecast, diagnosis: Diagnosis) -> Iterator[CauseForm]:
 
 def _form(forecast: Forecast, diagnosis: Diagnosis, cause: Cause) -> CauseForm | None:
     model, q = diagnosis.after.model, diagnosis.data.poses.q
-    own = np.setdiff1d(model.positions(cause.named.candidate.effect), model.tunings)
+    own = model.amounts(cause.named.candidate.effect)
     joints = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
     if not len(joints) or not len(own):
         return None

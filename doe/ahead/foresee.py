@@ -192,7 +192,7 @@ class CauseDetection:
 
         kept : ndarray of int, of what is modelled; asked : int, all causes that will be
         """
-        at = [np.setdiff1d(model.positions(c.effect), model.tunings) for c in causes]
+        at = [model.amounts(c.effect) for c in causes]
         ends = np.cumsum([0, *map(len, at)])
         columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
         X = rows[:, np.concatenate([kept[:0], *at])]

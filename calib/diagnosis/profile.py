@@ -25,7 +25,7 @@ from calib.diagnosis.stage import Stage
 from calib.evidence import VISIBLE, along_prior, cholesky_of, marginal_gain
 from calib.linear import LinearProblem
 from calib.scatter.nearby import NearbyLikelihood
-from calib.scatter.restricted import Likelihood, Turned, maximised
+from calib.scatter.restricted import Turned, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
@@ -55,68 +55,64 @@ class LikelihoodProblem:
         """Levels of noise without any of the suspects."""
         return self.search()
 
-    def approximate_score(self, suspect: Candidate) -> Score:
-        """What a suspect would explain, variances found anew to second order."""
-        if suspect.spread is None:
-            return self.approximate_together([suspect])
-        own = self.at[suspect.key]
-        half = cholesky_of(suspect.spread * suspect.effect.parameters[0].size ** 2)
-        amplitude = _amplitude(*self.nearby.conditional(own), half)
-        gain = self.nearby.gain(own, _inverse(half) / amplitude)
-        price = _freedom(np.diag(gain.triangle), half, amplitude)
-        return _of_curve(gain.fall + gain.promised - price, price)
+    def score(self, *suspects: Candidate, searched: bool = True) -> Score:
+        """Likelihood ratio of a suspect, or of causes by name together, variances found anew.
 
-    def approximate_together(self, causes: Sequence[Candidate]) -> Score:
-        """Approximate score of several named causes together."""
-        own, limits = self._columns_of(causes)
-        gain = self.nearby.gain(own, np.diag(1.0 / limits))
-        told = np.diag(gain.triangle) * limits
-        fall = max(gain.fall + gain.promised, 0.0)
-        return self._priced(fall, told).counted(prod(c.choices for c in causes))
-
-    def score(self, suspect: Candidate) -> Score:
-        """Likelihood ratio of a suspect, the variances estimated with and without it."""
-        if suspect.spread is None:
-            return self.score_together([suspect])
-        own = self.at[suspect.key]
-        return self._curve(own, suspect.spread * suspect.effect.parameters[0].size ** 2)
-
-    def score_together(self, causes: Sequence[Candidate]) -> Score:
-        """What causes by name would explain beside each other, variances found anew."""
-        own, limits = self._columns_of(causes)
-        problem = self._with(own, np.diag(1.0 / limits))
-        _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
-        told = found.diagonal[problem.known : -1] * limits
-        fall = max(self.levels.value - found.value, 0.0)
-        return self._priced(fall, told).counted(prod(c.choices for c in causes))
-
-    def _columns_of(self, causes: Sequence[Candidate]) -> tuple[IntArray, Array]:
-        """Columns (k,) of some causes by name, and the limits (k,) of their parameters."""
-        own = np.concatenate([self.at[c.key] for c in causes])
-        return own, np.concatenate([c.limits for c in causes])
-
-    def _priced(self, fall: float, told: Array) -> Score:
-        """Score of a named cause.
-
-        told : ndarray, shape (k,), what the readings and the prior say of each parameter, in its limit
+        searched : whether they are searched for, else to second order
         """
         from scipy.special import chdtrc
 
-        k = max(int(np.count_nonzero(told > 1.0 + VISIBLE)), 1)
-        return Score(fall, fall, k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall)))
+        first = suspects[0]
+        if first.spread is not None:
+            return self._curve(first, first.spread, searched)
+        own = np.concatenate([self.at[c.key] for c in suspects])
+        limits = np.concatenate([c.limits for c in suspects])
+        prior = np.diag(1.0 / limits)
+        if searched:
+            problem = self._with(own, prior)
+            _, found = maximised(problem, self.levels.theta, self.levels.free, _SETTLED)
+            fall, told = self.levels.value - found.value, found.diagonal[problem.known : -1]
+        else:
+            gain = self.nearby.gain(own, prior)
+            fall, told = gain.fall + gain.promised, np.diag(gain.triangle)
+        fall = max(fall, 0.0)
+        # Of each parameter what the readings say of it beside its prior.
+        k = max(int(np.count_nonzero(told * limits > 1.0 + VISIBLE)), 1)
+        price, p = k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall))
+        return Score(fall, fall, price, p).counted(prod(c.choices for c in suspects))
 
-    def _curve(self, own: IntArray, spread: Array) -> Score:
-        half = cholesky_of(spread)
-        inverse = _inverse(half)
-        theta, best = self.levels.theta, (np.inf, 0.0)
-        for _ in range(_TURNS):
-            there = NearbyLikelihood(self.problem, theta, self.levels.free)
-            amplitude = _amplitude(*there.conditional(own), half)
-            problem = self._with(own, inverse / amplitude)
-            theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
-            best = min(best, _marginal(problem, found, half, amplitude))
-        value, price = best
-        return _of_curve(self.levels.value - value, price)
+    def _curve(self, curve: Candidate, spread: Array, searched: bool) -> Score:
+        """Ratio of the marginal likelihood of a curve's coefficients, at its best amplitude."""
+        own = self.at[curve.key]
+        half = cholesky_of(spread * curve.effect.parameters[0].size ** 2)
+        inverse = np.asarray(np.linalg.inv(half), dtype=np.float64)
+
+        def amplitude_at(there: NearbyLikelihood) -> float:
+            d, along = along_prior(*there.conditional(own), half)
+            fall, price = marginal_gain(np.maximum(d, 0.0), along, _AMPLITUDES[:, None] ** 2)
+            return float(_AMPLITUDES[int(np.argmax(fall - price))])
+
+        def price_of(told: Array, amplitude: float) -> float:
+            return 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
+
+        if searched:
+            theta, best = self.levels.theta, (np.inf, 0.0)
+            for _ in range(_TURNS):
+                there = NearbyLikelihood(self.problem, theta, self.levels.free)
+                amplitude = amplitude_at(there)
+                problem = self._with(own, inverse / amplitude)
+                theta, found = maximised(problem, theta, self.levels.free, _SETTLED)
+                price = price_of(found.diagonal[problem.known : -1], amplitude)
+                best = min(best, (found.value + price, price))
+            evidence, price = self.levels.value - best[0], best[1]
+        else:
+            amplitude = amplitude_at(self.nearby)
+            gain = self.nearby.gain(own, inverse / amplitude)
+            price = price_of(np.diag(gain.triangle), amplitude)
+            evidence = gain.fall + gain.promised - price
+        if evidence <= 0.0:
+            return NOTHING
+        return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
 
     def _with(self, own: IntArray, prior: Array) -> Turned:
         """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
@@ -126,36 +122,6 @@ class LikelihoodProblem:
         rows = np.zeros((len(prior), len(chosen)))
         rows[:, known:-1] = prior
         return self.problem.with_columns(chosen, known, np.concatenate([held, rows]))
-
-
-def _inverse(half: Array) -> Array:
-    return np.asarray(np.linalg.inv(half), dtype=np.float64)
-
-
-def _of_curve(evidence: float, price: float) -> Score:
-    if evidence <= 0.0:
-        return NOTHING
-    return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
-
-
-def _amplitude(S: Array, z: Array, half: Array) -> float:
-    """That of a curve which the readings prefer, in plausible sizes; their products (k, k) and (k,)."""
-    d, along = along_prior(S, z, half)
-    fall, price = marginal_gain(np.maximum(d, 0.0), along, _AMPLITUDES[:, None] ** 2)
-    return float(_AMPLITUDES[int(np.argmax(fall - price))])
-
-
-def _marginal(
-    problem: Turned, found: Likelihood, half: Array, amplitude: float
-) -> tuple[float, float]:
-    """-2 log marginal likelihood with a curve's coefficients, and what their freedom costs."""
-    price = _freedom(found.diagonal[problem.known : -1], half, amplitude)
-    return found.value + price, price
-
-
-def _freedom(told: Array, half: Array, amplitude: float) -> float:
-    """What the freedom of a curve's coefficients costs; told : diagonal of their triangle."""
-    return 2.0 * float(np.log(told).sum() + np.log(amplitude * np.diag(half)).sum())
 
 
 def likelihood_problem(
@@ -173,7 +139,7 @@ def likelihood_problem(
     wide = np.concatenate([fit.J @ fit.span, view.rows(columns)], axis=-1)
     held = linear.held @ fit.span
     shown = held.any(axis=1) | (linear.off != 0.0)  # what is taken out takes its prior along
-    problem, start, may = problem_of(
+    problem = problem_of(
         stage.scatter,
         weighted,
         LinearProblem(
@@ -186,13 +152,13 @@ def likelihood_problem(
         stage.arm,
     )
     levels = fit.levels
-    free, theta = (levels.free, levels.theta) if levels is not None else (may[:0], start)
+    free, theta = (levels.free, levels.theta) if levels else (problem.may[:0], problem.start)
 
     def search() -> VarianceEstimate:
         if not without and levels is not None:
             return levels
         alone = problem.with_columns(np.append(np.arange(known), wide.shape[-1]), known)
-        return searched(alone, start, may, stage.scatter, levels)
+        return searched(alone, stage.scatter, levels)
 
     problem = problem.with_columns(np.arange(wide.shape[-1] + 1), known)
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])

@@ -185,8 +185,8 @@ def _pair(state: Round) -> list[Candidate]:
     if not pairs:
         return []
     here = likelihood_problem(state.stage, state.view, eligible)
-    pairs.sort(key=lambda pair: -here.approximate_together(pair).fall)
-    scores = {pair: here.score_together(pair) for pair in pairs[:_PAIRS]}
+    pairs.sort(key=lambda pair: -here.score(*pair, searched=False).fall)
+    scores = {pair: here.score(*pair) for pair in pairs[:_PAIRS]}
     best = max(scores, key=lambda pair: scores[pair].gain)
     paid = replace(state, asked=state.asked * (state.asked - 1) // 2).pays(scores[best])
     return list(best) if paid else []
@@ -278,7 +278,8 @@ def _anew(
     ]
     leading = list(dict.fromkeys(leading))
     here = likelihood_problem(state.stage, view, leading)
-    found = {c.key: NOTHING for c in eligible} | {c.key: here.approximate_score(c) for c in leading}
+    found = {c.key: NOTHING for c in eligible}
+    found |= {c.key: here.score(c, searched=False) for c in leading}
     if not any(state.pays(found[c.key], c) for c in leading):
         found |= {c.key: here.score(c) for c in leading}
     return found
@@ -292,7 +293,7 @@ def _defence(state: Round, member: Candidate, linear: Score) -> Score:
     if state.view.fit.mixing is None or linear.gain > _BEYOND_DOUBT:
         return linear
     here = likelihood_problem(state.stage, state.view, [member], with_curves(member, state.active))
-    approximate = here.approximate_score(member)
+    approximate = here.score(member, searched=False)
     return approximate if state.stays(approximate) else here.score(member)
 
 

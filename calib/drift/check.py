@@ -242,8 +242,8 @@ def _arm(cell: Cell, found: Identification, model: Model, own: Measurements) -> 
     held = np.pad(by_known @ span, ((0, 0), (0, steady.shape[-1])))
     linear = LinearProblem(r, wide, np.eye(wide.shape[-1]), off, held)
     levers = points.rows(still.levers)
-    problem, start, may = problem_of(still, levers, linear, cell.repeatability)
-    arm = searched(problem, start, may, still).variances
+    problem = problem_of(still, levers, linear, cell.repeatability)
+    arm = searched(problem, still).variances
     hidden = None
     if not arm.any and cell.repeatability is None:
         hidden = unnoticed(still, problem, usual_repeatability(model.robot.reach), 1.0)

@@ -182,7 +182,7 @@ class Estimation:
             return None
         scatter = self._problem[0]
         usual = usual_repeatability(self.model.robot.reach)
-        found = unnoticed(scatter, problem_of(*self._problem)[0], usual, noise.divisor)
+        found = unnoticed(scatter, problem_of(*self._problem), usual, noise.divisor)
         if found is None:
             return None
         counted = replace(self.counted, scatter=scatter.at(found.variances))

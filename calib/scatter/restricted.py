@@ -16,7 +16,7 @@ leaves those six; the others carry the instrument's noise alone and enter once, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,8 @@ class Turned:
     units : ndarray, shape (v,), variances in SI of each theta at one; the first is that of the
         instrument
     highest : float, no theta but the first becomes larger
+    start : ndarray, shape (v,), theta as far as it is known beforehand
+    may : ndarray of int, which of it may vary
     """
 
     blocks: tuple[Block, ...]
@@ -63,6 +65,8 @@ class Turned:
     beyond_rigid: int
     units: Array
     highest: float = np.inf
+    start: Array = field(default_factory=lambda: np.zeros(0))
+    may: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @cached_property
     def instrument_products(self) -> Array:

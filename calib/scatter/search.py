@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,8 +63,8 @@ class VarianceEstimate:
 
 def problem_of(
     scatter: Scatter, levers: Array, linear: LinearProblem, known: Repeatability | None = None
-) -> tuple[Turned, Array, IntArray]:
-    """The linear problem of readings, variances known beforehand (v,), and those that may vary.
+) -> Turned:
+    """The linear problem of readings, with what of the variances is known beforehand.
 
     levers : ndarray, shape (m, R, n + 6), whitened as the rows of the problem are
     known : the arm's repeatability where the cell says it; None to be estimated
@@ -83,7 +83,7 @@ def problem_of(
         own = Variances.of_arm(scatter.joints, known).approach
         start[1 : 1 + len(own)] = own / problem.units[1 : 1 + len(own)]
         free = np.delete(free, np.arange(1, 1 + len(own)))
-    return problem, start, free
+    return replace(problem, start=start, may=free)
 
 
 def levels_of(
@@ -99,33 +99,29 @@ def levels_of(
     Variances enter where they pay, and leave where they no longer do; the first to enter pays for the
     choice among all as well.
     """
-    problem, start, may = problem_of(scatter, levers, linear, known)
-    return searched(problem, start, may, scatter, before)
+    return searched(problem_of(scatter, levers, linear, known), scatter, before)
 
 
 def searched(
-    problem: Turned,
-    start: Array,
-    may: IntArray,
-    scatter: Scatter,
-    before: VarianceEstimate | None = None,
+    problem: Turned, scatter: Scatter, before: VarianceEstimate | None = None
 ) -> VarianceEstimate:
-    """The levels of a problem; start, may : as :func:`problem_of` gives them."""
-    theta, free = start, np.zeros(0, dtype=int)
+    """The levels of a problem."""
+    theta, free = problem.start, np.zeros(0, dtype=int)
     found = nothing = likelihood(problem, theta)
     if before is not None and len(before.free):
-        theta, free = np.maximum(before.theta, start * (before.theta == 0.0)), before.free
+        theta = np.maximum(before.theta, problem.start * (before.theta == 0.0))
+        free = before.free
         theta, found = maximised(problem, theta, free)
     state = theta, found, free
-    while (more := _entering(problem, *state, may)) is not None:
+    while (more := _entering(problem, *state)) is not None:
         state = more
-    while (less := _leaving(problem, *state, start)) is not None:
+    while (less := _leaving(problem, *state)) is not None:
         state = less
     if scatter.has_approaches:
-        state = _moved(problem, *state, may, scatter.joints + 2)
+        state = _moved(problem, *state, scatter.joints + 2)
     theta, found, free = state
-    if found.value > nothing.value - _entry_price(len(may)):
-        theta, found, free = start, nothing, np.zeros(0, dtype=int)
+    if found.value > nothing.value - _entry_price(len(problem.may)):
+        theta, found, free = problem.start, nothing, np.zeros(0, dtype=int)
     return VarianceEstimate(
         _variances(theta * problem.units, scatter),
         free,
@@ -144,10 +140,9 @@ def _entry_price(choices: int) -> float:
     return _PAYS + 2.0 * float(np.log(choices))
 
 
-def _entering(
-    problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray
-) -> State | None:
+def _entering(problem: Turned, theta: Array, found: Likelihood, free: IntArray) -> State | None:
     """The search with more variances free: all that pay beyond doubt, or one; None where none pays."""
+    may = problem.may
     price = _PAYS if len(free) else _entry_price(len(may))
     promised = np.zeros(len(theta))
     promised[may] = _promises(found, free)[may]
@@ -178,21 +173,19 @@ def _promises(found: Likelihood, free: IntArray) -> Array:
     return np.asarray(falls)
 
 
-def _leaving(
-    problem: Turned, theta: Array, found: Likelihood, free: IntArray, start: Array
-) -> State | None:
+def _leaving(problem: Turned, theta: Array, found: Likelihood, free: IntArray) -> State | None:
     """One variance less, where one does not pay; that is tried of which least is expected."""
     if not len(free):
         return None
     A = found.information[np.ix_(free, free)]
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     inverse = np.linalg.pinv(A / np.outer(size, size), hermitian=True)
-    worth = ((theta - start)[free] * size) ** 2 / np.maximum(np.diag(inverse), 1e-12)
+    worth = ((theta - problem.start)[free] * size) ** 2 / np.maximum(np.diag(inverse), 1e-12)
     for j in free[np.argsort(worth)[:_TRIED]]:
         if worth[free == j] > _SURELY * _PAYS:
             break
         without = theta.copy()
-        without[j] = start[j]
+        without[j] = problem.start[j]
         rest = free[free != j]
         fresh, poorer = maximised(problem, without, rest, 0.1)
         if poorer.value - found.value < _PAYS:
@@ -200,9 +193,7 @@ def _leaving(
     return None
 
 
-def _moved(
-    problem: Turned, theta: Array, found: Likelihood, free: IntArray, may: IntArray, count: int
-) -> State:
+def _moved(problem: Turned, theta: Array, found: Likelihood, free: IntArray, count: int) -> State:
     """With what scatters at each approach, or at each configuration, where it is likelier to.
 
     count : int, variances of each: one that came in first may stand in the place of the other
@@ -211,7 +202,7 @@ def _moved(
     for j in free[free > 0]:
         theta, found, free = state
         other = j + count if j <= count else j - count
-        if other in free or other not in may:
+        if other in free or other not in problem.may:
             continue
         swapped = theta.copy()
         swapped[other], swapped[j] = theta[j], 0.0

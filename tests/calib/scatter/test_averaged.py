@@ -30,7 +30,7 @@ def averaged(approaches: int, size: float, usual: Usual = USUAL, seed: int = 1) 
     """Of a day whose tip scatters by so much, m."""
     scatter, weighted, day = scattering(visits_of(PLACES, approaches, 1))
     r = drawn(day, 1.0, size**2 * AT_TIP, np.zeros(5), seed).reshape(weighted.shape[:2])
-    problem, *_ = problem_of(scatter, weighted, linear_of(r, weighted[..., :3]))
+    problem = problem_of(scatter, weighted, linear_of(r, weighted[..., :3]))
     return unnoticed(scatter, problem, usual, 1.0)
 
 

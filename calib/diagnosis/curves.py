@@ -161,7 +161,10 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     for k, joint in enumerate(robot.joints):
         axis = along_axis(robot, k)
         moved: list[PoseVariable] = [*angles, *common, Torque("load", statics, k + 1, axis)]
-        moved += _moves(poses, k, joint)
+        if poses.approach is not None:
+            moved.append(Covariate(f"approach:{joint}", "approach", k))
+        if poses.motion is not None:
+            moved.append(Move(f"motion:{joint}", k))
         yield from _twists(joint, k + 1, axis[:, None], moved, poses, _KNOTS)
         posture = Posture(f"q:{joint}", spread)
         around = neighbours(posture.at(poses))
@@ -189,15 +192,6 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     line = polyline(ranges, _KNOTS)
     if line is not None and context.reads("points"):
         yield RangeCurve("instrument", ErrorVariable("range"), line)
-
-
-def _moves(poses: Poses, k: int, joint: str) -> list[PoseVariable]:
-    found: list[PoseVariable] = []
-    if poses.approach is not None:
-        found.append(Covariate(f"approach:{joint}", "approach", k))
-    if poses.motion is not None:
-        found.append(Move(f"motion:{joint}", k))
-    return found
 
 
 def _across(axis: Array) -> Array | None:

@@ -70,7 +70,10 @@ class TuningGrid:
     def scanned(self, carried: Carried) -> TuningGrid:
         """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
-        short = first.only(_peaks(first.falls(carried))[:_LISTED])
+        each = first.falls(carried)
+        padded = np.pad(each, 1, constant_values=-np.inf)
+        peaks = np.flatnonzero((each >= padded[:-2]) & (each >= padded[2:]))
+        short = first.only(peaks[np.argsort(-each[peaks], kind="stable")][:_LISTED])
         richer = short.effect.richer(short.tunings)
         if richer is None:
             return replace(self, forms=(short,))
@@ -106,13 +109,6 @@ def tuning_grids(suspects: Sequence[Candidate], poses: Poses) -> tuple[TuningGri
         tried = len(grid) + (2 * _LISTED if effect.richer(grid) is not None else 0)
         found.append(TuningGrid(replace(suspect, tried=tried), poses, (form,)))
     return tuple(found)
-
-
-def _peaks(falls: Array) -> IntArray:
-    """Positions of the local maxima, the highest first."""
-    padded = np.pad(falls, 1, constant_values=-np.inf)
-    peaks = np.flatnonzero((falls >= padded[:-2]) & (falls >= padded[2:]))
-    return np.asarray(peaks[np.argsort(-falls[peaks], kind="stable")])
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,9 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
     each = (fit.variances.approach, fit.variances.configuration)
     arm, fixed = (_size(stage, v) for v in each)
     fixed = hypot(fixed, more)
-    size, source = hypot(arm, fixed), _source(stage, fit)
+    size = hypot(arm, fixed)
+    again = fit.levels is not None and fit.levels.approaches
+    source: Source = "stated" if stage.arm is not None else "measured" if again else "assumed"
     match source:
         case "stated":
             large = fixed > _NO_LARGER * arm
@@ -153,13 +155,6 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
     if not size:
         return Rest(0.0, "none", "instrument", arm, source)
     return Rest(size, "scatter", "undecided" if source == "assumed" else "arm", arm, source)
-
-
-def _source(stage: Stage, fit: Fit) -> Source:
-    """Who tells how the arm repeats."""
-    if stage.arm is not None:
-        return "stated"
-    return "measured" if fit.levels is not None and fit.levels.approaches else "assumed"
 
 
 def _size(stage: Stage, variances: Array) -> float:

@@ -73,6 +73,16 @@ class Field:
         """Whether the residual's size contradicts the stated noise, in either direction."""
         return refuted(self.cost, self.dof)
 
+    def evidence(self, fall: Array) -> Array:
+        """Fall of -2 log likelihood by one of the sum of squares, shape (..), as of it.
+
+        Where the residual refutes the stated noise, that is unknown.
+        """
+        if not self.noise_refuted:
+            return fall
+        left = np.log(np.maximum(self.cost - fall, _NOTHING))
+        return np.asarray(self.dof * (np.log(max(self.cost, _NOTHING)) - left))
+
     @cached_property
     def spread(self) -> float:
         """Actual over stated variance where the residual refutes that, else one."""
@@ -110,10 +120,11 @@ class Field:
             own = own - self.modelled_part[:, these].T @ self.modelled_part[:, those]
         return own if self.whole is None else own + self.whole.crossed(these, those)
 
-    def compressed(self) -> Field:
-        """The same products and cost in as few rows as there are columns."""
-        R = np.asarray(np.linalg.qr(np.column_stack([self.X, self.r]), mode="r"))
-        return Field(R[:, :-1], R[:, -1], self.lengths, self.rows, self.dof)
+    def condensed(self, columns: IntArray) -> Field:
+        """The products and cost of some columns, in as few rows as there are of these."""
+        own = self.take(columns)
+        R = np.asarray(np.linalg.qr(np.column_stack([own.X, own.r]), mode="r"))
+        return replace(own, columns=R[:, :-1], r=R[:, -1])
 
     def take(self, columns: IntArray) -> Field:
         """The field of some columns alone, all rows in one."""
@@ -143,12 +154,8 @@ class Field:
 
     def directions(self, columns: IntArray) -> Array:
         """``T``, shape (K, k), that makes columns (N, K) the orthonormal directions ``X T``."""
-        T, seen = self.all_directions(columns)
+        T, seen = visible_directions(self.products(columns)[0], self.lengths[columns])
         return T[:, seen]
-
-    def all_directions(self, columns: IntArray) -> tuple[Array, Mask]:
-        """The same of columns (..., K), zero where nothing can be seen, and where it can, (..., K)."""
-        return visible_directions(self.products(columns)[0], self.lengths[columns])
 
 
 def field(N: Array, X: Array, r: Array, Q: Array | None = None) -> Field:
@@ -262,9 +269,7 @@ def _named(field: Field, columns: IntArray, limits: Array | None) -> list[Score]
     if field.noise_refuted:
         rest = np.maximum(field.cost - fall, _NOTHING)
         shown = left > 0
-        evidence = np.where(
-            shown, field.dof * (np.log(max(field.cost, _NOTHING)) - np.log(rest)), fall
-        )
+        evidence = np.where(shown, field.evidence(fall), fall)
         F = fall / np.maximum(k, 1) / (rest / np.maximum(left, 1))
         p = np.where(shown, fdtrc(np.maximum(k, 1), np.maximum(left, 1), F), p)
     table = np.column_stack([fall, evidence, k * np.log(max(field.rows, 1)), p]).tolist()
@@ -290,13 +295,8 @@ def _eliminated(field: Field, columns: IntArray, limits: Array) -> Score:
         return NOTHING
     choices = float(gammaln(K + 1) - gammaln(k + 1) - gammaln(K - k + 1))
     price = k * float(np.log(max(field.rows, 1))) + 2.0 * choices
-    evidence = fall
-    if field.noise_refuted:
-        evidence = field.dof * float(
-            np.log(max(field.cost, _NOTHING)) - np.log(max(field.cost - fall, _NOTHING))
-        )
     p = float(chdtrc(k, fall / spread)) * float(np.exp(min(choices, 700.0)))
-    return Score(fall, evidence, price, min(1.0, p))
+    return Score(fall, float(field.evidence(np.array(fall))), price, min(1.0, p))
 
 
 def backward_elimination(values: Array, cov: Array, price: float) -> tuple[Mask, float]:
@@ -336,13 +336,7 @@ def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
     largest = np.where(seen.any(axis=-1), d.max(axis=-1), 1.0)
     squared = np.geomspace(0.1, 1e6, _AMPLITUDES)[:, None] / largest[:, None, None]
     falls, price = marginal_gain(d[:, None], along[:, None], squared)
-    evidence = falls - price
-    if field.noise_refuted:
-        evidence = (
-            field.dof
-            * (np.log(max(field.cost, _NOTHING)) - np.log(np.maximum(field.cost - falls, _NOTHING)))
-            - price
-        )
+    evidence = field.evidence(falls) - price
     best = np.argmax(evidence, axis=-1)[:, None]
     e = np.take_along_axis(evidence, best, axis=-1)[:, 0]
     fall = np.take_along_axis(falls, best, axis=-1)[:, 0]

@@ -50,7 +50,9 @@ def names_for_curve(
     curve : ndarray of int, shape (k,), its columns; spread : ndarray, shape (k, k), as of ``score``
     named : columns of each cause by name; pays : whether a score earns its holder a place
     """
-    field, (curve, *named) = _narrowed(field, [curve, *named])
+    ends = np.cumsum([0, len(curve), *map(len, named)])
+    field = field.condensed(np.concatenate([curve, *named]))
+    curve, *named = (np.arange(a, b) for a, b in pairwise(ends))
     least = score(field, curve, spread).gain
     followed = [Names((), 0.0, field)]
     for _ in range(_MOST):
@@ -97,11 +99,3 @@ def _all_pay(
         if not pays(score(rest, named[member])):
             return False
     return True
-
-
-def _narrowed(field: Field, columns: Sequence[IntArray]) -> tuple[Field, list[IntArray]]:
-    """The field of these columns alone, and where they stand in it."""
-    ends = np.cumsum([0, *map(len, columns)])
-    chosen = np.concatenate(columns)
-    own = [np.arange(a, b) for a, b in pairwise(ends)]
-    return field.take(chosen).compressed(), own

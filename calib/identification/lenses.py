@@ -134,17 +134,14 @@ def _schwarz(complement: Complement, columns: Array) -> float:
 
 
 def _asked(found: Identification) -> dict[Camera, list[LensEffect]]:
-    """Cameras whose lens is held for known, and what would free it."""
-    cameras = (i for i in found.model.instruments if isinstance(i, Camera))
-    return {camera: own for camera in cameras if (own := _known_of(found, camera))}
-
-
-def _known_of(found: Identification, camera: Camera) -> list[LensEffect]:
-    """What of a camera's lens is held for known, nothing where a part of it is identified."""
-    if any(isinstance(e, LensEffect) and e.changes(camera) for e in found.model.effects):
-        return []
-    known = [kind(f"camera:{camera.name}", camera.lens) for kind in _PARTS.values()]
-    return [effect for effect in known if effect.acts(camera)]
+    """Cameras of whose lens nothing is identified, and what would free it."""
+    identified = [e for e in found.model.effects if isinstance(e, LensEffect)]
+    asked = {}
+    for camera in found.model.instruments:
+        if isinstance(camera, Camera) and not any(e.changes(camera) for e in identified):
+            known = [kind(f"camera:{camera.name}", camera.lens) for kind in _PARTS.values()]
+            asked[camera] = [effect for effect in known if effect.acts(camera)]
+    return {camera: own for camera, own in asked.items() if own}
 
 
 def _complement(

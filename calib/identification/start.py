@@ -59,7 +59,8 @@ def initial_values(model: Model, data: Measurements) -> Array:
             )
             told = _of_room(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
             moved = start.place[told] - values[bases[station]][told] if told.any() else start.place
-            if _room(model, data) < _farthest(moved, start.markers - markers[read]):
+            lengths = np.abs([*moved, *(start.markers - markers[read]).ravel()])
+            if _room(model, data) < np.nan_to_num(lengths, nan=np.inf).max(initial=0.0):
                 continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
@@ -110,12 +111,6 @@ def _of_room(model: Model) -> Mask:
     placed = model.where(Base, Tool)
     found[placed] = [model.parameters[i].unit in ("mm", "mrad") for i in placed]
     return found
-
-
-def _farthest(*moved: Array) -> float:
-    """By how much any of these left its guess; infinite for NaN."""
-    lengths = np.concatenate([np.abs(own).ravel() for own in moved])
-    return float(np.nan_to_num(lengths, nan=np.inf).max(initial=0.0))
 
 
 def _sessions(

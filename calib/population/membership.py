@@ -63,6 +63,8 @@ def departure(prior: Prior, values: Array, covariance: Array, sizes: Array) -> D
     values : ndarray, shape (k,), SI; covariance : ndarray, shape (k, k), SI, of an estimate that was
         made with the prior :func:`loosened`; sizes : ndarray, shape (k,), SI, plausible sizes
     """
+    from scipy.special import chdtrc
+
     certain = np.linalg.inv(covariance)
     data = certain - np.linalg.inv(loosened(prior, sizes).covariance)
     W = prior.whitening
@@ -73,7 +75,8 @@ def departure(prior: Prior, values: Array, covariance: Array, sizes: Array) -> D
     scores = np.full(len(values), np.nan)
     scores[seen] = left[seen] / np.sqrt(moved[seen])
     statistic, rows = _square(u, K)
-    p_value = _tail(prior, statistic, rows)
+    share = prior.share
+    p_value = float(chdtrc(share * rows, share * statistic)) if rows else 1.0
     if p_value < _SURELY and prior.robots >= _FEWEST:
         p_value = max(p_value, _by_types_drawn(prior, sizes, data, statistic))
     # Of the prior's own coordinates: a shift of one parameter by its deviation.
@@ -151,14 +154,6 @@ def _square(u: Array, K: Array) -> tuple[float, int]:
     values, vectors = np.linalg.eigh(K)
     told = values > _TOLD
     return float(((vectors[:, told].T @ u) ** 2 / values[told]).sum()), int(told.sum())
-
-
-def _tail(prior: Prior, statistic: float, rows: int) -> float:
-    from scipy.special import chdtrc
-
-    if not rows:
-        return 1.0
-    return float(chdtrc(prior.share * rows, prior.share * statistic))
 
 
 def _released(prior: Prior, g: Array, Q: Array) -> tuple[IntArray, float]:

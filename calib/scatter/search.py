@@ -122,8 +122,10 @@ def searched(
     theta, found, free = state
     if found.value > nothing.value - _entry_price(len(problem.may)):
         theta, found, free = problem.start, nothing, np.zeros(0, dtype=int)
+    count, own = scatter.joints + 2, theta * problem.units
+    approach = own[1 : 1 + count] if len(own) > 1 + count else np.zeros(count)
     return VarianceEstimate(
-        _variances(theta * problem.units, scatter),
+        Variances(float(np.sqrt(own[0])), approach, own[-count:]),
         free,
         theta,
         found.value,
@@ -211,14 +213,6 @@ def _moved(problem: Turned, theta: Array, found: Likelihood, free: IntArray, cou
         if better.value < found.value:
             state = fresh, better, rest
     return state
-
-
-def _variances(theta: Array, scatter: Scatter) -> Variances:
-    """From the vector of a problem, SI."""
-    count = scatter.joints + 2
-    two = len(theta) > 1 + count
-    approach = theta[1 : 1 + count] if two else np.zeros(count)
-    return Variances(float(np.sqrt(theta[0])), approach, theta[-count:])
 
 
 # -- scatter that was not found -----------------------------------------------------------------------

@@ -42,6 +42,18 @@ class LinearProblem:
         """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
         return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
 
+    def with_columns(self, columns: Array) -> LinearProblem:
+        """The readings with further whitened columns (m, R, K) that are fitted as well.
+
+        In terms of the fitted directions. Nothing is known of the new ones, and of what is known beside
+        the readings only what says something stays.
+        """
+        J = np.concatenate([self.J @ self.span, columns], axis=-1)
+        held = self.held @ self.span
+        told = held.any(axis=1) | (self.off != 0.0)
+        held = np.pad(held[told], ((0, 0), (0, columns.shape[-1])))
+        return LinearProblem(self.r, J, np.eye(J.shape[-1]), self.off[told], held)
+
     @property
     def by_reading(self) -> Array:
         """Independent derivatives (m, R, p): each less what those before it in its group tell."""

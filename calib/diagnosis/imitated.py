@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import NameEvidence
@@ -57,12 +56,7 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
 
     view = finding.outcome.view
     fit = view.fit
-    own = [
-        i
-        for effect, part in fit.model.parts
-        for i in range(part.start, part.stop)
-        if isinstance(effect, Constant)
-    ]
+    own = [i for e in fit.model.effects if isinstance(e, Constant) for i in fit.positions(e)]
     determined = [i for i in own if fit.span[i].any()]
     boards = [c for c in view.suspects if isinstance(c.effect, BoardScale)]
     if not boards or len(determined) < 2 or not fit.converged:
@@ -74,18 +68,14 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
     left = float(whole.left @ whole.left)
     noise = max(left / max(fit.rows - whole.Q.shape[1], 1), 1.0)
     price = noise * float(np.log(max(fit.rows, 2)))
-    best: tuple[float, Candidate, Array] | None = None
-    for candidate in boards:
-        column = rest.columns(view.rows(view.where[candidate.key]))[:, 0]
-        length = float(column @ column)
-        if length <= 0.0:
-            continue
-        fall = float(column @ without) ** 2 / length
-        if best is None or fall > best[0]:
-            best = fall, candidate, column
-    if best is None:
+    shown = []
+    for board in boards:
+        column = rest.columns(view.rows(view.where[board.key]))[:, 0]
+        if (length := float(column @ column)) > 0.0:
+            shown.append((float(column @ without) ** 2 / length, board, column))
+    if not shown:
         return
-    fall, candidate, column = best
+    fall, candidate, column = max(shown, key=lambda one: one[0])
     p = min(1.0, float(chdtrc(1, fall / noise)) * len(boards))
     alone = float(without @ without) - fall
     if fall < price or p > ALPHA or alone - left > (len(determined) - 1) * price:

@@ -38,9 +38,7 @@ Amplitudes: TypeAlias = Mapping[Curve, float]
 
 def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
     """The curves of a model, and where their coefficients stand."""
-    for effect, part in model.parts:
-        if isinstance(effect, Curve):
-            yield effect, part
+    yield from ((effect, part) for effect, part in model.parts if isinstance(effect, Curve))
 
 
 def amplitude_of(curve: Curve, amplitudes: Amplitudes) -> float:

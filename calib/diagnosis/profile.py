@@ -23,9 +23,8 @@ from calib.diagnosis.lineup import FitView
 from calib.diagnosis.screen import CURVE_PRICE, NOTHING, Score
 from calib.diagnosis.stage import Stage
 from calib.evidence import VISIBLE, along_prior, cholesky_of, marginal_gain
-from calib.linear import LinearProblem
 from calib.scatter.nearby import NearbyLikelihood
-from calib.scatter.restricted import Turned, maximised
+from calib.scatter.restricted import MixedModel, maximised
 from calib.scatter.search import VarianceEstimate, problem_of, searched
 
 _AMPLITUDES = np.geomspace(1e-4, 1e2, 25)  # of a curve's plausible size
@@ -37,14 +36,14 @@ _SETTLED = 0.1  # of -2 log likelihood
 class LikelihoodProblem:
     """The restricted likelihood of noise levels, with the columns of some suspects.
 
-    problem : Turned, of the modelled columns, the suspects' and the readings
+    problem : MixedModel, of the modelled columns, the suspects' and the readings
     rows : int, that the arm moves, readings of one approach once: what a direction is paid by
     at : dict, key of a candidate -> ndarray of int, its columns in the problem
     nearby : NearbyLikelihood, the same at the levels of the fit
     search : what finds the levels without any suspect
     """
 
-    problem: Turned
+    problem: MixedModel
     rows: int
     at: dict[str, IntArray]
     nearby: NearbyLikelihood
@@ -114,7 +113,7 @@ class LikelihoodProblem:
             return NOTHING
         return Score(evidence + price, evidence, CURVE_PRICE, float(np.exp(-0.5 * evidence)))
 
-    def _with(self, own: IntArray, prior: Array) -> Turned:
+    def _with(self, own: IntArray, prior: Array) -> MixedModel:
         """The problem with k columns beside the modelled ones, under rows of a prior (.., k)."""
         known = self.problem.known
         chosen = np.concatenate([np.arange(known), own, [self.problem.outside.shape[1] - 1]])
@@ -132,35 +131,22 @@ def likelihood_problem(
     without : candidates that are in the fit and are taken out of it
     """
     fit = view.fit.without([c.effect for c in without]) if without else view.fit
-    linear, known = fit.linear, fit.span.shape[1]
+    known = fit.span.shape[1]
     chosen = list(suspects)
     columns = np.concatenate([view.where[c.key] for c in chosen]) if chosen else np.zeros(0, int)
     weighted = fit.observation.rows(stage.scatter.levers)
-    wide = np.concatenate([fit.J @ fit.span, view.rows(columns)], axis=-1)
-    held = linear.held @ fit.span
-    shown = held.any(axis=1) | (linear.off != 0.0)  # what is taken out takes its prior along
-    problem = problem_of(
-        stage.scatter,
-        weighted,
-        LinearProblem(
-            fit.r,
-            wide,
-            np.eye(wide.shape[-1]),
-            linear.off[shown],
-            np.pad(held[shown], ((0, 0), (0, len(columns)))),
-        ),
-        stage.arm,
-    )
+    linear = fit.linear.with_columns(view.rows(columns))  # what is taken out takes its prior along
+    problem = problem_of(stage.scatter, weighted, linear, stage.arm)
     levels = fit.levels
     free, theta = (levels.free, levels.theta) if levels else (problem.may[:0], problem.start)
 
     def search() -> VarianceEstimate:
         if not without and levels is not None:
             return levels
-        alone = problem.with_columns(np.append(np.arange(known), wide.shape[-1]), known)
+        alone = problem.with_columns(np.append(np.arange(known), known + len(columns)), known)
         return searched(alone, stage.scatter, levels)
 
-    problem = problem.with_columns(np.arange(wide.shape[-1] + 1), known)
+    problem = problem.with_columns(np.arange(known + len(columns) + 1), known)
     ends = known + np.cumsum([0, *(len(view.where[c.key]) for c in chosen)])
     at = {c.key: np.arange(a, b) for c, a, b in zip(chosen, ends, ends[1:], strict=False)}
     rows = int(np.count_nonzero(fit.J.any(axis=-1))) - problem.beyond_rigid

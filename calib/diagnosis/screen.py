@@ -16,7 +16,16 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.evidence import VISIBLE, along_prior, marginal_gain, score_test, visible_directions
+from calib.evidence import (
+    VISIBLE,
+    along_prior,
+    chance_above,
+    cholesky_of,
+    marginal_gain,
+    ratio_above,
+    score_test,
+    visible_directions,
+)
 from calib.identification.noise_level import refuted
 from calib.linear import orthonormal
 
@@ -345,3 +354,31 @@ def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
         Score(own_fall, own, CURVE_PRICE, chance) if own > 0.0 else NOTHING
         for own_fall, own, chance in zip(fall.tolist(), e.tolist(), p.tolist(), strict=True)
     ]
+
+
+def weighted_test(
+    field: Field, columns: IntArray, spread: Array, mean: bool = False
+) -> tuple[float, float]:
+    """Probability of as much of some columns (k,) by chance, and by how much the sum of squares falls.
+
+    With d the variances a priori of their signal along its principal axes and z the residual there, in
+    the noise, the statistic is ``sum(w z^2)``, ``w = d / (1 + d)``: directions that what is modelled
+    absorbs weigh nothing, where a chi-square would give all the same.
+
+    spread : ndarray, shape (k, k), covariance of their coefficients a priori
+    mean : whether they are weighed against the mean of d, a signal about as large as the noise with
+        which the data determine it; else against the noise
+    """
+    d, along = along_prior(*field.products(columns), cholesky_of(spread))
+    longest = float((field.lengths[columns] ** 2).max(initial=0.0))
+    seen = d > VISIBLE**2 * float(spread.diagonal().mean()) * longest
+    if not seen.any() or field.dof <= np.count_nonzero(seen):
+        return 1.0, 0.0
+    d = d[seen]
+    squares = along[seen] ** 2 / d
+    w = d / (d + (d.mean() if mean else field.spread))
+    statistic = float(w @ squares) / field.spread
+    chance = (
+        ratio_above(w, field.dof, statistic) if field.noise_refuted else chance_above(w, statistic)
+    )
+    return chance, float(squares.sum())

@@ -7,7 +7,7 @@ of anything else, each with a root mean square of about one; the score test asks
 there.
 
 A wrong shape is off by a part of itself: the coefficients of its modulation are a priori normal
-(:func:`calib.diagnosis.quadratic.weighted_test`).
+(:func:`calib.diagnosis.screen.weighted_test`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
-from calib.diagnosis.quadratic import weighted_test
-from calib.diagnosis.screen import Field, field, score
+from calib.diagnosis.screen import Field, field, score, weighted_test
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Effect

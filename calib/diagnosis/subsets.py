@@ -15,8 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.diagnosis.quadratic import weighted_test
-from calib.diagnosis.screen import Field, Score, score
+from calib.diagnosis.screen import Field, Score, score, weighted_test
 
 _MOST = 3  # causes in one curve
 _LEFT = 0.05  # probability below which something of a curve is left
@@ -24,7 +23,7 @@ _FOLLOWED = 8  # sets that are extended, the best of each size
 
 
 @dataclass(frozen=True, eq=False)
-class Names:
+class Subset:
     """A set of named causes.
 
     members : tuple of int, positions among the named, in the order in which they were added
@@ -54,7 +53,7 @@ def names_for_curve(
     field = field.condensed(np.concatenate([curve, *named]))
     curve, *named = (np.arange(a, b) for a, b in pairwise(ends))
     least = score(field, curve, spread).gain
-    followed = [Names((), 0.0, field)]
+    followed = [Subset((), 0.0, field)]
     for _ in range(_MOST):
         sets = sorted(_extended(followed, named, pays), key=lambda found: -found.gain)
         for found in sets:
@@ -69,8 +68,8 @@ def names_for_curve(
 
 
 def _extended(
-    sets: Sequence[Names], named: Sequence[IntArray], pays: Callable[[Score], bool]
-) -> Iterator[Names]:
+    sets: Sequence[Subset], named: Sequence[IntArray], pays: Callable[[Score], bool]
+) -> Iterator[Subset]:
     """Each set with one cause more that pays beside it; sets of equal members once."""
     known: set[frozenset[int]] = set()
     for names in sets:
@@ -84,11 +83,11 @@ def _extended(
             if frozenset(members) not in known:
                 known.add(frozenset(members))
                 gain = names.gain + scores[i].gain
-                yield Names(members, gain, names.complement.without(named[i]))
+                yield Subset(members, gain, names.complement.without(named[i]))
 
 
 def _all_pay(
-    field: Field, names: Names, named: Sequence[IntArray], pays: Callable[[Score], bool]
+    field: Field, names: Subset, named: Sequence[IntArray], pays: Callable[[Score], bool]
 ) -> bool:
     """Whether each cause pays beside the others."""
     for member in names.members:

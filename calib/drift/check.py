@@ -21,7 +21,6 @@ from calib.cell import Cell
 from calib.drift.series import Series, columns_about, flat, inverse, series_of
 from calib.identification import Identification
 from calib.identification.start import whitening
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.observations import Points
 from calib.observations.shape import rigid_motions
@@ -235,12 +234,7 @@ def _arm(cell: Cell, found: Identification, model: Model, own: Measurements) -> 
     values, span = found.values, np.eye(len(found.values))[:, found.std > 0.0]
     points = Points(model, own, whitening(cell, model, values, own))
     still = scatter_of(model, values, own.poses, Variances.none(model.robot.dof))
-    r, J = points.linearise(values)
-    steady = points.rows(_steady(own))
-    off, by_known = model.prior_residuals(values)
-    wide = np.concatenate([J @ span, steady], axis=-1)
-    held = np.pad(by_known @ span, ((0, 0), (0, steady.shape[-1])))
-    linear = LinearProblem(r, wide, np.eye(wide.shape[-1]), off, held)
+    linear = points.linear(values, span).with_columns(points.rows(_steady(own)))
     levers = points.rows(still.levers)
     problem = problem_of(still, levers, linear, cell.repeatability)
     arm = searched(problem, still).variances

@@ -15,7 +15,14 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.scatter.restricted import Independent, Likelihood, Turned, independent, likelihood, step
+from calib.scatter.restricted import (
+    Independent,
+    Likelihood,
+    MixedModel,
+    independent,
+    likelihood,
+    step,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +41,10 @@ class Gain:
 class NearbyLikelihood:
     """The restricted likelihood of known columns and suspects, near some variances.
 
-    problem : Turned; theta : ndarray, shape (v,); free : ndarray of int, those that may move
+    problem : MixedModel; theta : ndarray, shape (v,); free : ndarray of int, those that may move
     """
 
-    problem: Turned
+    problem: MixedModel
     theta: Array
     free: IntArray
 

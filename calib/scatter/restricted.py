@@ -41,7 +41,7 @@ _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
+class MixedModel:
     """A mixed linear model, its rows turned so that few carry the random effects.
 
     blocks : tuple of Block
@@ -78,7 +78,7 @@ class Turned:
         """Products (f, f) of the rows of the prior."""
         return np.asarray(self.held.T @ self.held)
 
-    def with_columns(self, chosen: IntArray, known: int, held: Array | None = None) -> Turned:
+    def with_columns(self, chosen: IntArray, known: int, held: Array | None = None) -> MixedModel:
         """The problem of some of its columns, the readings last; ``held`` has as many."""
         return replace(
             self,
@@ -102,9 +102,9 @@ class Likelihood:
     diagonal: Array
 
 
-def turned(
+def mixed_model(
     scatter: Scatter, weighted: Array, F: Array, held: Array, known: int, approaches: bool
-) -> Turned:
+) -> MixedModel:
     """Sort the rows of a problem.
 
     weighted : ndarray, shape (m, R, n + 6), levers, whitened; F : ndarray, shape (m, R, f), whitened
@@ -138,11 +138,11 @@ def turned(
     rows = int(np.count_nonzero(F.any(axis=-1)))
     rigid = sum(b.moved for b in blocks)
     units = np.concatenate([[1.0], *([1.0 / scale**2] * (2 if two else 1))])
-    problem = Turned(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
+    problem = MixedModel(tuple(blocks), outside, held, known, rows - inside, rows - rigid, units)
     return replace(problem, highest=_highest(problem, len(weighted)))
 
 
-def _highest(problem: Turned, poses: int) -> float:
+def _highest(problem: MixedModel, poses: int) -> float:
     """The largest variance that the rows of so many poses can show: it moves them by what is left.
 
     A camera's rows hardly follow some displacements of the tip. Without a bound, metres of these pay
@@ -163,7 +163,7 @@ class Independent:
     products : ndarray, shape (f, f), of all rows, those of the prior included
     """
 
-    problem: Turned
+    problem: MixedModel
     theta: Array
     halves: tuple[Half, ...]
     rows: tuple[Array, ...]
@@ -198,7 +198,7 @@ class Independent:
         return found
 
 
-def independent(problem: Turned, theta: Array) -> Independent:
+def independent(problem: MixedModel, theta: Array) -> Independent:
     """The rows of a problem made independent at variances theta (v,)."""
     halves = tuple(Half.of(b, theta) for b in problem.blocks)
     rows = tuple(half(b.F) for b, half in zip(problem.blocks, halves, strict=True))
@@ -209,7 +209,7 @@ def independent(problem: Turned, theta: Array) -> Independent:
     return Independent(problem, theta, halves, rows, np.asarray(products))
 
 
-def likelihood(problem: Turned, theta: Array) -> Likelihood:
+def likelihood(problem: MixedModel, theta: Array) -> Likelihood:
     """Of variances theta (v,), in the problem's units."""
     from scipy.linalg import solve_triangular
 
@@ -249,7 +249,7 @@ def _solution(R: Array) -> Array:
 
 
 def maximised(
-    problem: Turned,
+    problem: MixedModel,
     theta: Array,
     free: IntArray,
     settled: float = SETTLED,

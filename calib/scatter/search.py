@@ -12,7 +12,7 @@ from calib.arm.repeatability import Usual
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.scatter.poses import Scatter, Variances
-from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
+from calib.scatter.restricted import Likelihood, MixedModel, likelihood, maximised, mixed_model
 
 if TYPE_CHECKING:
     from calib.linear import LinearProblem
@@ -63,7 +63,7 @@ class VarianceEstimate:
 
 def problem_of(
     scatter: Scatter, levers: Array, linear: LinearProblem, known: Repeatability | None = None
-) -> Turned:
+) -> MixedModel:
     """The linear problem of readings, with what of the variances is known beforehand.
 
     levers : ndarray, shape (m, R, n + 6), whitened as the rows of the problem are
@@ -75,7 +75,7 @@ def problem_of(
     held = np.zeros((0, F.shape[-1]))
     if len(linear.off):
         held = np.column_stack([linear.held @ linear.span, linear.off])
-    problem = turned(scatter, levers, F, held, F.shape[-1] - 1, known is not None)
+    problem = mixed_model(scatter, levers, F, held, F.shape[-1] - 1, known is not None)
     start = np.zeros(len(problem.units))
     start[0] = 1.0
     free = np.arange(len(start))
@@ -103,7 +103,7 @@ def levels_of(
 
 
 def searched(
-    problem: Turned, scatter: Scatter, before: VarianceEstimate | None = None
+    problem: MixedModel, scatter: Scatter, before: VarianceEstimate | None = None
 ) -> VarianceEstimate:
     """The levels of a problem."""
     theta, free = problem.start, np.zeros(0, dtype=int)
@@ -142,7 +142,7 @@ def _entry_price(choices: int) -> float:
     return _PAYS + 2.0 * float(np.log(choices))
 
 
-def _entering(problem: Turned, theta: Array, found: Likelihood, free: IntArray) -> State | None:
+def _entering(problem: MixedModel, theta: Array, found: Likelihood, free: IntArray) -> State | None:
     """The search with more variances free: all that pay beyond doubt, or one; None where none pays."""
     may = problem.may
     price = _PAYS if len(free) else _entry_price(len(may))
@@ -175,7 +175,7 @@ def _promises(found: Likelihood, free: IntArray) -> Array:
     return np.asarray(falls)
 
 
-def _leaving(problem: Turned, theta: Array, found: Likelihood, free: IntArray) -> State | None:
+def _leaving(problem: MixedModel, theta: Array, found: Likelihood, free: IntArray) -> State | None:
     """One variance less, where one does not pay; that is tried of which least is expected."""
     if not len(free):
         return None
@@ -195,7 +195,9 @@ def _leaving(problem: Turned, theta: Array, found: Likelihood, free: IntArray) -
     return None
 
 
-def _moved(problem: Turned, theta: Array, found: Likelihood, free: IntArray, count: int) -> State:
+def _moved(
+    problem: MixedModel, theta: Array, found: Likelihood, free: IntArray, count: int
+) -> State:
     """With what scatters at each approach, or at each configuration, where it is likelier to.
 
     count : int, variances of each: one that came in first may stand in the place of the other
@@ -238,7 +240,9 @@ class Unnoticed:
     freedom: float
 
 
-def unnoticed(scatter: Scatter, problem: Turned, usual: Usual, scale: float) -> Unnoticed | None:
+def unnoticed(
+    scatter: Scatter, problem: MixedModel, usual: Usual, scale: float
+) -> Unnoticed | None:
     """Of readings in which no scatter was found; None where no arm would show beside this instrument.
 
     problem : as :func:`calib.scatter.search.problem_of` gives it

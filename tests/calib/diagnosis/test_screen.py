@@ -12,9 +12,9 @@ from scipy.stats import chi2, f
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.detection_limit import detectable, entry_limit
-from calib.diagnosis.quadratic import chance_above, ratio_above
 from calib.diagnosis.screen import Field, ScoreRequest, field, score, scored
 from calib.effects.protocol import Effect
+from calib.evidence import chance_above, ratio_above
 from calib.identification.noise_level import replicate_factor
 from tests.calib.diagnosis.test_diagnose import measured
 

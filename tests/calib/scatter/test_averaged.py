@@ -10,7 +10,7 @@ from calib.arrays import Array
 from calib.scatter import Scatter, Unnoticed, unnoticed
 from calib.scatter.blocks import Block
 from calib.scatter.nearby import NearbyLikelihood
-from calib.scatter.restricted import Turned, maximised
+from calib.scatter.restricted import MixedModel, maximised
 from calib.scatter.search import problem_of
 from tests.calib.scatter.test_scatter import (
     SIGMA,
@@ -89,7 +89,7 @@ def test_arms_too_good_to_show_are_left_out() -> None:
 B, D = 200, 6  # configurations, rows of each
 
 
-def problem(rng: np.random.Generator, size: float) -> Turned:
+def problem(rng: np.random.Generator, size: float) -> MixedModel:
     """Configurations that scatter along one direction each, and a suspect that is there by so much."""
     Z = rng.normal(size=(B, D, 1))
     known, suspect = rng.normal(size=(2, B, D, 1))
@@ -98,7 +98,7 @@ def problem(rng: np.random.Generator, size: float) -> Turned:
     none, one = np.zeros((0, 3)), (B, 1, D)  # approaches of each
     own, F = Z.reshape(*one, 1), F.reshape(*one, 3)
     block = Block(own, own[..., :0], np.array([1]), np.zeros(0, dtype=int), F)
-    return Turned((block,), none, none, 1, 0, 0, np.ones(2))
+    return MixedModel((block,), none, none, 1, 0, 0, np.ones(2))
 
 
 @pytest.mark.parametrize("size", [0.0, 0.2, 0.6])

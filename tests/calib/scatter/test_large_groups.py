@@ -11,7 +11,7 @@ from calib.arrays import Array, by_size
 from calib.poses import Poses, poses_at
 from calib.scatter import Scatter, Variances
 from calib.scatter.mixing import InverseFactor, Mixing
-from calib.scatter.restricted import likelihood, turned
+from calib.scatter.restricted import likelihood, mixed_model
 from tests.calib.scatter.arms import Day, visits_of
 from tests.calib.scatter.test_scatter import APPROACH, PLACE, scattering, spread_over
 
@@ -84,7 +84,7 @@ def test_value_slope_and_information_are_those_of_dense_matrices(
     scatter, weighted, day = scattering(poses, markers)
     rng = np.random.default_rng(2)
     F = rng.normal(size=(*weighted.shape[:2], COLUMNS))
-    problem = turned(scatter, weighted, F, np.zeros((0, COLUMNS)), KNOWN, False)
+    problem = mixed_model(scatter, weighted, F, np.zeros((0, COLUMNS)), KNOWN, False)
     theta = rng.uniform(0.5, 2.0, len(problem.units))
     units = np.diag(problem.units)
     parts = [np.eye(len(day.H))]
@@ -114,7 +114,7 @@ def held(scatter: Scatter, weighted: Array) -> float:
     F = np.random.default_rng(0).normal(size=(*weighted.shape[:2], COLUMNS))
     tracemalloc.start()
     try:
-        problem = turned(scatter, weighted, F, np.zeros((0, COLUMNS)), KNOWN, False)
+        problem = mixed_model(scatter, weighted, F, np.zeros((0, COLUMNS)), KNOWN, False)
         likelihood(problem, np.ones(len(problem.units)))
         scatter.at(Variances(1.0, APPROACH, PLACE)).mixing(weighted)(F)
         return tracemalloc.get_traced_memory()[1] / 1e6

@@ -16,7 +16,7 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.poses import Poses
 from calib.scatter import Scatter, Variances, levels_of, scatter_of
-from calib.scatter.restricted import Likelihood, Turned, likelihood, maximised, turned
+from calib.scatter.restricted import Likelihood, MixedModel, likelihood, maximised, mixed_model
 from calib.scatter.restricted import step as scoring_step
 from tests.calib.scatter.arms import Day, visits_of
 from tests.helpers import random_robot
@@ -92,7 +92,7 @@ def test_a_maximum_is_one() -> None:
     V = day.covariance(1.0, spread_over(APPROACH, 3), spread_over(PLACE, 3))
     y = np.linalg.cholesky(V) @ np.random.default_rng(4).normal(size=len(V))
     F = np.concatenate([weighted[..., :2], y.reshape(*weighted.shape[:2], 1)], axis=-1)
-    problem = turned(scatter, weighted, F, np.zeros((0, 3)), 2, False)
+    problem = mixed_model(scatter, weighted, F, np.zeros((0, 3)), 2, False)
     start = np.zeros(len(problem.units))
     start[0] = 1.0
     theta, found = maximised(problem, start, np.arange(len(start)), 1e-6)
@@ -186,14 +186,14 @@ def test_a_column_twice_leaves_a_likelihood() -> None:
     np.testing.assert_allclose(other.gradient[1:], one.gradient[1:], rtol=1e-5, atol=1e-8)
 
 
-def turned_of(F: Array) -> Turned:
+def turned_of(F: Array) -> MixedModel:
     """Twenty readings of a three-jointed arm, each at a configuration of its own."""
     count, levers = len(F), np.random.default_rng(8).normal(size=(20, 3, 9))
     scatter = Scatter(
         levers[:, None], np.ones((1, 3), dtype=bool), np.zeros((count, 6, 9)), np.arange(count),
         np.arange(count), Variances.none(3),
     )  # fmt: skip
-    return turned(scatter, levers, F, np.zeros((0, F.shape[-1])), F.shape[-1] - 1, False)
+    return mixed_model(scatter, levers, F, np.zeros((0, F.shape[-1])), F.shape[-1] - 1, False)
 
 
 def test_information_that_is_rounding_makes_no_step() -> None:

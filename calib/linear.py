@@ -24,8 +24,8 @@ class LinearProblem:
     off, held : ndarray, shapes (h,) and (h, p), rows of unit variance known beside the readings
     mixing : Mixing or None, what makes the rows independent where whole poses err together
     weighing : Mixing or None, as far as the fit weighed the rows by that
-    pull : float, so many times more the rows beside the readings weighed in the fit, as the readings
-        err so many times more than is stated
+    prior_weight : float, so many times more the rows beside the readings weighed in the fit, as the
+        readings err so many times more than is stated
     """
 
     r: Array
@@ -35,7 +35,7 @@ class LinearProblem:
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     mixing: Mixing | None = None
     weighing: Mixing | None = None
-    pull: float = 1.0
+    prior_weight: float = 1.0
 
     @classmethod
     def of_rows(cls, J: Array, mixing: Mixing | None = None) -> LinearProblem:
@@ -62,21 +62,21 @@ class LinearProblem:
     @cached_property
     def fitted(self) -> tuple[Array, Array]:
         """Residuals (N,) and derivatives (N, p) as the fit weighed them, what is held last."""
-        return self._rows(self.weighing, self.pull)
+        return self._rows(self.weighing, self.prior_weight)
 
     @cached_property
     def independent(self) -> tuple[Array, Array]:
         """The same of unit variance and independent of each other, as far as is known."""
         return self.fitted if self.mixing is None else self._rows(self.mixing, 1.0)
 
-    def _rows(self, mixing: Mixing | None, pull: float) -> tuple[Array, Array]:
+    def _rows(self, mixing: Mixing | None, prior_weight: float) -> tuple[Array, Array]:
         r, J = self.r, self.J
         if mixing is not None:
             r, J = mixing(r[..., None])[..., 0], mixing(J)
         if not len(self.off):
             return r.ravel(), stacked(J)
-        flat = np.concatenate([stacked(J), pull * self.held])
-        return np.concatenate([r.ravel(), pull * self.off]), flat
+        flat = np.concatenate([stacked(J), prior_weight * self.held])
+        return np.concatenate([r.ravel(), prior_weight * self.off]), flat
 
     def columns(self, rows: Array) -> Array:
         """Further whitened columns (m, R, K) as independent rows (N, K), zero in what is held."""
@@ -144,7 +144,7 @@ class LinearProblem:
     @cached_property
     def held_gains(self) -> Array:
         """How they follow what is held, shape (h, p)."""
-        return np.asarray(self.pull**2 * self.held @ self._root @ self._root.T)
+        return np.asarray(self.prior_weight**2 * self.held @ self._root @ self._root.T)
 
     def followed(self, rows: Array) -> Array:
         """How they follow whitened rows displaced by (m, R, b), shape (p, b)."""

@@ -156,7 +156,7 @@ class CrossValidation:
             each = (Fold.of(Q, fold == f) for f in range(int(fold.max()) + 1))
             none = np.zeros((Q.shape[-1], 0))
             left = kept.complement.left
-            self._last[by_time] = Predicted(kept, tuple(each), none, self.fit.pull, left)
+            self._last[by_time] = Predicted(kept, tuple(each), none, self.fit.prior_weight, left)
         return self._last[by_time]
 
     @cached_property
@@ -178,7 +178,7 @@ class Predicted:
     kept: LinearProblem
     folds: tuple[Fold, ...]
     u: Array
-    pull: float
+    prior_weight: float
     r: Array
 
     def projected(self, rows: Array) -> Array:
@@ -201,7 +201,7 @@ class Predicted:
         m, R, k = other.rows.shape
         X = self.projected(self.kept.columns(other.rows))
         back, gains, left = self._predicted(X), np.zeros(len(self.folds)), self.left.copy()
-        S, z = X.T @ X + np.diag((self.pull / other.limits) ** 2), X.T @ self.r
+        S, z = X.T @ X + np.diag((self.prior_weight / other.limits) ** 2), X.T @ self.r
         rows = int(np.count_nonzero(self.kept.fitted[1].any(axis=-1)))
         price = k * float(np.log(max(2, rows)))
         at_poses = X[: m * R].reshape(m, R, k)
@@ -209,7 +209,7 @@ class Predicted:
             own, missed = stacked(at_poses[fold.here]), back[fold.here]
             told = z - own.T @ left[fold.here].ravel()
             b = np.linalg.lstsq(S - own.T @ stacked(missed), told, rcond=1e-12)[0]
-            gains[f] = float(told @ b) / self.pull**2 - price
+            gains[f] = float(told @ b) / self.prior_weight**2 - price
             left[fold.here] -= missed @ b
         return gains, left
 

@@ -68,12 +68,12 @@ class Fit:
         return self.observation.mixing
 
     @property
-    def pull(self) -> float:
+    def prior_weight(self) -> float:
         """By how many standard deviations of the instrument a row errs under the levels.
 
         One where nothing errs as a whole and nothing is known of the robot's type.
         """
-        return self.observation.pull
+        return self.observation.prior_weight
 
     @property
     def cost(self) -> float:
@@ -100,7 +100,9 @@ class Fit:
     def linear(self) -> LinearProblem:
         """The fit to first order."""
         held = self.observation.stated_prior_residuals(self.values)
-        return LinearProblem(self.r, self.J, self.span, *held, self.mixing, pull=self.pull)
+        return LinearProblem(
+            self.r, self.J, self.span, *held, self.mixing, prior_weight=self.prior_weight
+        )
 
     @property
     def covariance(self) -> Array:
@@ -110,7 +112,7 @@ class Fit:
     @property
     def spent(self) -> int:
         """Parameters that the readings determine: what the robot's type says of them is no reading."""
-        rows = self.model.by_prior * (self.pull if self.mixing is None else 1.0)
+        rows = self.model.by_prior * (self.prior_weight if self.mixing is None else 1.0)
         by_prior = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
         return int(self.span.shape[1]) - round(float(by_prior))
 
@@ -125,9 +127,12 @@ class Fit:
 
     def by_instrument(self, r: Array, J: Array) -> Fit:
         """The same with other rows, (m, R) and (m, R, p), as if nothing but the instrument erred."""
-        pull = 1.0 if self.mixing is not None else self.pull
+        prior_weight = 1.0 if self.mixing is not None else self.prior_weight
         return replace(
-            self, r=r, J=J, observation=replace(self.observation, scatter=None, pull=pull)
+            self,
+            r=r,
+            J=J,
+            observation=replace(self.observation, scatter=None, prior_weight=prior_weight),
         )
 
     @property
@@ -189,20 +194,20 @@ class Stage:
         if like is None:
             fit = self._fitted(model, values, span, full, {})
         else:
-            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like.pull)
+            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like.prior_weight)
             fit = replace(fit, levels=like.levels)
         for _ in range(_TURNS):
             fit = self._settled(fit)
-            pull, fit = fit.pull, self._under_levels(fit)
+            prior_weight, fit = fit.prior_weight, self._under_levels(fit)
             held = fit.model.prior_rows or any(curves_in(fit.model))
-            if not held or abs(fit.pull - pull) <= _ALIKE * pull:
+            if not held or abs(fit.prior_weight - prior_weight) <= _ALIKE * prior_weight:
                 break
         return fit
 
     def along(self, fit: Fit) -> Fit:
         """The same fit once more, along the directions that it has now."""
         span, amplitudes = fit.span, fit.amplitudes
-        found = self._fitted(fit.model, fit.values, span, fit.weight, amplitudes, fit.pull)
+        found = self._fitted(fit.model, fit.values, span, fit.weight, amplitudes, fit.prior_weight)
         return self._under_levels(replace(found, levels=fit.levels))
 
     def exact(self, fit: Fit) -> Fit:
@@ -214,7 +219,7 @@ class Stage:
             return fit
         model = fit.model.exact
         span = self._with_tunings(model, fit)
-        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.pull)
+        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.prior_weight)
         small = np.abs(full.values) <= _ABSURD * np.maximum(model.sizes, np.abs(fit.values))
         if not (small.all() and np.isfinite(full.r).all() and np.isfinite(full.J).all()):
             raise Unsolvable
@@ -247,13 +252,15 @@ class Stage:
             if self.robust:
                 length = np.sqrt(self.statistics(fit))
                 weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
-            J = stacked(fit.J) / fit.pull
-            r = fit.r.ravel() / fit.pull + J @ fit.moving
+            J = stacked(fit.J) / fit.prior_weight
+            r = fit.r.ravel() / fit.prior_weight + J @ fit.moving
             amplitudes, same = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
             if same and np.allclose(weight, fit.weight, atol=_SETTLED):
                 break
             last = fit
-            fit = self._fitted(fit.model, fit.values, fit.span, weight, amplitudes, fit.pull)
+            fit = self._fitted(
+                fit.model, fit.values, fit.span, weight, amplitudes, fit.prior_weight
+            )
             fit = replace(fit, levels=last.levels)
         return fit
 
@@ -264,10 +271,12 @@ class Stage:
         span: Array,
         weight: Array,
         amplitudes: Amplitudes,
-        pull: float = 1.0,
+        prior_weight: float = 1.0,
     ) -> Fit:
         observation = replace(
-            self.observation(model, weight), prior=prior_rows(model, amplitudes), pull=pull
+            self.observation(model, weight),
+            prior=prior_rows(model, amplitudes),
+            prior_weight=prior_weight,
         )
         if isinstance(model, LinearModel):
             r, J = observation.flat(start)
@@ -284,12 +293,12 @@ class Stage:
         """The fit under the levels of noise that its residual shows."""
         weighted = fit.observation.rows(self.scatter.levers)
         levels = levels_of(self.scatter, weighted, fit.linear, self.arm, fit.levels)
-        scatter, pull = self.scatter.at(levels.variances), 1.0
+        scatter, prior_weight = self.scatter.at(levels.variances), 1.0
         if levels.variances.any:
-            pull = scatter.typical(weighted)
+            prior_weight = scatter.typical(weighted)
         elif fit.model.prior_rows:
-            pull = levels.variances.scale
-        under = replace(fit.observation, scatter=scatter, pull=pull)
+            prior_weight = levels.variances.scale
+        under = replace(fit.observation, scatter=scatter, prior_weight=prior_weight)
         return replace(fit, levels=levels, observation=under)
 
     def statistics(self, fit: Fit) -> Array:

@@ -416,7 +416,7 @@ def _with_prior(
         fit.observation,
         model=replace(fit.model, prior=prior),
         scatter=None,
-        pull=fit.noise_scale,
+        prior_weight=fit.noise_scale,
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
@@ -477,9 +477,12 @@ def _with_type_prior(
     loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
     alone = search_with_noise_scales(estimator, loose, start).under_levels(cell)
     own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
-    found = replace(departure(prior, alone.values[at], own, sizes), pull=alone.noise_scale)
+    found = departure(prior, alone.values[at], own, sizes)
     believed = replace(alone.model, prior=adapted(found, sizes))
     known = replace(
-        observation, model=believed, weights=alone.observation.weights, pull=alone.noise_scale
+        observation,
+        model=believed,
+        weights=alone.observation.weights,
+        prior_weight=alone.noise_scale,
     )
     return replace(search(estimator, known, alone.values).under_levels(cell), of_type=found)

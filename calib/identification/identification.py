@@ -125,9 +125,9 @@ class Identification(Result, Estimation):
         return self.observation.scatter
 
     @property
-    def pull(self) -> float:
+    def prior_weight(self) -> float:
         """What is known beside the readings weighs so many times more, as they err so much more."""
-        return self.observation.pull
+        return self.observation.prior_weight
 
     @property
     def std(self) -> Array:

@@ -36,7 +36,7 @@ def pose_statistics(linear: LinearProblem, kept: Mask) -> tuple[Array, Array]:
 
     linear : LinearProblem, of all poses; kept : ndarray of bool, shape (m,), those that were fitted
     """
-    J, held = linear.J, linear.pull * linear.held
+    J, held = linear.J, linear.prior_weight * linear.held
     rows = condensed(stacked(J if kept.all() else J[kept]))
     cov = covariance(np.concatenate([rows, held]), linear.span)
     return fit_statistics(linear.r, J, kept, cov)
@@ -259,11 +259,11 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
 def _fitted(linear: LinearProblem, others: Mask) -> _Others:
     r, J, span = linear.r, linear.J, linear.span
     m, rows = r.shape
-    held = linear.pull * linear.held @ span
+    held = linear.prior_weight * linear.held @ span
     A = np.concatenate([(J[others] @ span).reshape(-1, span.shape[1]), held])
     U, s, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
     U = U[:, s > _RANK * s.max(initial=0.0)]
-    y = np.concatenate([r[others].ravel(), linear.pull * linear.off])
+    y = np.concatenate([r[others].ravel(), linear.prior_weight * linear.off])
     y = y - U @ (U.T @ y)
     count = int(others.sum()) * rows
     left, Q = np.zeros((m, rows)), np.zeros((m, rows, U.shape[1]))

@@ -33,8 +33,8 @@ class Observation(ABC):
     lost : positions of values that the readings do not determine: they stay where they are
     prior : ndarray, shape (h, p), or None: rows of unit variance about nothing of what is suspected,
         known beside the readings as well
-    pull : what is known beside the readings weighs so many times more than its deviation says, as the
-        readings err so many times more than theirs
+    prior_weight : what is known beside the readings weighs so many times more than its deviation says,
+        as the readings err so many times more than theirs
     """
 
     model: Model
@@ -43,7 +43,7 @@ class Observation(ABC):
     known: Scatter | None = field(default=None, kw_only=True)
     scatter: Scatter | None = field(default=None, kw_only=True)
     prior: Array | None = field(default=None, kw_only=True)
-    pull: float = field(default=1.0, kw_only=True)
+    prior_weight: float = field(default=1.0, kw_only=True)
     lost: tuple[int, ...] = field(default=(), kw_only=True)
 
     @abstractmethod
@@ -95,7 +95,7 @@ class Observation(ABC):
     def prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
         known, by_known = self.stated_prior_residuals(values)
-        return self.pull * known, self.pull * by_known
+        return self.prior_weight * known, self.prior_weight * by_known
 
     def stated_prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """Rows of what is known beside the readings, of unit variance as stated."""
@@ -119,7 +119,7 @@ class Observation(ABC):
     def linear(self, values: Array, span: Array) -> LinearProblem:
         """The problem to first order about ``values`` (p,), fitted along ``span`` (p, k)."""
         rows, known = self.whitened(values), self.stated_prior_residuals(values)
-        return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.pull)
+        return LinearProblem(*rows, span, *known, self.mixing, self.weighing, self.prior_weight)
 
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
@@ -201,4 +201,4 @@ def points_of(observation: Observation, *, centred: bool = False) -> Points:
     """The readings behind an observation, weighed by the instrument: by them poses are judged."""
     o = observation
     scatter = o.known if o.scatter is None else o.scatter
-    return Points(o.model, o.data, o.weights, centred, scatter=scatter, pull=o.pull)
+    return Points(o.model, o.data, o.weights, centred, scatter=scatter, prior_weight=o.prior_weight)

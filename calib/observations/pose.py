@@ -128,7 +128,8 @@ class PoseObservation(Observation):
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p), from the noise of the points through shape, poses and fit.
 
-        What is known beside them is as uncertain as the noise of the points makes it: see :attr:`pull`.
+        What is known beside them is as uncertain as the noise of the points makes it: see
+        :attr:`prior_weight`.
         """
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)
@@ -140,7 +141,7 @@ class PoseObservation(Observation):
             at = np.arange(len(gains))[:, None], self.data.read
             rows = gains[at].reshape(len(gains), -1, gains.shape[-1])
             return of_points.covariance(rows) + held.T @ held
-        of_held = held.T @ held / self.pull**2  # as stated: the residual widens all alike
+        of_held = held.T @ held / self.prior_weight**2  # as stated: the residual widens all alike
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_held)
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:

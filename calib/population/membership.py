@@ -38,8 +38,6 @@ class Departure:
     statistic : float; rows : int; p_value : float, of so large a one in a robot of the type
     released : tuple of Key, parameters that the type is not believed for
     factor : float, by which the type's deviations are widened for all others
-    pull : float, actual over stated noise of the readings: by so much more the type weighs in their
-        units
     """
 
     prior: Prior
@@ -49,7 +47,6 @@ class Departure:
     p_value: float
     released: tuple[Key, ...]
     factor: float
-    pull: float = 1.0
 
     @property
     def of_the_type(self) -> bool:

@@ -237,8 +237,8 @@ class Day:
         pull = 1.0
         if found is not None:
             kept[: len(found.fit.outlier)] = ~found.fit.outlier
-            pull = found.pull if at.arm.any else found.pull / found.noise.divisor
-        known = replace(at.of(data, kept), pull=pull)
+            pull = found.prior_weight if at.arm.any else found.prior_weight / found.noise.divisor
+        known = replace(at.of(data, kept), prior_weight=pull)
         arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
         if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)

@@ -16,11 +16,8 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.functions import (
-    Covariate,
     ErrorVariable,
     Function,
-    JointAngle,
-    Move,
     PoseVariable,
     Posture,
     Pull,
@@ -28,6 +25,7 @@ from calib.diagnosis.functions import (
     Torque,
     neighbours,
     polyline,
+    pose_variables,
 )
 from calib.effects.context import Context, motion_of
 from calib.effects.drive import along_axis, error_unit
@@ -150,21 +148,15 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
     ranges : ndarray, shape (n,), m, distances of the visible points from their stations
     """
     robot, statics = context.robot, Statics(context.robot, context.payload, context.gravity)
-    angles = [JointAngle(f"q:{joint}", k) for k, joint in enumerate(robot.joints)]
-    common: list[PoseVariable] = []
-    if poses.clocked:
-        common.append(Covariate("time", "clock"))
-    if poses.temperature is not None:
-        common.append(Covariate("temperature", "temperature"))
+    known = pose_variables(robot, poses)
+    angles = [known[f"q:{joint}"] for joint in robot.joints]
+    common = [known[name] for name in ("time", "temperature") if name in known]
     deviation = np.std(poses.q, axis=0)
     spread = tuple(np.where(deviation > _LOCKED, deviation, np.inf).tolist())
     for k, joint in enumerate(robot.joints):
         axis = along_axis(robot, k)
         moved: list[PoseVariable] = [*angles, *common, Torque("load", statics, k + 1, axis)]
-        if poses.approach is not None:
-            moved.append(Covariate(f"approach:{joint}", "approach", k))
-        if poses.motion is not None:
-            moved.append(Move(f"motion:{joint}", k))
+        moved += [known[name] for name in (f"approach:{joint}", f"motion:{joint}") if name in known]
         yield from _twists(joint, k + 1, axis[:, None], moved, poses, _KNOTS)
         posture = Posture(f"q:{joint}", spread)
         around = neighbours(posture.at(poses))

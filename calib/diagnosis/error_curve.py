@@ -19,7 +19,7 @@ from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
-from calib.diagnosis.functions import PoseVariable, last_moves, polyline
+from calib.diagnosis.functions import PoseVariable, polyline, pose_variables
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by
@@ -87,21 +87,10 @@ def variable_of(
 
     load : ndarray, shape (6,), component of the wrench that stands for the load
     """
-    poses = state.poses
-    kind, _, joint = depends_on.partition(":")
-    if kind == "load":
+    if depends_on == "load":
         return np.asarray(state.wrench.local[:, frame] @ load)
-    if joint not in robot.joints:
-        return {
-            "time": poses.clock if poses.clocked else None,
-            "temperature": poses.temperature,
-        }.get(kind)
-    k = robot.joints.index(joint)
-    if kind == "q":
-        return poses.q[:, k]
-    if kind == "motion":
-        return None if poses.motion is None else last_moves(poses)[:, k]
-    return None if poses.approach is None or kind != "approach" else poses.approach[:, k]
+    known = pose_variables(robot, state.poses).get(depends_on)
+    return None if known is None else known.at(state.poses)
 
 
 def load_of(moved: Array | None, directions: Array, frame: int, state: State) -> Array:

@@ -85,14 +85,26 @@ class Move(PoseVariable):
     joint: int
 
     def at(self, poses: Poses) -> Array:
-        return last_moves(poses)[:, self.joint]
+        if poses.motion is None:
+            return np.full(len(poses), np.nan)
+        moved = poses.motion[:, self.joint]
+        return moved if poses.approach is None else poses.approach[:, self.joint] * moved
 
 
-def last_moves(poses: Poses) -> Array:
-    """The last move of each joint with its sign, shape (m, n); without one where none is known."""
-    if poses.motion is None:
-        return np.full_like(poses.q, np.nan)
-    return poses.motion if poses.approach is None else poses.approach * poses.motion
+def pose_variables(robot: Robot, poses: Poses) -> dict[str, PoseVariable]:
+    """What these poses say beside their loads, by name."""
+    found: dict[str, PoseVariable] = {}
+    if poses.clocked:
+        found["time"] = Covariate("time", "clock")
+    if poses.temperature is not None:
+        found["temperature"] = Covariate("temperature", "temperature")
+    for k, joint in enumerate(robot.joints):
+        found[f"q:{joint}"] = JointAngle(f"q:{joint}", k)
+        if poses.approach is not None:
+            found[f"approach:{joint}"] = Covariate(f"approach:{joint}", "approach", k)
+        if poses.motion is not None:
+            found[f"motion:{joint}"] = Move(f"motion:{joint}", k)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ import calib
 from calib import Cell, Measurements, Poses
 from calib.arm.se3 import so3_exp
 from calib.arrays import Array
-from calib.cell import Repeatability
 from calib.errors import CalibError, TooFewPoses
 from calib.identification.start import initial_values
 from calib.model.build import build
@@ -19,7 +18,7 @@ from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from studies.demo.embedded import simulated
-from tests.helpers import cell_of, random_robot, read_by, with_effects
+from tests.helpers import cell_of, random_robot, with_effects
 
 MARKERS = np.array(
     [[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]]
@@ -311,30 +310,6 @@ def test_noise_level_comes_from_where_the_evidence_is(kr270: Cell) -> None:
     assert level.sigma == pytest.approx(2e-5, rel=0.15)
     exact, _ = measured(cell, poses, rng, noise=1e-5)
     assert calib.identify(cell, exact).noise.source == "cell"
-
-
-@pytest.mark.long
-def test_instrument_noise_weights_the_points(kr270: Cell) -> None:
-    """With a tracker that is poor across the beam the weighted estimate is the better one."""
-    rng = np.random.default_rng(10)
-    tracker = Noise(2e-6, 1e-6, 0.0, 2e-5)
-    cell = replace(cell_of(kr270.robot, MARKERS, RIGID), instruments=read_by(tracker))
-    cell = replace(cell, repeatability=Repeatability(0.0, 0.0))
-    poses = random_configurations(cell, rng, 20)
-    model = build(cell, poses).model
-    truth = np.zeros(len(model.parameters))
-    truth[:6] = [4.0, 1.0, 0.5, 0.1, 0.2, 2.0]
-    weighted, plain = [], []
-    for _ in range(30):
-        data = drawn_readings(model, truth, poses, tracker, rng)
-        found = calib.identify(cell, data)
-        information = np.linalg.inv(found.covariance / found.noise.factor**2)
-        other = calib.identify(replace(cell, instruments=read_by(Noise.isotropic(3e-5))), data)
-        for result, squared in ((found, weighted), (other, plain)):
-            error = result.values - truth
-            squared.append(error @ information @ error / len(error))
-    assert np.mean(weighted) == pytest.approx(1.0, abs=0.14)  # three standard errors
-    assert np.mean(plain) > 1.15 * np.mean(weighted)
 
 
 def test_split_keeps_configurations_whole(kr270: Cell, table_two: Poses) -> None:

@@ -47,13 +47,6 @@ def test_outliers_of_the_faro_set(data: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["irb120_faro", "ur10_leica_b"])
-def test_two_step_finds_the_same_robot(data: Path, name: str) -> None:
-    joint, turns = result(data, name), result(data, name, method="two-step")
-    assert (np.abs(joint.values - turns.values) / joint.std).max() < 1e-2
-
-
-@pytest.mark.long
 def test_held_out_poses_of_the_faro_set(data: Path) -> None:
     cell = calib.load_cell(data / "irb120_faro" / "cell.toml")
     table = calib.load_measurements(cell, data / "irb120_faro" / "measurements.csv")

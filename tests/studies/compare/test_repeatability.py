@@ -21,7 +21,7 @@ from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from studies.compare.agreement import agreement
 from studies.compare.compare import compare
-from studies.compare.experiment import experiment_of
+from studies.compare.experiment import POINTS, experiment_of
 from studies.compare.prediction import predict
 from tests.helpers import with_effects
 
@@ -92,14 +92,12 @@ def displaced(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("approach", ["points", "pose"])
-def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses, approach: str) -> None:
+def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses) -> None:
     """Days of measurement by a simulation of their own, identified as real data are."""
     poses = in_turn(cell, plan)
     visit = np.arange(len(poses)) // 2
     experiment = experiment_of(cell, plan, seed=1)
-    way = {"points": 3, "pose": 2}[approach]
-    prediction = predict(replace(experiment, nominal=experiment.truth), experiment.ways[way])
+    prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
     inverse = np.linalg.pinv(
         prediction.covariance / np.outer(prediction.std, prediction.std), hermitian=True
     )
@@ -107,7 +105,7 @@ def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses, approach: s
     rng = np.random.default_rng(7)
     for _ in range(days):
         data = displaced(cell, poses, experiment.truth, visit, rng)
-        found = calib.identify(cell, data, approach=approach)
+        found = calib.identify(cell, data)
         assert found.levels is not None
         if len(found.levels.free):  # by chance something seems to scatter beside the arm
             more += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pytest
 pytest.importorskip("mujoco")
 
 import calib
-import studies.research.withheld
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.effects import EFFECTS
 from studies.research.withheld.robots import ARMS, HEAVY, RAIL, Arm
@@ -21,18 +19,6 @@ from studies.research.withheld.visible import at_rest
 from tests.studies.research.withheld.scenes import as_files, case_of, scene_of
 
 ids = [arm.name for arm in ARMS]
-
-
-def test_nothing_of_the_model_is_imported() -> None:
-    own = "studies.research.withheld"
-    for path in Path(next(iter(studies.research.withheld.__path__))).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                names = [node.module or "", *(f"{node.module}.{a.name}" for a in node.names)]
-            for name in names:
-                assert name.split(".")[0] not in ("calib", "doe"), f"{path.name}: {name}"
-                assert not name.startswith("studies.") or name.startswith(own)
 
 
 @pytest.mark.parametrize("arm", ARMS, ids=ids)

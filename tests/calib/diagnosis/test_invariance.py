@@ -33,10 +33,13 @@ def shuffled(data: Measurements, rng: np.random.Generator) -> Measurements:
     return data.take(rng.permutation(len(data)))
 
 
-@pytest.mark.parametrize("kind", ["first", pytest.param("real_arms", marks=pytest.mark.long)])
-def test_drawn_days(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "index"),
+    [("first", 3), *(pytest.param("real_arms", k, marks=pytest.mark.long) for k in (3, 12))],
+)
+def test_drawn_days(tmp_path: Path, kind: str, index: int) -> None:
     """Drawn as sealed cases are."""
-    own, index = POPULATIONS[kind], 3
+    own = POPULATIONS[kind]
     family = families(np.random.default_rng(0), SHARED, own.shares)[index]
     case = tmp_path / "case"
     own.write(case, own.draw(np.random.default_rng([0, index]), family))

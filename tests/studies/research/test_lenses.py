@@ -27,6 +27,15 @@ def test_the_side_that_errs_is_named(case: str, cause: str) -> None:
 
 
 @pytest.mark.long
+def test_a_board_of_another_size_is_told_beside_an_arm_of_another_size() -> None:
+    """A free geometry takes it for its own; neither is blamed alone."""
+    day = a_day("D", 100)
+    assert (day["right"], day["verdict"]) == (True, "ambiguous")
+    assert day["causes"] == ["board_scale:board:board"]
+    assert day["aside"] == 0
+
+
+@pytest.mark.long
 def test_shares_of_the_sides_add_up() -> None:
     day = a_day("C", 100)
     assert sum(day["sides"].values()) == pytest.approx(1.0, abs=0.02)

@@ -16,10 +16,12 @@ from tests.studies.command_line import paper_cell, run
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's cell with its elastostatic model, and two plans."""
+    """The paper's cell with its elastostatic model, two poses of its plan at each level, and fewer."""
     path = tmp_path_factory.mktemp("cell")
     paper_cell(path, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
     rows = (path / "plan.csv").read_text().splitlines()
+    two = [row for k, row in enumerate(rows[1:]) if k % 3]
+    (path / "plan.csv").write_text("\n".join([rows[0], *two, ""]))
     (path / "shorter.csv").write_text("\n".join([rows[0], *rows[1::2], ""]))
     return path
 

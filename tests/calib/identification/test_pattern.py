@@ -12,6 +12,7 @@ import calib
 from calib.arrays import Array
 from calib.identification.pattern import SURELY, Shared, Variable, shared, variables_of, within
 from calib.poses import poses_at
+from tests.calib.identification.test_real_data import result
 from tests.helpers import all_seen, cell_of, light_chain
 
 
@@ -109,10 +110,9 @@ def test_gross_errors_anywhere_share_nothing(seed: int) -> None:
 
 def worst_of(data: Path, name: str, count: int) -> Shared | None:
     """What the poses with the largest residuals share, whatever judges them."""
-    cell = calib.load_cell(data / name / "cell.toml")
-    result = calib.identify(cell, calib.load_measurements(cell, data / name / "measurements.csv"))
-    error = np.linalg.norm(result.fit.vectors, axis=(1, 2))
-    variables = variables_of(result.model.robot, result.fit.data)
+    found = result(data, name)
+    error = np.linalg.norm(found.fit.vectors, axis=(1, 2))
+    variables = variables_of(found.model.robot, found.fit.data)
     return shared(variables, error >= np.sort(error)[-count])
 
 

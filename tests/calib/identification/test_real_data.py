@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,10 @@ FITTED_MM = {
 }
 
 
-def result(data: Path, name: str, **options: object) -> Identification:
+@cache
+def result(data: Path, name: str) -> Identification:
     cell = calib.load_cell(data / name / "cell.toml")
-    table = calib.load_measurements(cell, data / name / "measurements.csv")
-    return calib.identify(cell, table, **options)  # type: ignore[arg-type]
+    return calib.identify(cell, calib.load_measurements(cell, data / name / "measurements.csv"))
 
 
 @pytest.mark.long

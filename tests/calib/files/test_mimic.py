@@ -28,8 +28,8 @@ from calib.model.build import build
 from calib.poses import poses_at
 from doe.problem.pool import drawn
 from studies.programs.stops import plan_stops
-from tests.calib.files.test_branches import Joint, placed
 from tests.helpers import all_seen, cell_of, random_robot
+from tests.trees import Joint, placed
 
 MARKERS = np.array([[0.1, 0.0, 0.05], [-0.05, 0.09, 0.05], [-0.05, -0.08, 0.07]])
 

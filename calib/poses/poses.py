@@ -90,6 +90,15 @@ class Poses(Result):
                 changed[field.name] = value[chosen]
         return replace(self, **changed)
 
+    def then(self, later: Poses) -> Poses:
+        """These poses and others of the same session; what these do not tell is told of none."""
+        changed: dict[str, Any] = {"names": self.names + later.names}
+        for field in fields(self):
+            own = getattr(self, field.name)
+            if isinstance(own, np.ndarray) and field.name != "load_com":
+                changed[field.name] = np.concatenate([own, getattr(later, field.name)])
+        return replace(self, **changed)
+
     def touching(self, name: str, sites: tuple[str, ...]) -> Mask:
         """At which poses a place of an instrument with these sites is touched, shape (m,).
 
@@ -254,6 +263,16 @@ class Measurements(Result):
             readings=self.readings[index],
             seen=self.seen[index],
             sigma=self.sigma[index],
+        )
+
+    def then(self, later: Measurements) -> Measurements:
+        """These readings and others, as of :meth:`Poses.then`."""
+        return replace(
+            self,
+            poses=self.poses.then(later.poses),
+            readings=np.concatenate([self.readings, later.readings]),
+            seen=np.concatenate([self.seen, later.seen]),
+            sigma=np.concatenate([self.sigma, later.sigma]),
         )
 
     def split(self, fraction: float, rng: np.random.Generator) -> tuple[Measurements, Measurements]:

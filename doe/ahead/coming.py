@@ -138,17 +138,14 @@ def _wrench(R: Array, load: TipLoad) -> Array:
 
 def conditions_of(robot: Robot, poses: Poses) -> Conditions:
     """What goes on as it was: every load of the data, the pace, the last temperature and station."""
-    order = np.arange(len(poses)) if poses.time is None else np.argsort(poses.time, kind="stable")
-    end = int(order[-1])
-    steps = np.zeros(0) if poses.time is None else np.diff(poses.time[order])
-    steps = steps[steps > 0.0]
+    end = int(in_order(poses)[-1])
     known = poses.approach is not None or poses.motion is not None
     usual = np.zeros(robot.dof) if poses.motion is None else np.median(poses.motion, axis=0)
     return Conditions(
         loads=loads_of_data(robot, poses),
         sides=(),
         time=None if poses.time is None else float(poses.time[end]),
-        pace=float(np.median(steps)) if len(steps) else 0.0,
+        pace=pace_of(poses),
         start=poses.start,
         temperature=None if poses.temperature is None else float(poses.temperature[end]),
         station=int(poses.station[end]),
@@ -156,6 +153,12 @@ def conditions_of(robot: Robot, poses: Poses) -> Conditions:
         last=poses.q[end],
         motion=usual if known else None,
     )
+
+
+def pace_of(poses: Poses) -> float:
+    """Time from one reading to the next [s], zero where nothing tells it."""
+    steps = np.zeros(0) if poses.time is None else np.diff(np.sort(poses.time))
+    return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
 def loads_of_plan(cell: Cell) -> tuple[TipLoad, ...]:
@@ -210,61 +213,38 @@ def whole_day(
     turn = turn_of(cell, plan)
     kept = np.full(len(turn), True) if left is None else np.isin(turn, left)
     coming = readings_of(cell, plan).take(kept)
-    day = Measurements(
-        _followed(cell, data.poses, coming.poses),
-        np.concatenate([data.readings, coming.readings]),
-        np.concatenate([data.seen, coming.seen]),
-        np.concatenate([data.sigma, coming.sigma]),
-    )
-    return day, np.concatenate([pose, turn[kept] % len(plan)])
+    now = replace(data.poses, torque=None)  # what the arm will measure nobody knows beforehand
+    coming = replace(coming, poses=_following(now, coming.poses))
+    day = replace(data, poses=now).then(coming)
+    both = (wrench_with_load(cell.robot, cell.gravity, p) for p in (data.poses, coming.poses))
+    wrench = np.concatenate(list(both))
+    poses = replace(day.poses, wrench=wrench, load_mass=np.zeros(len(day)))
+    return replace(day, poses=poses), np.concatenate([pose, turn[kept] % len(plan)])
 
 
-def _followed(cell: Cell, now: Poses, coming: Poses) -> Poses:
-    order, k = in_order(now), len(coming)
-    last = int(order[-1])
-    way = np.concatenate([now.q[order], coming.q])
-    fresh = np.concatenate([begins(now)[order], np.zeros(k, dtype=bool)])
-    approach, motion = (part[len(now) :] for part in moves(way, fresh))
-    if coming.approach is not None and not coming.approach_derived:
-        approach = coming.approach
-    if coming.motion is not None and coming.motion_told:
-        motion = coming.motion
-    ahead = np.arange(1.0, k + 1.0)
-    pace = 0.0
-    if now.time is not None and len(now) > 1:
-        pace = float(np.median(np.diff(np.sort(now.time))))
+def _following(now: Poses, coming: Poses) -> Poses:
+    """Poses of a plan as they will be read after others: like the last of these, but for the plan."""
+    order, ahead = in_order(now), np.arange(1.0, len(coming) + 1.0)
+    last = now.take(np.full(len(coming), order[-1]))
+    fresh = np.append(begins(now)[order], np.zeros(len(coming), dtype=bool))
+    both = moves(np.concatenate([now.q[order], coming.q]), fresh)
+    approach, motion = (part[len(now) :] for part in both)
+    pace = pace_of(now)
     later = pace * ahead if coming.time is None else pace + coming.time - coming.time[0]
-    sites = np.full(k, "") if coming.site is None else coming.site
+    prescribed = coming.approach is not None and not coming.approach_derived
     return replace(
-        now,
-        names=(*now.names, *coming.names),
-        q=np.concatenate([now.q, coming.q]),
-        wrench=np.concatenate(
-            [wrench_with_load(cell.robot, cell.gravity, p) for p in (now, coming)]
-        ),
-        temperature=_continued(now.temperature, last, np.zeros(k)),
-        time=_continued(now.time, last, later),
-        order=_continued(now.order, last, ahead),
-        torque=None,  # what the arm will measure nobody knows beforehand
-        approach=_both(now.approach, approach),
-        motion=_both(now.motion, motion),
-        velocity=_both(now.velocity, np.zeros_like(coming.q)),  # it stands where a plan is read
-        acceleration=_both(now.acceleration, np.zeros_like(coming.q)),
-        station=np.concatenate([now.station, np.full(k, now.station[last])]),
-        load_mass=np.zeros(len(way)),
-        site=None if now.site is None else np.concatenate([now.site, sites]),
-        session=None
-        if now.session is None
-        else np.concatenate([now.session, np.full(k, now.session[last])]),
+        coming,
+        temperature=last.temperature,
+        time=None if last.time is None else last.time + later,
+        order=None if last.order is None else last.order + ahead,
+        approach=coming.approach if prescribed else approach,
+        motion=coming.motion if coming.motion_told else motion,
+        velocity=np.zeros_like(coming.q),  # it stands where a plan is read
+        acceleration=np.zeros_like(coming.q),
+        station=last.station,
+        site=np.full(len(coming), "") if coming.site is None else coming.site,
+        session=last.session,
     )
-
-
-def _both(so_far: Array | None, coming: Array) -> Array | None:
-    return None if so_far is None else np.concatenate([so_far, coming])
-
-
-def _continued(so_far: Array | None, last: int, beyond: Array) -> Array | None:
-    return None if so_far is None else np.concatenate([so_far, so_far[last] + beyond])
 
 
 def readings_of(cell: Cell, plan: Plan) -> Measurements:

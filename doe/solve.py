@@ -14,12 +14,13 @@ from calib.arrays import Array, IntArray
 from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
 from doe.criteria.determinant import Determinant
-from doe.optimal.allowed import Allowed, survivors
-from doe.optimal.blocks import Blocks, pack
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import pack
 from doe.optimal.branch import SHORT_WORK, Proof, provable, prove
 from doe.optimal.exchange import greedy, robust_exchange, smallest_left
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
+from doe.optimal.selection import Selection
 from doe.plan import Certificate, Landscape
 from doe.problem import Problem
 from doe.problem.choice import within
@@ -57,33 +58,31 @@ class Progress:
 
 def choose(problem: Problem, pool: Pool, progress: Progress, *, thorough: bool = True) -> WholePlan:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
-    blocks, rules = problem.posed(pool)
-    relaxed = relax(problem.criterion, blocks, rules)
+    posed = problem.posed(pool)
+    relaxed = relax(posed)
     progress.lap("relaxation")
     progress.tell(f"weighted plan after {relaxed.rounds} rounds, certified to {relaxed.gap:.1e}")
-    found = best_plan(
-        problem.criterion, blocks, rules, relaxed, seed=problem.request.seed, thorough=thorough
-    )
+    found = best_plan(posed, relaxed, seed=problem.request.seed, thorough=thorough)
     progress.lap("exchange")
     if problem.criterion.whole:
-        _check_determined(problem, blocks.total(found.plan))
-    chosen = _reported(problem, blocks, rules, found)
+        _check_determined(problem, posed.blocks.total(found.plan))
+    chosen = _reported(problem, posed, found)
     progress.tell(
         f"whole plan found, at least {chosen.value / chosen.relaxed.bound:.4f} of the best"
     )
     return chosen
 
 
-def _reported(problem: Problem, blocks: Blocks, rules: Allowed, found: WholePlan) -> WholePlan:
+def _reported(problem: Problem, posed: Selection, found: WholePlan) -> WholePlan:
     """A plan with value and bound of the criterion that people read.
 
     The search goes by one with a little more in it, and a bound of the one is none of the other: at a
     single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
     """
-    plain, relaxed = problem.criterion.plain, found.relaxed
-    if plain is not problem.criterion:
-        relaxed = bounded(plain, blocks, rules, relaxed)
-    return replace(found, value=float(plain.value(blocks.total(found.plan))), relaxed=relaxed)
+    plain, relaxed = posed.by(problem.criterion.plain), found.relaxed
+    if plain.criterion is not posed.criterion:
+        relaxed = bounded(plain, relaxed)
+    return replace(found, value=plain.value(found.plan), relaxed=relaxed)
 
 
 def check_count(problem: Problem, pool: Pool) -> None:
@@ -91,7 +90,8 @@ def check_count(problem: Problem, pool: Pool) -> None:
 
     Judged by the greedy plan for D, which adds directions as fast as they come, over some candidates.
     """
-    blocks, rules = problem.posed(pool)
+    posed = problem.posed(pool)
+    blocks, rules = posed.blocks, posed.allowed
     if not problem.criterion.whole or rules.chooses_levels:
         return
     size = blocks.scores(np.eye(len(blocks.fixed)))
@@ -101,9 +101,8 @@ def check_count(problem: Problem, pool: Pool) -> None:
     told = [own[:count] for own in ordered]
     told += [own[np.linspace(0, len(own) - 1, count).astype(int)] for own in ordered]
     some = np.unique(np.concatenate(told))
-    part, rules = blocks.take(some), rules.take(some)
-    plan = greedy(Determinant(np.eye(len(blocks.fixed))), part, rules)
-    _check_determined(problem, part.total(plan))
+    part = posed.by(Determinant(np.eye(len(blocks.fixed)))).take(some)
+    _check_determined(problem, part.blocks.total(greedy(part)))
 
 
 def _check_determined(problem: Problem, M: Array) -> None:
@@ -129,10 +128,9 @@ def finish(
     """
     criterion, request, before = problem.criterion, problem.request, chosen
     if request.robust:
-        blocks, rules = problem.posed(pool)
-        plan = robust_exchange(criterion, blocks, rules, chosen.plan)
-        value = float(criterion.plain.value(blocks.total(plan)))
-        chosen = replace(chosen, plan=plan, value=value)
+        posed = problem.posed(pool)
+        plan = robust_exchange(posed, chosen.plan)
+        chosen = replace(chosen, plan=plan, value=posed.by(criterion.plain).value(plan))
         progress.lap("robust exchange")
     elif request.refine:
         pool, chosen = _polished(problem, pool, chosen)
@@ -141,19 +139,20 @@ def finish(
         ordered = in_run_order(problem, pool.visits.take(chosen.plan))
         pool, chosen = _with_own(problem, pool, chosen, ordered)
         progress.lap("order")
-    blocks, rules = problem.posed(pool)
+    posed = problem.posed(pool)
     proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
     # What branch and bound proves holds for poses that are visited once, in any order.
     unproved = request.robust or request.reapproaches or problem.choice.timed
-    if provable(criterion, rules) and not unproved:
+    if provable(posed) and not unproved:
         proof = _proved(problem, pool, chosen, progress)
         progress.lap("branch and bound")
     fresh = np.nan
     if request.fresh:
         fresh = fresh_bound(problem, chosen.relaxed.G)
         progress.lap("fresh candidates")
-    if not rules.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
+    if not posed.allowed.admits(proof.plan) or proof.value > proof.bound * (1.0 + _ROUNDING):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
+    blocks = posed.blocks
     certificate = Certificate(
         value=proof.value,
         bound=proof.bound,
@@ -172,12 +171,12 @@ def finish(
 
 def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landscape, int]:
     """What the candidates would add, and how many of them a better plan could still contain."""
-    blocks, rules = problem.posed(pool)
-    scores = blocks.scores(found.relaxed.G)
+    posed = problem.posed(pool)
+    scores, rules = posed.blocks.scores(found.relaxed.G), posed.allowed
     share = scores / rules.thresholds(scores)[rules.group]
     shown = np.union1d(np.argsort(-share, kind="stable")[:_SHOWN], found.plan)
     view = Landscape(pool.q[shown], share[shown], np.isin(shown, found.plan))
-    return view, len(survivors(found.relaxed.G, blocks, rules, found.value))
+    return view, len(posed.survivors(found.relaxed.G, found.value))
 
 
 def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
@@ -192,16 +191,14 @@ def _with_own(
     """The plan of these visits, which join the candidates, so that the bound knows them."""
     plan = np.arange(len(pool), len(pool) + len(visits))
     pool = together([pool, judge(problem.regressor, (), problem.request.levels, visits)])
-    blocks, rules = problem.posed(pool)
-    start = np.concatenate([chosen.relaxed.index, plan])
-    relaxed = relax(problem.criterion, blocks, rules, start=start)
-    return pool, _reported(problem, blocks, rules, replace(chosen, plan=plan, relaxed=relaxed))
+    posed = problem.posed(pool)
+    relaxed = relax(posed, start=np.concatenate([chosen.relaxed.index, plan]))
+    return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
 
 
 def _proved(problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress) -> Proof:
     """Bound of branch and bound, with its plan where that is better for what the search goes by too."""
-    criterion, (blocks, rules) = problem.criterion, problem.posed(pool)
-    patient = problem.request.prove
+    posed, patient = problem.posed(pool), problem.request.prove
 
     def told(proof: Proof, every: int = 1) -> None:
         if proof.nodes % every == 0:
@@ -209,18 +206,13 @@ def _proved(problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress)
             progress.tell(f"branch and bound: {share:.4f} after {proof.nodes} nodes")
 
     found = prove(
-        criterion.plain,
-        blocks,
-        rules,
+        posed.by(problem.criterion.plain),
         chosen.plan,
         chosen.relaxed.G,
         most_work=_LONG_WORK if patient else SHORT_WORK,
         told=partial(told, every=_NODES_TOLD) if patient else lambda _: None,
     )
-    before, after = criterion.value(
-        np.array([blocks.total(plan) for plan in (chosen.plan, found.plan)])
-    )
-    if after < before:
+    if posed.value(found.plan) < posed.value(chosen.plan):
         found = Proof(chosen.plan, chosen.value, found.bound, found.nodes)
     told(found)
     return found
@@ -341,5 +333,6 @@ def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int
     if len(some) < count:
         return np.nan
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
-    more = some[greedy(problem.criterion, beside, Allowed.any_of(len(some), count))]
+    any_of = Allowed.any_of(len(some), count)
+    more = some[greedy(Selection(problem.criterion, beside, any_of))]
     return assess(problem, pool.visits.take(np.concatenate([chosen, more]))).task_rms

@@ -3,7 +3,8 @@
 What stands here knows no robot. Candidates are information matrices
 (:class:`~doe.optimal.blocks.Blocks`), plans are sets of them by simple rules
 (:class:`~doe.optimal.allowed.Allowed`), and an information function says what is best
-(:class:`~doe.optimal.function.InformationFunction`). Best weights come from
+(:class:`~doe.optimal.function.InformationFunction`): together a
+:class:`~doe.optimal.selection.Selection`, which knows what no plan surpasses. Best weights come from
 :mod:`~doe.optimal.relax`, whole plans from :mod:`~doe.optimal.search`, and the proof of how good they
-are from :mod:`~doe.optimal.allowed` and :mod:`~doe.optimal.branch`.
+are from :mod:`~doe.optimal.branch`.
 """

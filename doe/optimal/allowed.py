@@ -1,10 +1,4 @@
-"""Which sets of candidates make a plan, and what no such plan surpasses.
-
-The linear oracle :meth:`Allowed.best` finds the plan of the largest sum of scores. It is exact, which
-makes every bound built on it a bound over whole plans: for any positive definite M the supergradient G
-of the criterion there bounds every plan, ``Phi <= <G, M_fixed> + max over plans of sum <G, M_i>``.
-Nothing is assumed of where M came from, so a solver's inaccuracy can make the bound loose, never wrong.
-"""
+"""Which sets of candidates make a plan, and which of these has the largest sum of scores."""
 
 from __future__ import annotations
 
@@ -15,8 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
-from doe.optimal.blocks import Blocks
+from calib.arrays import Array, IntArray, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +70,15 @@ class Allowed:
         used = self._best_levels(totals)
         return float(totals[used].sum()), np.concatenate([tops[level] for level in used])
 
+    def leading(self, scores: Array, counts: IntArray) -> IntArray:
+        """So many of the best candidates of each level (L,), all where there are fewer."""
+        found = []
+        for members, count in zip(self.members, counts.tolist(), strict=True):
+            rest = len(members) - count
+            order = np.argpartition(scores[members], rest)[rest:] if count and rest > 0 else None
+            found.append(members[:count] if order is None else members[order])
+        return np.concatenate(found)
+
     def again(self, scores: Array, count: int) -> IntArray:
         """Candidates whose second visits have the largest sum of scores, shape (count,)."""
         if self.repeats:
@@ -118,6 +120,26 @@ class Allowed:
             level = int(far[level])
         return np.array(used[::-1])
 
+    @property
+    def feasible(self) -> bool:
+        """Whether every level has the candidates for its poses."""
+        held = np.bincount(self.group, minlength=len(self.counts))
+        return bool((held >= (np.minimum(self.counts, 1) if self.repeats else self.counts)).all())
+
+    def divided(self, beyond: Mask, level: int, before: int) -> tuple[IntArray, Allowed]:
+        """One level in two: so many of its poses before a cut, the others beyond, (n,).
+
+        Levels without a pose are no more. Returns what candidates are left, and the rules over them.
+        """
+        group = np.where(beyond, len(self.counts), self.group)
+        counts = np.append(self.counts, self.counts[level] - before)
+        counts[level] = before
+        held = counts > 0
+        left, count = np.flatnonzero(held[group]), int(held.sum())
+        own = (np.cumsum(held) - 1)[group[left]]
+        positions = np.arange(float(count))
+        return left, Allowed(own, positions, counts[held], count, repeats=self.repeats)
+
     def admits(self, plan: IntArray) -> bool:
         """Whether candidates make a plan by the rules."""
         counts = np.bincount(self.group[plan], minlength=len(self.positions))
@@ -136,17 +158,3 @@ class Allowed:
         total, _ = self.best(scores)
         below = np.maximum(self.thresholds(scores)[self.group] - scores, 0.0)
         return np.asarray(total - below)
-
-
-def bound(G: Array, blocks: Blocks, allowed: Allowed) -> float:
-    """No allowed plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
-    return float((G * blocks.fixed).sum()) + allowed.best(blocks.scores(G))[0]
-
-
-def survivors(G: Array, blocks: Blocks, allowed: Allowed, value: float) -> np.ndarray:
-    """Positions of candidates that a plan better than ``value`` may contain (reduced-cost fixing).
-
-    G : ndarray, shape (p, p), supergradient of the criterion
-    """
-    reachable = float((G * blocks.fixed).sum()) + allowed.forced(blocks.scores(G))
-    return np.flatnonzero(reachable > value)

@@ -17,8 +17,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks, lessened
+from doe.optimal.blocks import lessened
 from doe.optimal.function import InformationFunction
+from doe.optimal.selection import Selection
 
 _JUDGED = 4  # candidates in place of a pose that are judged exactly, where their rank is exact
 _DOUBTED = 24  # and where it is not
@@ -30,36 +31,30 @@ _TRIED = 60  # candidates in place of a pose, for the plan that is best after a 
 _HARDER = 1e-6  # relative gain after the worst loss below which an exchange is rounding
 
 
-def exchange(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plan: IntArray,
-) -> tuple[IntArray, float]:
+def exchange(posed: Selection, plan: IntArray) -> tuple[IntArray, float]:
     """Improve a plan until no single exchange does, nor one of a whole level where levels are chosen.
 
     plan : ndarray of int, shape (size,), candidates; left as it is
     Returns the plan and its criterion, never lower than before.
     """
-    plan, value = _singles(criterion, blocks, allowed, plan.copy())
-    while allowed.chooses_levels:
-        moved = _move_level(criterion, blocks, allowed, plan, value)
+    plan, value = _singles(posed, plan.copy())
+    while posed.allowed.chooses_levels:
+        moved = _move_level(posed, plan, value)
         if moved is None:
             break
-        plan, value = _singles(criterion, blocks, allowed, moved)
+        plan, value = _singles(posed, moved)
     return plan, value
 
 
-def _singles(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
-) -> tuple[IntArray, float]:
+def _singles(posed: Selection, plan: IntArray) -> tuple[IntArray, float]:
     """Single exchanges, one pose after the other, until none helps; changes the plan."""
+    criterion, blocks = posed.criterion, posed.blocks
     M = blocks.total(plan)
     value, idle, slot = float(criterion.value(M)), 0, 0
     prices, cov = blocks.scores(criterion.gradient(M)), np.asarray(np.linalg.inv(M))
     while idle < len(plan):
         base = M - blocks.matrices(plan[slot : slot + 1])[0]
-        likely = _likely(criterion, blocks, allowed, plan, slot, prices, cov, value)
+        likely = _likely(posed, plan, slot, prices, cov, value)
         reached = criterion.value(base + blocks.matrices(likely))
         idle += 1
         if len(likely) and reached.max() > value * (1.0 + _WORTH):
@@ -71,20 +66,14 @@ def _singles(
 
 
 def _likely(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plan: IntArray,
-    slot: int,
-    prices: Array,
-    cov: Array,
-    value: float,
+    posed: Selection, plan: IntArray, slot: int, prices: Array, cov: Array, value: float
 ) -> IntArray:
     """Candidates in place of one pose that are worth an exact judgement.
 
     prices : ndarray, shape (n,), of each candidate by the gradient at the plan, which prices the plan
         at its value; cov : ndarray, shape (p, p), covariance with the pose
     """
+    criterion, rows, allowed = posed.criterion, posed.blocks.rows, posed.allowed
     here = allowed.members[allowed.group[plan[slot]]]
     free = prices[here] > prices[plan[slot]] + value * _WORTH
     if not allowed.repeats:
@@ -97,17 +86,18 @@ def _likely(
         return live
     if len(plan) >= _MANY and len(live) > _RANKED:
         live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
-    rest = lessened(cov, blocks.rows[plan[slot]], _NEARLY)
-    brought = criterion.brought(rest, blocks.rows[live])
+    rest = lessened(cov, rows[plan[slot]], _NEARLY)
+    brought = criterion.brought(rest, rows[live])
     best: IntArray = live[np.argpartition(-brought, judged)[:judged]]
     return best
 
 
-def greedy(criterion: InformationFunction, blocks: Blocks, allowed: Allowed) -> IntArray:
+def greedy(posed: Selection) -> IntArray:
     """Fill a plan up, each time with the candidate that adds most.
 
     Levels that are to be chosen are settled first, by the plan that is best to first order.
     """
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     counts = allowed.counts
     if allowed.chooses_levels:
         _, first = allowed.best(blocks.scores(criterion.gradient(blocks.fixed + blocks.mean)))
@@ -139,10 +129,9 @@ def rounded_weights(allowed: Allowed, weights: Array, rng: np.random.Generator |
     return chosen
 
 
-def _move_level(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray, value: float
-) -> IntArray | None:
+def _move_level(posed: Selection, plan: IntArray, value: float) -> IntArray | None:
     """The first exchange of a whole level that pays, its poses chosen greedily."""
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     group = allowed.group[plan]
     scores = blocks.scores(criterion.gradient(blocks.total(plan)))
     for old in np.unique(group):
@@ -156,9 +145,10 @@ def _move_level(
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
             part = replace(blocks.take(promising), fixed=blocks.total(rest))
-            added = greedy(criterion, part, Allowed.any_of(len(promising), int(count[0])))
+            any_of = Allowed.any_of(len(promising), int(count[0]))
+            added = greedy(Selection(criterion, part, any_of))
             moved = np.concatenate([rest, promising[added]])
-            if criterion.value(blocks.total(moved)) > value * (1.0 + _WORTH):
+            if posed.value(moved) > value * (1.0 + _WORTH):
                 return moved
     return None
 
@@ -168,31 +158,23 @@ def smallest_left(criterion: InformationFunction, M: Array, blocks: Array) -> fl
     return float(criterion.value(M - blocks + 1e-12 * np.eye(len(M))).min())
 
 
-def robust_exchange(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
-) -> IntArray:
+def robust_exchange(posed: Selection, plan: IntArray) -> IntArray:
     """Exchange single poses while the criterion after the worst loss grows."""
-    plan = plan.copy()
-    best = smallest_left(criterion, blocks.total(plan), blocks.matrices(plan))
+    plan, blocks = plan.copy(), posed.blocks
+    best = smallest_left(posed.criterion, blocks.total(plan), blocks.matrices(plan))
     improved = True
     while improved:
         improved = False
         for slot in range(len(plan)):
-            found = _better(criterion, blocks, allowed, plan, slot, best)
+            found = _better(posed, plan, slot, best)
             if found is not None:
                 plan[slot], best = found
                 improved = True
     return plan
 
 
-def _better(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    plan: IntArray,
-    slot: int,
-    best: float,
-) -> tuple[int, float] | None:
+def _better(posed: Selection, plan: IntArray, slot: int, best: float) -> tuple[int, float] | None:
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     M, own = blocks.total(plan), blocks.matrices(plan)
     here = allowed.members[allowed.group[plan[slot]]]
     free = here if allowed.repeats else np.setdiff1d(here, plan)

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.optimal.allowed import Allowed, bound
-from doe.optimal.blocks import Blocks
-from doe.optimal.function import InformationFunction
+from doe.optimal.allowed import Allowed
+from doe.optimal.selection import Selection
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
@@ -58,13 +57,7 @@ class Relaxation:
 
 
 def relax(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    *,
-    start: IntArray | None = None,
-    gap: float = GAP,
-    enough: float = 0.0,
+    posed: Selection, *, start: IntArray | None = None, gap: float = GAP, enough: float = 0.0
 ) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
@@ -74,19 +67,20 @@ def relax(
         cannot reach it
     enough : float, bound at which to stop in any case
     """
-    active, M = _warm_start(criterion, blocks, allowed, _WARM_ROUNDS if start is None else 1)
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
+    active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
     if start is not None:
         active = np.union1d(active, start)
     met, precision = [M], _DIGITS
     weights, best, G_best, stalled = np.zeros(0), np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
-        part, rules = blocks.take(active), allowed.take(active)
-        weights, witness = _master(criterion, part, rules, np.array(met[-_MEMORY:]), precision)
-        M = part.total(np.arange(len(active)), weights)
+        part = posed.take(active)
+        weights, witness = _master(part, np.array(met[-_MEMORY:]), precision)
+        M = part.blocks.total(np.arange(len(active)), weights)
         met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
-        bounds = [bound(G, blocks, allowed) for G in proofs]
+        bounds = [posed.bound(G) for G in proofs]
         tightest = int(np.argmin(bounds))
         stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * gap) else stalled + 1
         if bounds[tightest] < best:
@@ -105,45 +99,40 @@ def relax(
     return Relaxation(active, weights, M, G_best, value, best, rounds)
 
 
-def bounded(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, relaxed: Relaxation
-) -> Relaxation:
+def bounded(posed: Selection, relaxed: Relaxation) -> Relaxation:
     """The weights of a criterion with value and bound of another that is nearly the same.
 
     Relaxed anew where the bound there is loose by more than the gap.
     """
-    G, value = criterion.gradient(relaxed.M), float(criterion.value(relaxed.M))
-    at_hand = replace(relaxed, G=G, value=value, bound=bound(G, blocks, allowed))
+    G, value = posed.criterion.gradient(relaxed.M), float(posed.criterion.value(relaxed.M))
+    at_hand = replace(relaxed, G=G, value=value, bound=posed.bound(G))
     if at_hand.gap <= 2.0 * max(relaxed.gap, GAP):
         return at_hand
-    own = relax(criterion, blocks, allowed, start=relaxed.index)
+    own = relax(posed, start=relaxed.index)
     return own if own.bound < at_hand.bound else at_hand
 
 
-def _master(
-    criterion: InformationFunction, part: Blocks, rules: Allowed, met: Array, precision: float
-) -> tuple[Array, Array | None]:
-    if criterion.smooth and not rules.chooses_levels:
+def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array | None]:
+    if part.criterion.smooth and not part.allowed.chooses_levels:
         try:
-            return newton_weights(criterion, part, rules, precision), None
+            return newton_weights(part, precision), None
         except np.linalg.LinAlgError:
             pass  # a singular step, on problems at the edge of rank: the cone program may still do
-    solved = conic_weights(criterion, part, rules, met)
+    solved = conic_weights(part, met)
     if solved is not None:
         return solved
-    _, chosen = rules.best(part.scores(criterion.gradient(met[-1])))
+    _, chosen = part.allowed.best(part.blocks.scores(part.criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
 
-def _warm_start(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, rounds: int
-) -> tuple[IntArray, Array]:
+def _warm_start(posed: Selection, rounds: int) -> tuple[IntArray, Array]:
     """Candidates and information of so many Frank-Wolfe steps from uniform weights."""
+    blocks, allowed = posed.blocks, posed.allowed
     uniform = np.full(len(blocks), allowed.size / len(blocks))
     M = blocks.total(np.arange(len(blocks)), uniform)
     active: IntArray = np.zeros(0, dtype=int)
     for step in range(rounds):
-        scores = blocks.scores(criterion.gradient(M))
+        scores = blocks.scores(posed.criterion.gradient(M))
         _, chosen = allowed.best(scores)
         active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))
         M = M + (blocks.total(chosen) - M) * (2.0 / (step + 3.0))
@@ -152,24 +141,16 @@ def _warm_start(
 
 def _entering(scores: Array, allowed: Allowed) -> IntArray:
     """Best candidates of every level, and somewhat more of them than a plan takes."""
-    spare = max(2, 60 // len(allowed.positions))
-    found = []
-    for members, count in zip(allowed.members, allowed.counts, strict=True):
-        own = scores[members]
-        k = min(int(count) + spare, len(members)) if count else 0
-        found.append(
-            members[np.argpartition(own, len(own) - k)[len(own) - k :]] if k else members[:0]
-        )
-    return np.concatenate(found)
+    spare, counts = max(2, 60 // len(allowed.positions)), allowed.counts
+    return allowed.leading(scores, np.where(counts > 0, counts + spare, 0))
 
 
-def newton_weights(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, precision: float
-) -> Array:
+def newton_weights(posed: Selection, precision: float) -> Array:
     """Weights w of all candidates, shape (q,), that maximise the criterion; levels are given.
 
     precision : float, duality gap at which to stop, relative
     """
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     q = len(blocks)
     present, group = np.unique(allowed.group, return_inverse=True)
     sums = (group == np.arange(len(present))[:, None]).astype(float)
@@ -223,9 +204,7 @@ def _longest(x: Array, dx: Array) -> float:
     return min(1.0, _TO_BOUNDARY * float((-x[falling] / dx[falling]).min()))
 
 
-def conic_weights(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, at: Array
-) -> tuple[Array, Array | None] | None:
+def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | None:
     """Weights of all candidates, shape (q,), and a supergradient from the dual where there is one.
 
     at : ndarray, shape (R, p, p), information matrices met so far: criteria with many cones take those
@@ -234,11 +213,12 @@ def conic_weights(
     """
     import cvxpy as cp
 
+    blocks, allowed = posed.blocks, posed.allowed
     q, p = len(blocks), len(blocks.fixed)
     w = cp.Variable(q)
     columns = blocks.matrices(np.arange(q)).reshape(q, p * p).T
     M = cp.reshape(columns @ w + blocks.fixed.reshape(-1), (p, p), order="F") / allowed.size
-    program = criterion.conic(M, at)
+    program = posed.criterion.conic(M, at)
     constraints = [*_polytope(w, allowed), *program.constraints]
     problem = cp.Problem(cp.Maximize(program.objective), constraints)
     try:

@@ -7,16 +7,15 @@ helps no more. An exchange over all that a better plan could still contain ends 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.arrays import IntArray
-from doe.optimal.allowed import Allowed, survivors
-from doe.optimal.blocks import Blocks
+from doe.optimal.allowed import Allowed
 from doe.optimal.exchange import exchange, rounded_weights
-from doe.optimal.function import InformationFunction
 from doe.optimal.relax import Relaxation
+from doe.optimal.selection import Selection
 
 _STARTS, _QUICK = 10, 3  # at most, and where a search is not thorough
 _FEWEST = 4  # starts before two that end in the same best plan are enough
@@ -46,40 +45,33 @@ class WholePlan:
 
 
 def best_plan(
-    criterion: InformationFunction,
-    blocks: Blocks,
-    allowed: Allowed,
-    relaxed: Relaxation,
-    *,
-    seed: int,
-    thorough: bool = True,
+    posed: Selection, relaxed: Relaxation, *, seed: int, thorough: bool = True
 ) -> WholePlan:
     """Search by exchanges among the likely candidates, then among all that a better plan may contain.
 
     thorough : else from a few rounded weights alone, some per mille lower
     """
     rng = np.random.default_rng(seed)
-    listed = _short_list(blocks, allowed, relaxed)
-    part, rules = blocks.take(listed), allowed.take(listed)
+    listed = _short_list(posed, relaxed)
+    part = posed.take(listed)
     weights = np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
-    ends = [_eased(criterion, part, rules, rounded_weights(rules, weights, None))]
+    ends = [_eased(part, rounded_weights(part.allowed, weights, None))]
     while len(ends) < (_STARTS if thorough else _QUICK) and not _met_again(ends):
         # Of few poses the weights say little: every other start does not heed them.
         heeded = np.ones_like(weights) if thorough and len(ends) % 2 else weights
-        ends.append(_eased(criterion, part, rules, rounded_weights(rules, heeded, rng)))
+        ends.append(_eased(part, rounded_weights(part.allowed, heeded, rng)))
     plan, value = max(ends, key=lambda end: end[1])
     near, idle = plan, 0 if thorough else _KICKS
     while idle < _KICKS:
-        other, reached = exchange(criterion, part, rules, _kicked(rules, near, rng))
+        other, reached = exchange(part, _kicked(part.allowed, near, rng))
         idle += 1
         if reached > value * _ACCEPTED:
             near = other
         if reached > value * (1.0 + _WORTH):
             plan, value, idle = other, reached, 0
-    kept = np.union1d(survivors(relaxed.G, blocks, allowed, value), listed[plan])
-    part, rules = blocks.take(kept), allowed.take(kept)
-    plan, value = exchange(criterion, part, rules, np.searchsorted(kept, listed[plan]))
+    kept = np.union1d(posed.survivors(relaxed.G, value), listed[plan])
+    plan, value = exchange(posed.take(kept), np.searchsorted(kept, listed[plan]))
     agreement = float(np.median([end for _, end in ends]) / value)
     return WholePlan(kept[plan], value, agreement, relaxed)
 
@@ -90,27 +82,23 @@ def _met_again(ends: list[tuple[IntArray, float]]) -> bool:
     return len(ends) >= _FEWEST and bool(values[-2] >= values[-1] * (1.0 - _SAME))
 
 
-def _eased(
-    criterion: InformationFunction, blocks: Blocks, allowed: Allowed, plan: IntArray
-) -> tuple[IntArray, float]:
+def _eased(posed: Selection, plan: IntArray) -> tuple[IntArray, float]:
     """A local optimum by way of problems in which average poses help, ever less.
 
     Of few poses each is so large a part of all that local optima are many and far apart.
     """
+    blocks = posed.blocks
     for share in _EASED:
-        helped = blocks.plus(share * allowed.size * blocks.mean)
-        plan, _ = exchange(criterion, helped, allowed, plan)
-    return exchange(criterion, blocks, allowed, plan)
+        helped = blocks.plus(share * posed.allowed.size * blocks.mean)
+        plan, _ = exchange(replace(posed, blocks=helped), plan)
+    return exchange(posed, plan)
 
 
-def _short_list(blocks: Blocks, allowed: Allowed, relaxed: Relaxation) -> IntArray:
+def _short_list(posed: Selection, relaxed: Relaxation) -> IntArray:
     """Candidates with weight, and those that the relaxation prices next."""
-    scores = blocks.scores(relaxed.G)
-    tops = []
-    for members, count in zip(allowed.members, allowed.counts, strict=True):
-        k = min(max(int(count) + 5, _SHORT // len(allowed.positions)), len(members))
-        tops.append(members[np.argsort(-scores[members], kind="stable")[:k]])
-    return np.unique(np.concatenate([relaxed.index, *tops]))
+    scores, counts = posed.blocks.scores(relaxed.G), posed.allowed.counts
+    many = np.maximum(counts + 5, _SHORT // len(counts))
+    return np.union1d(relaxed.index, posed.allowed.leading(scores, many))
 
 
 def _kicked(allowed: Allowed, plan: IntArray, rng: np.random.Generator) -> IntArray:

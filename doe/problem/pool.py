@@ -34,7 +34,9 @@ _WORKERS = 2
 _TRIED_SIDES = 8  # of each row of a table
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""
-_PER_LEVEL, _LONGEST = 20, 65_536
+_PER_LEVEL = 20
+MOST_PROBED = 65_536
+"""Candidates among which these are looked for."""
 OUT_OF_SIGHT = "out_of_sight"
 """What removes a configuration at which no instrument reads anything."""
 
@@ -278,11 +280,6 @@ def pool_of(
     return together(parts, packed[:start])
 
 
-def probing(cell: Cell, request: Request, choice: Choice) -> Iterator[Visits]:
-    """Candidates by which a cell is known, in chunks."""
-    return drawn(cell, _LONGEST, request.levels, request.seed + 1, choice)
-
-
 def probe_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
@@ -291,7 +288,7 @@ def probe_of(
 ) -> tuple[Visits, Mask]:
     """Feasible candidates of every level, m of them, and their visible markers, shape (m, M).
 
-    What the cell is like, of chunks of :func:`probing`, as many as it takes. Raises CalibError where a
+    What the cell is like, of as many chunks as it takes. Raises CalibError where a
     level has none.
     """
     levels = request.levels

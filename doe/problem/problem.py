@@ -21,16 +21,11 @@ from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
+from doe.optimal.selection import Selection
 from doe.problem.choice import Choice, choice_of
 from doe.problem.determined import check_identifiable, is_silent, without_idle
 from doe.problem.linearisation import Regressor, nominal
-from doe.problem.pool import (
-    PROBE,
-    Pool,
-    probe_of,
-    probing,
-    rounded,
-)
+from doe.problem.pool import MOST_PROBED, PROBE, Pool, drawn, probe_of, rounded
 from doe.problem.request import (
     CannotIdentify,
     Request,
@@ -115,9 +110,9 @@ class Problem:
         """Information of a pool beside what is fixed."""
         return Blocks(pool.packed, self.fixed, self.regressor.rank)
 
-    def posed(self, pool: Pool) -> tuple[Blocks, Allowed]:
-        """Information of a pool, and which sets of its candidates make a plan."""
-        return self.blocks(pool), self.rules(pool.level)
+    def posed(self, pool: Pool) -> Selection:
+        """The choice of a plan from a pool."""
+        return Selection(self.criterion, self.blocks(pool), self.rules(pool.level))
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels, or moments."""
@@ -143,7 +138,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints, choice = constraints_of(cell), choice_of(cell, request)
-    chunks = probing(cell, request, choice)
+    chunks = drawn(cell, MOST_PROBED, request.levels, request.seed + 1, choice)
     first = next(chunks)
     angles = readings(cell, _angles(cell, request, first.take(slice(PROBE))))
     model = build(cell, angles).model

@@ -24,7 +24,7 @@ import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
-from doe.optimal.allowed import Allowed, bound, survivors
+from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import prove
 from doe.optimal.relax import bounded, relax
@@ -128,20 +128,20 @@ def branch(case: str, criterion: str, count: int) -> Row:
     """Branch and bound to its end, after relaxation and exchange."""
     posed = problem(case, criterion)
     drawn_pool = pool(posed, count)
-    blocks, rules = posed.blocks(drawn_pool), posed.rules(drawn_pool.level)
-    relaxed = relax(posed.criterion, blocks, rules)
-    found = best_plan(posed.criterion, blocks, rules, relaxed, seed=0)
-    plain = posed.criterion.plain
-    G = bounded(plain, blocks, rules, relaxed).G
-    value = float(plain.value(blocks.total(found.plan)))
-    left = survivors(G, blocks, rules, value)
+    chosen = posed.posed(drawn_pool)
+    relaxed = relax(chosen)
+    found = best_plan(chosen, relaxed, seed=0)
+    plain = chosen.by(posed.criterion.plain)
+    G = bounded(plain, relaxed).G
+    value = plain.value(found.plan)
+    left = plain.survivors(G, value)
     begun = time.perf_counter()
-    proof = prove(plain, blocks, rules, found.plan, G, most_work=np.inf)
+    proof = prove(plain, found.plan, G, most_work=np.inf)
     return {
         "case": case,
         "criterion": criterion,
         "candidates": count,
-        "gap of the relaxation": bound(G, blocks, rules) / proof.value - 1.0,
+        "gap of the relaxation": plain.bound(G) / proof.value - 1.0,
         "survivors": len(left),
         "optimal": proof.optimal,
         "nodes": proof.nodes,

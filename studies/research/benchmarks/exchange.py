@@ -26,6 +26,7 @@ from doe.criteria.trace import Average, Task
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
+from doe.optimal.selection import Selection
 from doe.problem import RIDGE
 from studies.research.bench import Output, Row, bench, clocked, count, each, table
 from studies.research.benchmarks.design import any_of
@@ -213,9 +214,9 @@ def one(index: int, seed: int, starts: int) -> Row:
     blocks = Blocks(
         pack(np.swapaxes(drawn.rows, 1, 2) @ drawn.rows), RIDGE * np.eye(p), min(rank, p)
     )
-    rules = any_of(n, drawn.poses)
-    relaxed, relax_s = clocked(lambda: relax(criterion, blocks, rules))
-    found, search_s = clocked(lambda: best_plan(criterion, blocks, rules, relaxed, seed=seed))
+    posed = Selection(criterion, blocks, any_of(n, drawn.poses))
+    relaxed, relax_s = clocked(lambda: relax(posed))
+    found, search_s = clocked(lambda: best_plan(posed, relaxed, seed=seed))
     row = {
         "problem": index, "criterion": drawn.criterion, "joints": drawn.joints, "p": p,
         "rows": rank, "candidates": n, "poses": drawn.poses, "ours": found.value,

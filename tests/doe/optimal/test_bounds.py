@@ -13,6 +13,7 @@ from doe.optimal.blocks import Blocks
 from doe.optimal.exchange import exchange
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import best_plan
+from doe.optimal.selection import Selection
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
 SMOOTH = ["D", "A", "c", "task", "task, one target", "task, itself a target"]
@@ -46,11 +47,12 @@ def broken(name: str, seed: int) -> Array:
     """What the best plan of all, and what ours, have over the bound, relative."""
     rng = np.random.default_rng([seed, len(name)])
     criterion, blocks, allowed = small(rng, name)
-    relaxed = relax(criterion, blocks, allowed)
-    plan = best_plan(criterion, blocks, allowed, relaxed, seed=0).plan
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
+    plan = best_plan(posed, relaxed, seed=0).plan
     plain = criterion.plain
     if plain is not criterion:
-        relaxed = bounded(plain, blocks, allowed, relaxed)
+        relaxed = bounded(posed.by(plain), relaxed)
     optimum, _ = best_by_exhaustion(plain, blocks, allowed)
     ours = float(plain.value(blocks.total(plan)))
     assert allowed.admits(plan)
@@ -77,11 +79,12 @@ def test_a_bound_of_the_criterion_with_its_share_is_none_of_the_plain_one() -> N
     )
     criterion = Task.of_rows(blocks.rows[3])
     allowed = grouped(10, 1, 3, repeats=True)
-    relaxed = relax(criterion, blocks, allowed)
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
     optimum, plan = best_by_exhaustion(criterion.plain, blocks, allowed)
     assert (plan == 3).all()
     assert optimum > relaxed.bound
-    assert optimum <= bounded(criterion.plain, blocks, allowed, relaxed).bound * (1.0 + ROUNDING)
+    assert optimum <= bounded(posed.by(criterion.plain), relaxed).bound * (1.0 + ROUNDING)
 
 
 # What ranks candidates of few poses, and the plans that are found, against ways that share
@@ -95,7 +98,7 @@ def test_an_exchange_ends_where_no_pose_is_better_elsewhere(name: str, poses: in
     rng = np.random.default_rng(poses)
     blocks, allowed = random_blocks(rng, 200, 6, 2), grouped(200, 1, poses)
     criterion = criteria(rng, 6)[name]
-    plan, value = exchange(criterion, blocks, allowed, np.arange(poses))
+    plan, value = exchange(Selection(criterion, blocks, allowed), np.arange(poses))
     for slot in range(poses):
         rest = np.delete(plan, slot)
         for other in np.setdiff1d(np.arange(200), plan):

@@ -9,6 +9,7 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import Proof, prove
 from doe.optimal.relax import relax
+from doe.optimal.selection import Selection
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, plans, random_blocks
 
 RULES = {
@@ -25,8 +26,9 @@ def proofs(name: str, rules: str, seed: int) -> tuple[float, list[Proof]]:
     criterion, blocks = criteria(rng, 4)[name], random_blocks(rng, len(allowed.group), 4)
     optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
     worst = min(plans(allowed), key=lambda plan: float(criterion.value(blocks.total(plan))))
-    G = relax(criterion, blocks, allowed).G
-    end = prove(criterion, blocks, allowed, worst, G, most_work=np.inf, told=steps.append)
+    posed = Selection(criterion, blocks, allowed)
+    G = relax(posed).G
+    end = prove(posed, worst, G, most_work=np.inf, told=steps.append)
     assert allowed.admits(end.plan)
     return optimum, [*steps, end]
 
@@ -52,9 +54,10 @@ def test_neighbours_cost_little(name: str) -> None:
     blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), 1e-9 * np.eye(4), 3)
     allowed = Allowed(np.zeros(len(J), dtype=int), np.zeros(1), np.array([5]), 1)
     criterion = criteria(rng, 4)[name]
-    relaxed = relax(criterion, blocks, allowed)
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
     begin = np.arange(0, 200, 40)
-    assert prove(criterion, blocks, allowed, begin, relaxed.G, most_work=np.inf).optimal
-    few = prove(criterion, blocks, allowed, begin, relaxed.G, most_work=1.0)
+    assert prove(posed, begin, relaxed.G, most_work=np.inf).optimal
+    few = prove(posed, begin, relaxed.G, most_work=1.0)
     assert few.nodes == 0
     assert few.bound == pytest.approx(relaxed.bound, rel=1e-9)

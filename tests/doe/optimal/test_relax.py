@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doe.optimal.allowed import Allowed, bound
+from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.exchange import exchange, greedy, robust_exchange, smallest_left
 from doe.optimal.relax import conic_weights, newton_weights, relax
 from doe.optimal.search import best_plan
+from doe.optimal.selection import Selection
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
 P = 4
@@ -38,7 +39,8 @@ def random_plan(rng: np.random.Generator, allowed: Allowed) -> np.ndarray:
 @pytest.mark.parametrize("name", NAMES)
 def test_certified_to_the_gap(name: str, rules: str) -> None:
     criterion, blocks, allowed = setting(name, rules)
-    relaxed = relax(criterion, blocks, allowed)
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
     assert -1e-9 <= relaxed.gap <= 1e-4
     # The weights are a weighted plan: sums, caps, and the matrix that belongs to them.
     sums = np.bincount(allowed.group[relaxed.index], relaxed.weights, len(allowed.positions))
@@ -48,7 +50,7 @@ def test_certified_to_the_gap(name: str, rules: str) -> None:
     if not allowed.repeats:
         assert relaxed.weights.max() <= 1.0 + 1e-5
     np.testing.assert_allclose(relaxed.M, blocks.total(relaxed.index, relaxed.weights))
-    assert bound(relaxed.G, blocks, allowed) == pytest.approx(relaxed.bound, rel=1e-9)
+    assert posed.bound(relaxed.G) == pytest.approx(relaxed.bound, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["D", "A", "c", "task"])
@@ -57,8 +59,9 @@ def test_both_masters_agree(name: str, rules: str) -> None:
     """The interior point method against cvxpy and clarabel."""
     criterion, blocks, allowed = setting(name, rules)
     everyone = np.arange(len(blocks))
-    by_newton = blocks.total(everyone, newton_weights(criterion, blocks, allowed, 1e-6))
-    solved = conic_weights(criterion, blocks, allowed, np.eye(P)[None])
+    posed = Selection(criterion, blocks, allowed)
+    by_newton = blocks.total(everyone, newton_weights(posed, 1e-6))
+    solved = conic_weights(posed, np.eye(P)[None])
     assert solved is not None
     by_cone = blocks.total(everyone, solved[0])
     assert criterion.value(by_newton) == pytest.approx(float(criterion.value(by_cone)), rel=1e-5)
@@ -72,7 +75,7 @@ def test_exchange_never_worsens(name: str, rules: str) -> None:
     for _ in range(5):
         start = random_plan(rng, allowed)
         before = float(criterion.value(blocks.total(start)))
-        plan, value = exchange(criterion, blocks, allowed, start)
+        plan, value = exchange(Selection(criterion, blocks, allowed), start)
         assert value >= before
         assert value == pytest.approx(float(criterion.value(blocks.total(plan))), rel=1e-9)
         assert allowed.admits(plan)
@@ -95,8 +98,9 @@ def test_search_against_exhaustion(name: str, rules: str, seed: int) -> None:
     allowed = SMALL[rules]
     criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
     optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
-    relaxed = relax(criterion, blocks, allowed)
-    value = best_plan(criterion, blocks, allowed, relaxed, seed=0).value
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
+    value = best_plan(posed, relaxed, seed=0).value
     assert relaxed.bound >= optimum * (1.0 - 1e-9)
     assert value <= optimum * (1.0 + 1e-9)
     assert value >= 0.999 * optimum
@@ -106,13 +110,15 @@ def test_fixed_rows_count() -> None:
     """Poses that are measured in any case change what is best, and the bound knows of them."""
     criterion, blocks, allowed = setting("D", "free")
     fixed = Blocks(blocks.packed, blocks.total(np.arange(5)), blocks.rank)
-    relaxed = relax(criterion, fixed, allowed)
-    found = best_plan(criterion, fixed, allowed, relaxed, seed=0)
+    beside = Selection(criterion, fixed, allowed)
+    relaxed = relax(beside)
+    found = best_plan(beside, relaxed, seed=0)
     plan, value = found.plan, found.value
     assert value <= relaxed.bound * (1.0 + 1e-9)
     assert value >= 0.95 * relaxed.bound
-    free = relax(criterion, blocks, allowed)
-    alone = best_plan(criterion, blocks, allowed, free, seed=0).plan
+    posed = Selection(criterion, blocks, allowed)
+    free = relax(posed)
+    alone = best_plan(posed, free, seed=0).plan
     assert value >= float(criterion.value(fixed.total(alone)))
     assert set(plan) != set(alone)
 
@@ -120,9 +126,10 @@ def test_fixed_rows_count() -> None:
 @pytest.mark.parametrize("name", ["D", "A", "task"])
 def test_robust_exchange(name: str) -> None:
     criterion, blocks, allowed = setting(name, "levels")
-    plan, _ = exchange(criterion, blocks, allowed, greedy(criterion, blocks, allowed))
+    posed = Selection(criterion, blocks, allowed)
+    plan, _ = exchange(posed, greedy(posed))
     before = smallest_left(criterion, blocks.total(plan), blocks.matrices(plan))
-    hardened = robust_exchange(criterion, blocks, allowed, plan)
+    hardened = robust_exchange(posed, plan)
     after = smallest_left(criterion, blocks.total(hardened), blocks.matrices(hardened))
     losses = [
         float(criterion.value(blocks.total(np.delete(hardened, i)))) for i in range(len(hardened))
@@ -130,7 +137,7 @@ def test_robust_exchange(name: str) -> None:
     assert after >= before
     assert after == pytest.approx(min(losses), rel=1e-6)
     share = (len(plan) - 1) / len(plan)
-    assert after <= share * relax(criterion, blocks, allowed).bound * (1.0 + 1e-9)
+    assert after <= share * relax(posed).bound * (1.0 + 1e-9)
 
 
 def test_near_singular_plans_do_not_break_the_search() -> None:
@@ -141,6 +148,7 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     blocks = Blocks(pack(np.swapaxes(J, -1, -2) @ J), 1e-10 * np.eye(P), 1)
     allowed = grouped(30, 1, 4)
     criterion = criteria(rng, P)["D"]
-    relaxed = relax(criterion, blocks, allowed)
-    plan = best_plan(criterion, blocks, allowed, relaxed, seed=0).plan
+    posed = Selection(criterion, blocks, allowed)
+    relaxed = relax(posed)
+    plan = best_plan(posed, relaxed, seed=0).plan
     assert np.linalg.matrix_rank(blocks.total(plan), tol=1e-6) == P

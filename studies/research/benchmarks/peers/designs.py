@@ -18,6 +18,7 @@ from doe.optimal.blocks import Blocks, unpack
 from doe.optimal.exchange import exchange, greedy, rounded_weights
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
+from doe.optimal.selection import Selection
 from studies.research.bench import Row
 from studies.research.benchmarks.design import any_of, blocks_of, pool, problem, timed
 from studies.research.benchmarks.peers.judge import Left, said_by
@@ -69,7 +70,7 @@ def _beside_pydex(found: Comparison, python: str, matrices: Array) -> None:
     n, p = len(matrices), matrices.shape[-1]
     blocks, rules = blocks_of(matrices), any_of(n, 1, repeats=True)
     task = f"D weights, p {p}, {n} candidates"
-    relaxed, seconds = timed(lambda: relax(Determinant(np.eye(p)), blocks, rules))
+    relaxed, seconds = timed(lambda: relax(Selection(Determinant(np.eye(p)), blocks, rules)))
     first = _row(task, "relax", seconds, relaxed.value) | {"proved within": relaxed.gap}
     found.rows.append(first)
     answer = _peer(found, python, "pydex", matrices, 1)
@@ -90,23 +91,23 @@ def _matrices(case: str, count: int) -> Array:
 
 def _own_rows(blocks: Blocks, rules: Allowed, task: str) -> list[Row]:
     """The whole search with its proof, one start of it with the proof, and one start without."""
-    criterion = Determinant(np.eye(len(blocks.fixed)))
+    posed = Selection(Determinant(np.eye(len(blocks.fixed))), blocks, rules)
 
     def searched() -> tuple[float, float]:
-        relaxed = relax(criterion, blocks, rules)
-        value = best_plan(criterion, blocks, rules, relaxed, seed=0).value
+        relaxed = relax(posed)
+        value = best_plan(posed, relaxed, seed=0).value
         return value, relaxed.bound / value - 1.0
 
     def once() -> tuple[float, float]:
-        relaxed = relax(criterion, blocks, rules)
+        relaxed = relax(posed)
         weights = np.bincount(relaxed.index, relaxed.weights, len(blocks)).astype(float)
         start = rounded_weights(rules, weights, None)
-        value = exchange(criterion, blocks, rules, start)[1]
+        value = exchange(posed, start)[1]
         return value, relaxed.bound / value - 1.0
 
     def greedily() -> tuple[float, float]:
-        start = greedy(criterion, blocks, rules)
-        return exchange(criterion, blocks, rules, start)[1], np.nan
+        start = greedy(posed)
+        return exchange(posed, start)[1], np.nan
 
     rows: list[Row] = []
     for way, work in zip(OWN, (searched, once, greedily), strict=True):

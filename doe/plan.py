@@ -11,14 +11,13 @@ from calib.arrays import Array, Mask
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
-from doe.day.day import PlannedDay
-from doe.day.load_changes import LoadSchedule
+from doe.day.day import LoadSchedule, PlannedDay
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches, Reference
 
 if TYPE_CHECKING:
-    from doe.trend import TrendPrice
+    from doe.run_order import TrendPrice
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
-from doe.day.day import PlannedDay, day_of, quickest_order
-from doe.day.load_changes import LoadSchedule, in_blocks, schedules_of
+from doe.day.day import LoadSchedule, PlannedDay, day_of, in_blocks, quickest_order, schedules_of
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, pose_names
@@ -35,6 +34,7 @@ from doe.problem.request import (
     no_candidate,
 )
 from doe.problem.visits import Visits
+from doe.run_order import TrendPrice, nearly_free_of_trends
 from doe.solve import (
     Progress,
     check_count,
@@ -44,7 +44,6 @@ from doe.solve import (
     new_poses_instead,
     with_second_visits,
 )
-from doe.trend import TrendPrice, nearly_free_of_trends
 from doe.visiting import (
     Reapproaches,
     Reference,

@@ -24,7 +24,7 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.ahead.accuracy import ForecastStep as SufficiencyStep
+    from doe.ahead.accuracy import ForecastStep
 
 _MM = 1e3
 _HOUR = 3600.0
@@ -223,11 +223,11 @@ def _lacking(answer: Enough) -> LackingEntry:
     )
 
 
-def _step(step: SufficiencyStep) -> ExpectedStep:
+def _step(step: ForecastStep) -> ExpectedStep:
     return ExpectedStep.from_result(step, pose=step.pose or None, unidentifiable=step.open)
 
 
-def _state(model: Model, step: SufficiencyStep) -> StateEntry:
+def _state(model: Model, step: ForecastStep) -> StateEntry:
     parameters = [
         KnownParameter.from_result(p, std=std / p.scale, share=std / p.size)
         for p, std in zip(model.parameters, step.std, strict=True)

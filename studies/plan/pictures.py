@@ -126,7 +126,7 @@ def _map_caption(record: PlanRecord, members: int, shown: int) -> str:
         caption += f" The {shown} hardest of {members} are drawn; the table has all."
     if record.twins:
         groups = "; ".join(" and ".join(m.key for m in twins.members) for twins in record.twins)
-        caption += f" EquivalentCauses: {groups}."
+        caption += f" Equivalent: {groups}."
     return caption
 
 

@@ -164,7 +164,7 @@ _ALIKE = doc.columns(
 
 
 def _alike(record: PlanRecord) -> Iterator[doc.Part]:
-    """EquivalentCauses, and each other two causes once, the harder way round, which comes first."""
+    """Equivalent causes, and each other two causes once, the harder way round, which comes first."""
     yield from labelled("equivalent", map(_twins, record.twins))
     if record.look_alikes:
         yield doc.Detail((doc.Figure(lambda: look_alikes(record)),), "Map of similar causes")

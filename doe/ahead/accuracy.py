@@ -6,7 +6,7 @@ No reading lowers the arm's scatter, what the model lacks, and a trend of the da
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class ErrorFloor:
     trend : how far the trend of the day will have gone when the arm comes to the targets; an_hour_on :
         and an hour later; None where no clock tells
     seen : what poses showed that the fit was without, zero where there are none
-    rest_of : whose what differs from configuration to configuration is
+    scatter_of : whose the scatter is: the arm's, unless the data leave that open
     surely : whether what the model lacks, or half of it, is more than chance
     after : s after the last reading at which the arm comes to the targets; None where nobody says it
     at_targets : ndarray, shape (targets,), m, all of it
@@ -58,7 +58,7 @@ class ErrorFloor:
     trend: float
     an_hour_on: float | None
     seen: Unseen
-    rest_of: Owner
+    scatter_of: Literal["arm", "undecided"]
     surely: bool
     after: float | None
     at_targets: Array
@@ -120,7 +120,7 @@ def error_floor(
     surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
     lacking = ErrorFloor(
         rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
-        seen, rest_of, surely, after,
+        seen, "undecided" if rest_of == "undecided" else "arm", surely, after,
         np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),
     )  # fmt: skip
     if found is None or known is None:
@@ -149,7 +149,7 @@ def _hidden_trend(
 class ForecastStep:
     """What will be known after one more pose.
 
-    pose : str, empty for what is known now; readings : int, in all
+    pose : str, None for what is known now; readings : int, in all
     task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
         size, as far as the others do not make up for it
     task_most : float, m, that the error at the targets exceeds once in twenty
@@ -159,7 +159,7 @@ class ForecastStep:
     open : tuple of str, parameters that cannot be told
     """
 
-    pose: str
+    pose: str | None
     readings: int
     task_rms: float
     task_worst: float
@@ -199,7 +199,9 @@ class TaskError:
         targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
         return cls(model, targets, lacking, dof)
 
-    def expected(self, pose: str, readings: int, told: LinearProblem, moved: Array) -> ForecastStep:
+    def expected(
+        self, pose: str | None, readings: int, told: LinearProblem, moved: Array
+    ) -> ForecastStep:
         """What is known by then.
 
         told : LinearProblem, all readings by then

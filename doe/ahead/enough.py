@@ -86,7 +86,7 @@ class Enough(Result):
     def rows(self) -> list[dict[str, object]]:
         return [
             {
-                "pose": step.pose,
+                "pose": step.pose or "",
                 "readings": step.readings,
                 "task_rms_mm": 1e3 * step.task_rms,
                 "task_worst_mm": 1e3 * step.task_worst,
@@ -255,10 +255,10 @@ class Day:
         self, task: TaskError, order: Iterable[int], names: Sequence[str]
     ) -> Iterator[ForecastStep]:
         """What is known now, then with each further pose."""
-        done, name = self.pose < 0, ""
+        done = self.pose < 0
         for k in (-1, *order):
             done = done | (self.pose == k)
-            name = names[k] if k >= 0 else ""
+            name = names[k] if k >= 0 else None
             yield task.expected(name, int(done.sum()), self.read(done), self.moved)
 
     def order(self, task: TaskError) -> list[int]:

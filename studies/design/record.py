@@ -17,7 +17,18 @@ from studies.entries import (
     check_same_joints,
     shown_joints,
 )
-from studies.record import Count, Entry, Envelope, Maybe, MaybePositive, NotNegative, Number, Record
+from studies.record import (
+    OWN_UNIT,
+    Count,
+    Entry,
+    Envelope,
+    From,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Number,
+    Record,
+)
 
 if TYPE_CHECKING:
     from doe import Design
@@ -86,7 +97,7 @@ class PredictedStd(Entry):
     effect: str
     where: str
     id: str
-    std: Annotated[Maybe, Shown("expected standard\ndeviation")]
+    std: Annotated[Maybe, Shown("expected standard\ndeviation"), OWN_UNIT]
     unit: str
 
 
@@ -206,8 +217,8 @@ class DesignRecord(Record, PlanAccuracy):
 
     command: Literal["design"] = "design"
     criterion: str
-    criterion_unit: str
-    larger_is_better: bool
+    criterion_unit: Annotated[str, From("problem.criterion.unit")]
+    larger_is_better: Annotated[bool, From("problem.criterion.larger_is_better")]
     value: Maybe
     bound: Maybe
     efficiency: Number
@@ -216,7 +227,7 @@ class DesignRecord(Record, PlanAccuracy):
     levels_deg: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
     levels_mm: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
     predicted_std: tuple[PredictedStd, ...]
-    targets: str
+    targets: Annotated[str, From("problem.cell.targets_in_words")]
     at_targets: tuple[TargetAccuracy, ...]
     survives: Survives
     candidates: CandidatesEntry
@@ -224,19 +235,19 @@ class DesignRecord(Record, PlanAccuracy):
     joint_travel_mm: NotNegative = 0.0
     reference: ReferenceEntry | None
     reapproaches: ReapproachesEntry | None
-    extends: Count | None
+    extends: Annotated[Count | None, From("problem.request.fixed")]
     against: dict[str, RivalPlan]
     curve: tuple[CurveStepEntry, ...]
     notes: tuple[str, ...]
     seconds: NotNegative
-    seconds_by_part: dict[str, NotNegative]
+    seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
     pays_until: Count | None = None
     matches: dict[str, Count | None] = Field(default_factory=dict)
     landscape: LandscapeEntry | None = None
     by_pose: tuple[InformationShare, ...] = ()
     unchecked: str = ""
     day: DayEntry | None = None
-    timed: bool = False
+    timed: Annotated[bool, From("problem.choice.timed")] = False
     load_schedules: tuple[LoadScheduleEntry, ...] = ()
     trend: TrendPriceEntry | None = None
 
@@ -282,7 +293,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     from doe.day.duration import travel
 
     problem, judged = found.problem, found.assessment
-    robot, criterion, fixed = problem.cell.robot, problem.criterion, problem.request.fixed
+    robot = problem.cell.robot
     units = [p.scale for p in problem.model.parameters]
     levels = shown_levels(found)
     counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
@@ -291,39 +302,27 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         judged,
         **made_from,
         warnings=(),
-        criterion=criterion.name,
-        criterion_unit=criterion.unit,
-        larger_is_better=criterion.larger_is_better,
         proof=_proof(found),
         poses=_poses(found, levels),
         **_levels(found, levels),
-        predicted_std=[
-            PredictedStd.from_result(p, std=own / p.scale)
-            for p, own in zip(problem.model.parameters, judged.std, strict=True)
-        ],
-        targets=problem.cell.targets_in_words,
+        predicted_std=PredictedStd.from_each(problem.model.parameters, std=judged.std),
         at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
         joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
         joint_travel_mm=_MM * travel(found.poses.q[:, robot.prismatic]),
         reference=_reference(found),
         reapproaches=_reapproaches(found),
-        extends=None if fixed is None else len(fixed),
         against={
             name: RivalPlan.from_result(rival, rival.assessment, std=rival.assessment.std / units)
             for name, rival in found.rivals.items()
         },
         seconds=sum(found.seconds.values()),
-        seconds_by_part=found.seconds,
         pays_until=stops_paying(counts, errors),
         matches=poses_that_match(found.curve, found) if found.curve else {},
         landscape=_landscape(found),
         by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
         day=day_entry(found.day),
-        timed=found.problem.choice.timed,
-        load_schedules=[LoadScheduleEntry.from_result(own) for own in found.load_schedules],
-        trend=None if found.trend is None else TrendPriceEntry.from_result(found.trend),
     )
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import model_validator
 
 from studies.noise import pixel_fields
 from studies.record import (
+    OWN_UNIT,
     BeforeAfter,
     Count,
     Entry,
     Envelope,
+    From,
     Judgement,
     Maybe,
     MaybePositive,
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from doe.ahead.accuracy import ForecastStep
 
 _MM = 1e3
-_HOUR = 3600.0
 
 
 class NoiseSoFar(Entry):
@@ -63,12 +64,12 @@ class LackingEntry(Entry):
     rms_mm: NotNegative
     scatter_mm: NotNegative
     scatter_of: Literal["arm", "undecided"] = "undecided"
-    unexplained_mm: NotNegative
-    unexplained_from: str
-    unexplained_surely: bool = True
+    unexplained_mm: Annotated[NotNegative, From("of_model")]
+    unexplained_from: Annotated[str, From("unexplained.source")]
+    unexplained_surely: Annotated[bool, From("surely")] = True
     trend_mm: NotNegative = 0.0
-    trend_an_hour_later_mm: Maybe = None
-    targets_after_h: NotNegative | None = None
+    trend_an_hour_later_mm: Annotated[Maybe, From("an_hour_on")] = None
+    targets_after_h: Annotated[NotNegative | None, From("after")] = None
     seen: SeenElsewhere | None = None
 
     @property
@@ -95,7 +96,7 @@ class ExpectedStep(Entry):
     task_worst_mm: Maybe
     task_most_mm: Maybe
     from_parameters_mm: Maybe
-    unidentifiable: tuple[str, ...]
+    unidentifiable: Annotated[tuple[str, ...], From("open")]
 
 
 class KnownParameter(Entry):
@@ -105,7 +106,7 @@ class KnownParameter(Entry):
     effect: str
     where: str
     name: str
-    std: Maybe
+    std: Annotated[Maybe, OWN_UNIT]
     unit: str
     share: Maybe
 
@@ -130,9 +131,9 @@ class EnoughRecord(Record):
     order: tuple[ExpectedStep, ...]
     end: StateEntry
     goal_mm: Positive | None
-    goal_beyond_reach: bool
-    poses_to_goal: Count | None
-    fresh_poses_to_goal: Count | None
+    goal_beyond_reach: Annotated[bool, From("beyond_reach")]
+    poses_to_goal: Annotated[Count | None, From("needed")]
+    fresh_poses_to_goal: Annotated[Count | None, From("fresh_needed")]
     fresh: tuple[ExpectedStep, ...]
     pays_until: Count | None
 
@@ -193,43 +194,23 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
             source="cell" if found is None else found.noise.source,
             **pixel_fields(answer.model, answer.footprint),
         ),
-        lacking=_lacking(answer),
+        lacking=LackingEntry.from_result(answer.lacking, seen=_seen(answer)),
         plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
         now=_state(answer.model, answer.steps[0]),
-        order=map(_step, coming),
+        order=coming,
         end=_state(answer.model, answer.steps[-1]),
-        goal_beyond_reach=answer.beyond_reach,
-        poses_to_goal=answer.needed,
-        fresh_poses_to_goal=answer.fresh_needed,
-        fresh=map(_step, answer.fresh),
     )
 
 
-def _lacking(answer: Enough) -> LackingEntry:
-    own, found = answer.lacking, answer.found
-    seen = None
-    if found is not None and own.seen.source:
-        read = found.rms("heldout")
-        seen = SeenElsewhere.from_result(own.seen, heldout_mm=None if read is None else read * _MM)
-    return LackingEntry.from_result(
-        own,
-        scatter_of="undecided" if own.rest_of == "undecided" else "arm",
-        unexplained_mm=own.of_model * _MM,
-        unexplained_from=own.unexplained.source,
-        unexplained_surely=own.surely,
-        trend_an_hour_later_mm=None if own.an_hour_on is None else own.an_hour_on * _MM,
-        targets_after_h=None if own.after is None else own.after / _HOUR,
-        seen=seen,
-    )
-
-
-def _step(step: ForecastStep) -> ExpectedStep:
-    return ExpectedStep.from_result(step, pose=step.pose or None, unidentifiable=step.open)
+def _seen(answer: Enough) -> SeenElsewhere | None:
+    found, seen = answer.found, answer.lacking.seen
+    if found is None or not seen.source:
+        return None
+    read = found.rms("heldout")
+    return SeenElsewhere.from_result(seen, heldout_mm=None if read is None else read * _MM)
 
 
 def _state(model: Model, step: ForecastStep) -> StateEntry:
-    parameters = [
-        KnownParameter.from_result(p, std=std / p.scale, share=std / p.size)
-        for p, std in zip(model.parameters, step.std, strict=True)
-    ]
-    return StateEntry(**dict(_step(step)), parameters=tuple(parameters))
+    share = step.std / model.sizes
+    parameters = KnownParameter.from_each(model.parameters, std=step.std, share=share)
+    return StateEntry.from_result(step, parameters=parameters)

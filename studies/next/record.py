@@ -10,7 +10,17 @@ from pydantic import model_validator
 from studies import document as doc
 from studies.document import PROBABILITY, Shown, listed, mm, plural
 from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
-from studies.record import Count, Entry, Envelope, Maybe, NotNegative, Number, Positive, Record
+from studies.record import (
+    Count,
+    Entry,
+    Envelope,
+    From,
+    Maybe,
+    NotNegative,
+    Number,
+    Positive,
+    Record,
+)
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -51,8 +61,8 @@ class RivalPair(Entry):
 class NextShares(Entry):
     """What poses for both do, as shares of what as many for one alone would."""
 
-    causes: Number
-    task: Number
+    causes: Annotated[Number, From("0")]
+    task: Annotated[Number, From("1")]
 
 
 class NextRecord(Record):
@@ -72,13 +82,15 @@ class NextRecord(Record):
     done: bool
     stops: tuple[Stop, ...]
     poses: tuple[ProposedPose, ...]
-    now: ExpectedAccuracy | None
+    now: Annotated[ExpectedAccuracy | None, From("enough.steps.0")]
     after: ExpectedAccuracy | None
-    lacking_mm: Maybe
-    verdict: Literal["no_gap", "explained", "ambiguous", "unknown"] | None
+    lacking_mm: Annotated[Maybe, From("enough.lacking.rms")]
+    verdict: Annotated[
+        Literal["no_gap", "explained", "ambiguous", "unknown"] | None, From("diagnosis.verdict")
+    ]
     doubts: tuple[RivalPair, ...]
     forms: tuple[RivalPair, ...] = ()
-    shares: NextShares | None = None
+    shares: Annotated[NextShares | None, From("doubts.shares")] = None
     missed: Count = 0
 
     @model_validator(mode="after")
@@ -98,7 +110,6 @@ def next_record(
 ) -> NextRecord:
     """The record of a proposal; goal : m; missed : poses that could not be read."""
     poses, answer, doubts = found.poses, found.enough, found.doubts
-    shares = None if doubts is None else doubts.shares
     return NextRecord.from_result(
         found,
         **made_from,
@@ -109,13 +120,9 @@ def next_record(
             ProposedPose(pose=name, serves=found.serves, **shown_joints(cell.robot, q))
             for name, q in zip(poses.names, poses.q, strict=True)
         ],
-        now=None if answer is None else answer.steps[0],
         after=None if answer is None or not answer.fresh else answer.fresh[-1],
-        lacking_mm=None if answer is None else answer.lacking.rms * _MM,
-        verdict=None if found.diagnosis is None else found.diagnosis.verdict,
         doubts=() if doubts is None else doubts.predictions,
         forms=() if doubts is None else doubts.forms,
-        shares=None if shares is None else NextShares(causes=shares[0], task=shares[1]),
         missed=missed,
     )
 

@@ -14,6 +14,7 @@ from studies.record import (
     Count,
     Entry,
     Envelope,
+    From,
     Maybe,
     Number,
     Positive,
@@ -33,7 +34,7 @@ class DetectableSize(Entry):
     """A parameter taken alone, with the part of its signal that is left beside the model."""
 
     name: str
-    minimum_detectable: Maybe
+    minimum_detectable: Annotated[Maybe, From("smallest", own_unit=True)]
     unit: str
     left: Number
 
@@ -103,8 +104,8 @@ class PlanRecord(Record):
 
     command: Literal["diagnose"] = "diagnose"
     plan_only: Literal[True] = True
-    joints: tuple[str, ...] = ()
-    readings: Count
+    joints: Annotated[tuple[str, ...], From("model.robot.joints")] = ()
+    readings: Annotated[Count, From("data")]
     points: Count
     hidden_markers: Count
     before_the_first_move: tuple[str, ...]
@@ -112,13 +113,13 @@ class PlanRecord(Record):
     alpha: Number
     power: Probability
     sure: Probability
-    approach_derived: bool
+    approach_derived: Annotated[bool, From("data.poses.approach_derived")]
     elastic_assumed: bool
-    unidentifiable: tuple[UnidentifiableEntry, ...]
+    unidentifiable: Annotated[tuple[UnidentifiableEntry, ...], From("lost")]
     could_not_see: tuple[SeenCause, ...]
     look_alikes: tuple[LookAlike, ...]
     twins: tuple[EquivalentCauses, ...]
-    not_asked: tuple[NotAskedEntry, ...]
+    not_asked: Annotated[tuple[NotAskedEntry, ...], From("missing")]
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -156,8 +157,6 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
         found,
         **made_from,
         warnings=(),
-        joints=found.model.robot.joints,
-        readings=len(found.data),
         points=int(found.data.seen.sum()),
         hidden_markers=int((~found.data.seen).sum()),
         before_the_first_move=[
@@ -166,9 +165,7 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
         alpha=ALPHA,
         power=POWER,
         sure=SURE,
-        approach_derived=bool(poses.approach_derived),
         elastic_assumed=found.assumed and through,
-        unidentifiable=found.lost,
         could_not_see=map(_seen, found.causes),
         look_alikes=_look_alikes(found),
         twins=[
@@ -178,7 +175,6 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
             )
             for group, ways in zip(found.confounded, remedies_of(found), strict=True)
         ],
-        not_asked=found.missing,
     )
 
 
@@ -189,7 +185,6 @@ def _cause(cause: Detectability) -> CauseEntry:
 def _seen(cause: Detectability) -> SeenCause:
     lead, parameters = cause.lead, cause.parameters
     main = parameters[lead]
-    sizes = zip(parameters, cause.smallest, cause.share, strict=True)
     return SeenCause(
         **dict(_cause(cause)),
         parameter=main.name,
@@ -200,10 +195,7 @@ def _seen(cause: Detectability) -> SeenCause:
         noncentrality=None if cause.reason else cause.needed,
         directions=cause.directions,
         reason=cause.reason or None,
-        parameters=tuple(
-            DetectableSize.from_result(p, minimum_detectable=size / p.scale, left=share)
-            for p, size, share in sizes
-        ),
+        parameters=DetectableSize.from_each(parameters, smallest=cause.smallest, left=cause.share),
     )
 
 

@@ -107,6 +107,9 @@ class Clearance(Lasting):
     def slopes(self, levers: JointLevers) -> Array:
         """The most that each gap changes with each joint, shape (K, dof)."""
 
+    def allows(self, scene: Scene) -> Mask:
+        return np.asarray((self.gaps(scene) > 0.0).all(axis=1))
+
     def lasts(self, scene: Scene, rates: Array, levers: JointLevers) -> Array:
         each = lasting(self.gaps(scene), rates @ self.slopes(levers).T)
         return np.asarray(each.min(axis=1, initial=np.inf))

@@ -13,8 +13,8 @@ from calib.instruments import Tracker
 from doe.constraints.clearance import JointLevers, Lasting, lasting
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import obstacles_of
-from doe.constraints.scene import Scene, turned
-from doe.constraints.sight import SKIN, visible
+from doe.constraints.scene import Scene
+from doe.constraints.sight import SKIN, incidence, visible
 
 _CUTS = np.array([0.0, 1.0 / 16.0, 0.25, 1.0])  # of the beam, from the instrument
 
@@ -64,17 +64,11 @@ class KeptSight(Lasting):
     def _facing(self, scene: Scene, rates: Array, own: Array) -> Array:
         """For how long the beam is within the marker's acceptance, (n,).
 
-        With b the vector to the instrument and n the normal, that is where ``n . b`` is above
-        ``|b| cos(acceptance)``. Over half of the motion b grows by no more than the marker goes in it.
+        Over half of the motion the beam grows by no more than the marker goes in it.
         """
-        cell = scene.cell
-        beam = self.instrument - scene.markers[:, self.marker]
-        size, angle = np.linalg.norm(beam, axis=1), cell.marker_acceptance[self.marker]
-        least = 0.0 if np.isnan(angle) else float(np.cos(angle))
-        frame = cell.marker_frames[self.marker]
-        normal = turned(scene.frames.R[:, frame], cell.marker_normals[self.marker])
-        gap = np.einsum("ni,ni->n", normal, beam) - least * size
-        turning = ~cell.robot.prismatic & cell.robot.moving(frame)
+        robot, frame = scene.cell.robot, scene.cell.marker_frames[self.marker]
+        gap, size, least = incidence(scene, self.marker, self.instrument)
+        turning = ~robot.prismatic & robot.moving(frame)
         moved, turns = rates @ own, rates[:, turning].sum(axis=1)
         speed = moved * (1.0 + abs(least)) + turns * (size + 0.5 * moved)
         return lasting(gap, speed)

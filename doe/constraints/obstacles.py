@@ -6,6 +6,7 @@ never move, so nothing could be chosen to keep them clear.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,6 +75,7 @@ class Obstacle(Clearance):
                 return self.body.ball
 
     def allows(self, scene: Scene) -> Mask:
+        # Most shapes are far: balls around them tell it at a fraction of the cost.
         free = np.ones(len(scene), dtype=bool)
         for capsule in scene.capsules:
             if capsule.moves:
@@ -125,27 +127,18 @@ class Floor(Clearance):
     margin: float = 0.0
     name: str = "floor"
 
-    def allows(self, scene: Scene) -> Mask:
-        level = self.height + self.margin
-        free = (scene.markers[..., 2] > level).all(axis=1)
-        for i in self.checked:
-            free &= above(scene, i, level)
-        return np.asarray(free)
-
     def gaps(self, scene: Scene) -> Array:
-        start, end, radii = placed(scene, self.checked)
-        lowest = np.minimum(start[..., 2], end[..., 2]) - radii
-        return np.concatenate([lowest, scene.markers[..., 2]], axis=1) - self.height - self.margin
+        heights = [_lowest(scene, self.checked), scene.markers[..., 2]]
+        return np.concatenate(heights, axis=1) - (self.height + self.margin)
 
     def slopes(self, levers: JointLevers) -> Array:
         return np.concatenate([levers.capsules[list(self.checked)], levers.markers])
 
 
-def above(scene: Scene, i: int, height: float) -> Mask:
-    """Whether all of a capsule is above a height, shape (n,)."""
-    capsule = scene.capsules[i]
-    lowest: Array = np.minimum(capsule.start[:, 2], capsule.end[:, 2]) - capsule.radius
-    return np.asarray(lowest > height)
+def _lowest(scene: Scene, which: Sequence[int]) -> Array:
+    """Height of the lowest point of some capsules, shape (n, C), m."""
+    start, end, radii = placed(scene, which)
+    return np.asarray(np.minimum(start[..., 2], end[..., 2]) - radii)
 
 
 def floor_of(cell: Cell) -> Floor | None:
@@ -156,7 +149,9 @@ def floor_of(cell: Cell) -> Floor | None:
         return None
     probe, margin = probe_scene(cell), cell.design.margin
     moving = [i for i, capsule in enumerate(probe.capsules) if capsule.moves]
-    checked = [i for i in moving if above(probe, i, height + margin).mean() > 1.0 - _ALWAYS]
+    lowest = _lowest(probe, moving)
+    kept = (lowest > height + margin).mean(axis=0) > 1.0 - _ALWAYS
+    checked = [i for i, above in zip(moving, kept, strict=True) if above]
     exempt = [probe.capsules[i].name for i in moving if i not in checked]
     return Floor(height, tuple(checked), tuple(exempt), given is None, margin)
 

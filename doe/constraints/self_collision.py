@@ -44,6 +44,7 @@ class SelfCollision(Clearance):
     name: str = "self_collision"
 
     def allows(self, scene: Scene) -> Mask:
+        # Most pairs are far apart: balls around them tell it at a fraction of the cost.
         free = np.ones(len(scene), dtype=bool)
         for i, j in self.pairs:
             free &= ~overlap(scene.capsules[i], scene.capsules[j], free)

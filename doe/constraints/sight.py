@@ -149,14 +149,24 @@ def _hidden(
 
 def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
     """Whether the beam meets marker j within its acceptance, shape (n,)."""
-    cell, normal = scene.cell, scene.cell.marker_normals[j]
-    if np.isnan(normal).any():
+    if np.isnan(scene.cell.marker_normals[j]).any():
         return np.ones(len(scene), dtype=bool)
-    acceptance = cell.marker_acceptance[j]
-    least = 0.0 if np.isnan(acceptance) else np.cos(acceptance)
+    within, size, _ = incidence(scene, j, instrument)
+    return np.asarray(within >= -_SLACK * size)
+
+
+def incidence(scene: Scene, j: int, instrument: Array) -> tuple[Array, Array, float]:
+    """How far the beam is within the acceptance of marker j that has a normal.
+
+    With b the vector to the instrument and n the normal, ``n . b - |b| cos(acceptance)``, ``|b|`` (n,)
+    each, and the cosine.
+    """
+    cell, acceptance = scene.cell, scene.cell.marker_acceptance[j]
+    least = 0.0 if np.isnan(acceptance) else float(np.cos(acceptance))
     beam = instrument - scene.markers[:, j]
-    cosine = np.einsum("ni,ni->n", turned(scene.frames.R[:, cell.marker_frames[j]], normal), beam)
-    return np.asarray(cosine >= (least - _SLACK) * np.linalg.norm(beam, axis=1))
+    size = np.linalg.norm(beam, axis=1)
+    normal = turned(scene.frames.R[:, cell.marker_frames[j]], cell.marker_normals[j])
+    return np.einsum("ni,ni->n", normal, beam) - least * size, size, least
 
 
 def _behind_capsule(

@@ -24,28 +24,13 @@ _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What a user asks of a plan.
+    """What a user asks of a plan: the arguments of :func:`doe.design`, with those of the cell.
 
-    poses : int, how many are to be chosen
     criterion : str, a key of ``doe.criteria.catalogue()``
-    levels : AngleLevels or None
-    of : tuple of str: effects or parameters that matter, or ``name=factor`` for a combination
-    rivals : two effects to be told apart, ``effect:where``, or None
     fixed : Poses measured in any case, or None
-    repeats : bool
-    at_markers : bool, the error at the targets counts at the markers; None: if they are unknowns, else
-        at the tip's origin
-    candidates : int, how many are drawn, or Poses, a table of them
-    refine : polish the joint angles; fresh : number of fresh candidates for a second bound, 0 for none
-    robust : prefer the plan that is best after the loss of any one pose
-    prove : go on with branch and bound for minutes
-    curve : also the best plans of other numbers of poses
-    reference_every : poses between two readings of a reference pose, 0 for none
+    fresh : number of fresh candidates for a second bound, 0 for none
     reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
         they are a default
-    trend_free : an order that a drift disturbs little in place of the quickest
-    load_blocks : blocks of poses at whose end the load is changed, 0 for a change at each pose
-    seed : int
     """
 
     poses: int

@@ -24,7 +24,6 @@ import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
-from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.branch import prove
 from doe.optimal.relax import bounded, relax
@@ -116,12 +115,6 @@ def blocks_of(matrices: Array) -> Blocks:
     """Blocks of given information matrices, (n, p, p)."""
     rank = int(np.linalg.matrix_rank(matrices[:50], tol=1e-8).max())
     return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]), rank)
-
-
-def any_of(count: int, poses: int, repeats: bool = False) -> Allowed:
-    """Any so many of the candidates."""
-    group = np.zeros(count, dtype=int)
-    return Allowed(group, np.zeros(1), np.array([poses]), 1, repeats=repeats)
 
 
 def branch(case: str, criterion: str, count: int) -> Row:

@@ -23,13 +23,13 @@ from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.trace import Average, Task
+from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.optimal.selection import Selection
 from doe.problem import RIDGE
 from studies.research.bench import Output, Row, bench, clocked, count, each, table
-from studies.research.benchmarks.design import any_of
 
 _CRITERIA = ("D", "A", "E", "task")
 _JOINTS, _PARAMETERS, _POOL = (4, 7), (6, 42), (500, 2000)
@@ -214,7 +214,7 @@ def one(index: int, seed: int, starts: int) -> Row:
     blocks = Blocks(
         pack(np.swapaxes(drawn.rows, 1, 2) @ drawn.rows), RIDGE * np.eye(p), min(rank, p)
     )
-    posed = Selection(criterion, blocks, any_of(n, drawn.poses))
+    posed = Selection(criterion, blocks, Allowed.any_of(n, drawn.poses))
     relaxed, relax_s = clocked(lambda: relax(posed))
     found, search_s = clocked(lambda: best_plan(posed, relaxed, seed=seed))
     row = {

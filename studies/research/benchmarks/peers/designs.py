@@ -20,7 +20,7 @@ from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 from doe.optimal.selection import Selection
 from studies.research.bench import Row
-from studies.research.benchmarks.design import any_of, blocks_of, pool, problem, timed
+from studies.research.benchmarks.design import blocks_of, pool, problem, timed
 from studies.research.benchmarks.peers.judge import Left, said_by
 
 LIMIT = 1800.0  # seconds for one peer
@@ -48,11 +48,11 @@ def beside(pythons: Mapping[str, Path], count: int = 200) -> Comparison:
 
 def _beside_figaroh(found: Comparison, python: str, matrices: Array, poses: int = 20) -> None:
     blocks, task = blocks_of(matrices), _task(matrices, poses)
-    rules = any_of(len(matrices), poses)
+    rules = Allowed.any_of(len(matrices), poses)
     own = _own_rows(blocks, rules, task)
     found.rows += own
     # Detmax may repeat a candidate, so posecal is shown with repeats as well.
-    free = any_of(len(matrices), poses, repeats=True)
+    free = Allowed.any_of(len(matrices), poses, repeats=True)
     row = _own_rows(blocks, free, task)[0]
     found.rows.append({**row, "way": row["way"] + ", repeats allowed"})
     answer = _peer(found, python, "figaroh", matrices, poses)
@@ -68,7 +68,7 @@ def _beside_figaroh(found: Comparison, python: str, matrices: Array, poses: int 
 
 def _beside_pydex(found: Comparison, python: str, matrices: Array) -> None:
     n, p = len(matrices), matrices.shape[-1]
-    blocks, rules = blocks_of(matrices), any_of(n, 1, repeats=True)
+    blocks, rules = blocks_of(matrices), Allowed.any_of(n, 1, repeats=True)
     task = f"D weights, p {p}, {n} candidates"
     relaxed, seconds = timed(lambda: relax(Selection(Determinant(np.eye(p)), blocks, rules)))
     first = _row(task, "relax", seconds, relaxed.value) | {"proved within": relaxed.gap}

@@ -104,7 +104,7 @@ class Problem:
         fixed = self.request.fixed
         if fixed is None:
             return np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
-        return np.asarray(self.crossed(Visits.of(fixed)).sum(axis=0))
+        return np.asarray(self.as_loaded(fixed).crossed(Visits.of(fixed)).sum(axis=0))
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""

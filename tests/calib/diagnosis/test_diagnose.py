@@ -161,19 +161,6 @@ def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
 
 
 @pytest.mark.long
-def test_friction_is_another_name_of_lost_motion() -> None:
-    """Where the joint yields, friction winds it up by as much: the class says so."""
-    cell, data, held = measured("backlash:A3", [3e-4])
-    found = calib.diagnose(cell, data, heldout=held)
-    assert found.verdict == "explained"
-    (cause,) = found.causes
-    names = [(c.key, p) for c, p in cause.named.members]
-    assert [key for key, _ in names] == ["backlash:A3", "friction_windup:A3"]
-    assert names[0][1] == pytest.approx(names[1][1])
-    assert names[0][1] > 0.4
-
-
-@pytest.mark.long
 def test_lost_motion_at_every_joint_is_found_joint_by_joint() -> None:
     """Small at each, as no joint alone would be believed among all that is asked."""
     cell, data, held = measured("backlash", [3e-5] * 6)

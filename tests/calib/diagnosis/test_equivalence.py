@@ -44,8 +44,13 @@ def test_exact_twins_are_listed_at_any_size_and_nothing_else_is_one() -> None:
 
 
 def test_what_imitates_nothing_is_far(found_lost_motion: Diagnosis) -> None:
+    """Where the joint yields, friction winds it up by as much: one cause, two names."""
     found = found_lost_motion
-    assert members(found) == [["backlash:elbow", "friction_windup:elbow"]]  # one cause, two names
+    assert found.verdict == "explained"
+    assert members(found) == [["backlash:elbow", "friction_windup:elbow"]]
+    (_, lost), (_, wound) = found.causes[0].named.members
+    assert lost == pytest.approx(wound)
+    assert lost > 0.4
     (entry,) = found.outcome.entries
     assert min(t.left for t in imitations(found.outcome, entry)) > 100.0
     named, _ = classes(found.stage, found.outcome)

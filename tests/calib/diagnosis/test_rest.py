@@ -8,50 +8,44 @@ import numpy as np
 import pytest
 
 import calib
-from calib.diagnosis import Diagnosis
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 
 pytest.importorskip("mujoco")
 
 
-def diagnosed(folder: Path, scatter: float, approaches: int = 1, robot: str = "") -> Diagnosis:
-    """A day of an arm that scatters by so much (3-D, m); robot : lines more for its cell."""
+# Scatter (3-D, m), approaches and lines more for the cell; the verdict, what remains and of whom.
+DAYS = {
+    "as such arms have it": (3e-5, 1, "", ("no_gap", "scatter", "undecided", "assumed")),
+    "told by second approaches": (3e-5, 2, "", ("no_gap", "scatter", "arm", "measured")),
+    "more than any arm's": (3e-4, 1, "", ("unknown", "too_large", "model", "assumed")),
+    "more than the cell says": (
+        1e-4,
+        1,
+        "repeatability_mm = 0.005\nrepeatability_urad = 5",
+        ("unknown", "too_large", "model", "stated"),
+    ),
+    "none": (0.0, 1, "", ("no_gap", "none", None, None)),
+}
+
+
+@pytest.mark.parametrize(("scatter", "approaches", "robot", "told"), DAYS.values(), ids=DAYS)
+def test_what_remains_is_told_with_whose_it_is(
+    tmp_path: Path, scatter: float, approaches: int, robot: str, told: tuple[str | None, ...]
+) -> None:
     day = draw_day(Setting("6R", scatter, approaches, 40 // approaches, 3), 1, 5)
-    write_day(folder, day)
-    text = (folder / "cell.toml").read_text()
-    (folder / "cell.toml").write_text(text.replace("[robot]", f"[robot]\n{robot}"))
-    cell = calib.load_cell(folder / "cell.toml")
-    return calib.diagnose(cell, calib.load_measurements(cell, folder / "measurements.csv"))
-
-
-def test_scatter_that_such_arms_have_is_no_gap(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, 3e-5)
-    assert found.verdict == "no_gap"
-    assert not found.located
-    assert (found.rest.kind, found.rest.of) == ("scatter", "undecided")
-    assert found.rest.source == "assumed"
-    assert found.rest.size == pytest.approx(3e-5 / np.sqrt(3.0), rel=0.4)
-
-
-def test_second_approaches_tell_that_it_is_the_arm(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, 3e-5, approaches=2)
-    assert found.verdict == "no_gap"
-    assert (found.rest.kind, found.rest.of, found.rest.source) == ("scatter", "arm", "measured")
-
-
-def test_no_arm_scatters_as_much(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, 3e-4)
-    assert found.verdict == "unknown"
-    assert (found.rest.kind, found.rest.of) == ("too_large", "model")
-    assert [(place.where, place.depends_on) for place in found.located][-1][1] == "pose"
-
-
-def test_more_than_the_cell_says_is_the_model_s(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, 1e-4, robot="repeatability_mm = 0.005\nrepeatability_urad = 5")
-    assert found.verdict == "unknown"
-    assert (found.rest.kind, found.rest.of, found.rest.source) == ("too_large", "model", "stated")
-
-
-def test_nothing_remains_where_the_arm_repeats(tmp_path: Path) -> None:
-    found = diagnosed(tmp_path, 0.0)
-    assert (found.verdict, found.rest.kind, found.rest.size) == ("no_gap", "none", 0.0)
+    write_day(tmp_path, day)
+    text = (tmp_path / "cell.toml").read_text()
+    (tmp_path / "cell.toml").write_text(text.replace("[robot]", f"[robot]\n{robot}"))
+    cell = calib.load_cell(tmp_path / "cell.toml")
+    found = calib.diagnose(cell, calib.load_measurements(cell, tmp_path / "measurements.csv"))
+    rest = found.rest
+    assert (found.verdict, rest.kind) == told[:2]
+    if rest.kind == "none":
+        assert rest.size == 0.0
+        return
+    assert (rest.of, rest.source) == told[2:]
+    if rest.kind == "too_large":
+        assert found.located[-1].depends_on == "pose"
+    elif approaches == 1:
+        assert not found.located
+        assert rest.size == pytest.approx(3e-5 / np.sqrt(3.0), rel=0.4)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib import Cell, Diagnosis, Measurements
+from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
@@ -193,9 +193,3 @@ def test_a_lag_that_has_no_name_is_unknown_by_its_motion(settling_day: Day) -> N
     assert found.verdict == "unknown"
     assert not found.causes
     assert (found.located[0].where, found.located[0].depends_on) == ("elbow", "motion:elbow")
-
-
-@pytest.mark.long
-def test_true_backlash_stays_what_it_is(found_lost_motion: Diagnosis) -> None:
-    assert found_lost_motion.verdict == "explained"
-    assert [c.named.candidate.key for c in found_lost_motion.causes] == ["backlash:elbow"]

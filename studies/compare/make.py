@@ -13,7 +13,7 @@ from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
 from calib.model.covariance import correlation
 from calib.observations import orientable
-from studies.compare.agreement import BELIEVED, FEWEST, band
+from studies.compare.agreement import BELIEVED, FEWEST, Agreement, band
 from studies.compare.compare import PlanComparison, PlanStudy, Reason, Verdict
 from studies.compare.montecarlo import FromScratch, surprising
 from studies.compare.prediction import by_markers, by_poses, influence_by_effect
@@ -69,14 +69,15 @@ def compare_record(
 def _agreement(found: PlanComparison) -> AgreementEntry:
     ratios = sum(int(np.isfinite(own.ratio).sum()) for own in found.agreements)
     levels = (0.95, 1.0 - BELIEVED / max(1, ratios))
+    trusted, said = judgement(found)
     bands = [band(found.trials, level) if found.trials > 1 else (None, None) for level in levels]
     return AgreementEntry.from_result(
         found,
         ratio_band95=bands[0],
         worst_ratio_band99=bands[1],
         ratios=ratios,
-        believed=believed(found),
-        says=says(found),
+        believed=trusted,
+        says=said,
     )
 
 
@@ -192,48 +193,37 @@ _UNSETTLED = 0.01
 """Share of fits that may fail to settle before the rest says too little."""
 
 
-def believed(result: PlanComparison) -> bool | None:
-    """Whether prediction and simulation agree; None where too little was simulated to tell."""
-    if any(study.slopes.wrong for study in result.plans):
-        return False
-    if result.trials < FEWEST:
-        return None
-    verdicts = [v for study in result.plans for v in study.verdicts]
-    lost = max(v.unsettled for v in verdicts) > _UNSETTLED * result.trials
-    agrees = result.p is not None and result.p >= BELIEVED
-    return agrees and not lost and _astray(result) is None
+def judgement(result: PlanComparison) -> tuple[bool | None, str]:
+    """Whether to believe the prediction, and if not, why and by how much.
 
-
-def says(result: PlanComparison) -> str:
-    """Whether to believe the prediction, and if not, why and by how much."""
+    None where too little was simulated to tell.
+    """
     for study in result.plans:
         if study.slopes.wrong:
-            return (
+            return False, (
                 f"refuted at {study.name}: the derivative by {study.slopes.parameter} is "
                 f"{100.0 * study.slopes.off:.3g} % off the model's own slope, a fault of the program "
                 "or of an added effect; what is predicted rests on it"
             )
     if not result.trials:
-        return "nothing was simulated"
+        return None, "nothing was simulated"
     if result.trials < FEWEST:
-        return (
-            f"{result.trials} simulated experiments are too few to tell: simulate {FEWEST} or more"
-        )
+        few = f"{result.trials} simulated experiments are too few to tell"
+        return None, f"{few}: simulate {FEWEST} or more"
     pairs = [(study, v) for study in result.plans for v in study.verdicts]
     study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
     if verdict.unsettled > _UNSETTLED * result.trials:
-        return (
+        return False, (
             f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} at "
             f"{study.name} did not converge: the plan hardly determines the model"
         )
     if result.p is not None and result.p >= BELIEVED:
-        return _astray(result) or "simulation and prediction agree"
-    study, verdict = min(
-        (pair for pair in pairs if pair[1].agreement is not None),
-        key=lambda pair: pair[1].agreement.p if pair[1].agreement is not None else 1.0,
-    )
+        astray = _astray(result)
+        return astray is None, astray or "simulation and prediction agree"
+    tested = [(study, v, v.agreement) for study, v in pairs if v.agreement is not None]
+    study, verdict, found = min(tested, key=lambda own: own[2].p)
     why = _SAYS[verdict.reason or "chance"]
-    return f"refuted at {study.name}, {verdict.way.key}: {_failed(study, verdict)}; {why}"
+    return False, f"refuted at {study.name}, {verdict.way.key}: {_failed(study, found)}; {why}"
 
 
 def _astray(result: PlanComparison) -> str | None:
@@ -262,11 +252,8 @@ def _astray(result: PlanComparison) -> str | None:
     return None
 
 
-def _failed(study: PlanStudy, verdict: Verdict) -> str:
+def _failed(study: PlanStudy, found: Agreement) -> str:
     """Which test failed most, and by how much."""
-    found = verdict.agreement
-    if found is None:
-        return "no fit converged"
     worst = min(found.tests, key=lambda name: found.tests[name])
     if worst == "bias":
         return f"the mean error is {found.shift:.3g} standard deviations in every direction"

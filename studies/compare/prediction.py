@@ -26,7 +26,7 @@ from studies.compare.experiment import (
     experiment_of,
     refuse_unseen,
 )
-from studies.compare.record import ReadBy
+from studies.compare.record import ByNumber, ReadBy
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,21 +82,6 @@ _SUBSETS = 7  # drawn of each size
 _SIZES = 7
 
 
-@dataclass(frozen=True, eq=False)
-class AccuracyCurve:
-    """Task RMS [m] by a number of things: the median over subsets of that size.
-
-    Sizes at which no way determines every parameter are left out.
-
-    counts : ndarray of int, shape (s,)
-    rms : dict, way -> ndarray, shape (s,), of ways that can be had; infinite where one leaves
-        parameters open
-    """
-
-    counts: IntArray
-    rms: dict[str, Array]
-
-
 def influence(
     experiment: SimulatedExperiment, prediction: Prediction, configurations: int
 ) -> Array:
@@ -126,7 +111,7 @@ def influence_by_effect(
     return np.stack(summed, axis=1), groups
 
 
-def by_poses(cell: Cell, experiment: SimulatedExperiment, configurations: int) -> AccuracyCurve:
+def by_poses(cell: Cell, experiment: SimulatedExperiment, configurations: int) -> ByNumber:
     """Accuracy of random parts of a plan."""
     targets, weights = targets_of(cell)
     rng = np.random.default_rng(0)
@@ -142,7 +127,7 @@ def by_poses(cell: Cell, experiment: SimulatedExperiment, configurations: int) -
     return _curve(counts, rows)
 
 
-def by_markers(cell: Cell, plan: Poses, length: float = 1.0) -> AccuracyCurve:
+def by_markers(cell: Cell, plan: Poses, length: float) -> ByNumber:
     """Accuracy with fewer markers of the cell, over the sets of each size."""
     targets, weights = targets_of(cell)
     whole = all(i.markers is None for i in cell.instruments)  # else they read parts of a shape
@@ -164,14 +149,16 @@ def _task(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> di
     }
 
 
-def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> AccuracyCurve:
+def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> ByNumber:
+    """The median over subsets of each size, without sizes at which no way determines everything."""
     rms = {
         way.key: np.array([np.median([one.get(way.key, np.inf) for one in row]) for row in rows])
         for way in WAYS
     }
     rms = {key: own for key, own in rms.items() if np.isfinite(own).any()}
     known = np.any([np.isfinite(own) for own in rms.values()], axis=0) if rms else []
-    return AccuracyCurve(counts[known], {key: own[known] for key, own in rms.items()})
+    known_rms = {key: own[known] for key, own in rms.items()}
+    return ByNumber.from_result({"counts": counts[known], "rms": known_rms})
 
 
 def _part(

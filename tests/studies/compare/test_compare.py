@@ -239,15 +239,15 @@ def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
     experiment = experiment_of(cell, table_two)
     curve = by_poses(cell, experiment, 15)
     assert curve.counts[-1] == 15
-    points = curve.rms["points"]
+    points = curve.task_rms_mm["points"]
     assert (np.diff(points) < 0.0).all(), "more poses, more accuracy"
     whole = compare(cell, {"p": table_two}, trials=0).plans[0].of(POINTS)
     assert whole is not None
-    assert points[-1] == pytest.approx(whole.task_rms)
-    markers = by_markers(cell, table_two)
-    assert list(markers.counts) == [1, 2, 3]
-    assert np.isinf(markers.rms["pose plain"][:2]).all()
-    assert (np.diff(markers.rms["points"]) < 0.0).all()
+    assert points[-1] == pytest.approx(1e3 * whole.task_rms)
+    markers = by_markers(cell, table_two, 1.0)
+    assert markers.counts == (1, 2, 3)
+    assert markers.task_rms_mm["pose plain"][:2] == (None, None)
+    assert (np.diff(markers.task_rms_mm["points"]) < 0.0).all()
 
 
 def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:

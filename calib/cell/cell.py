@@ -218,6 +218,13 @@ class Cell:
         return tuple(name for i, name in enumerate(self.marker_names) if i not in under)
 
     @property
+    def single_markers(self) -> tuple[int, ...]:
+        """Markers that are no points of a body or of what an instrument rides on, by number."""
+        parts = (*self.bodies.values(), *self.seats.values())
+        ridden = {i for own in parts for i in range(own.start, own.stop)}
+        return tuple(i for i in range(len(self.markers)) if i not in ridden)
+
+    @property
     def unseen_joints(self) -> tuple[str, ...]:
         """Joints that carry, of every reading, both what reads and what is read, or neither."""
         if any(own.seat is None for own in self.instruments):

@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -132,7 +132,6 @@ def _day(name: str) -> str | None:
 
 Verb: TypeAlias = Literal["identify", "diagnose"]
 VERBS: tuple[Verb, ...] = ("identify", "diagnose")
-_CLOCK = 1e9  # s: a time beyond it counts from 1970
 
 
 @dataclass(frozen=True)
@@ -224,7 +223,7 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
     import calib
     from calib.files.read import sha256
     from calib.files.write import write_files
-    from studies.command.session import read_session
+    from studies.command.session import day_of, read_session
 
     cell = calib.load_cell(job.cell)
     if asked.learning and cell.size_prior == "estimated":
@@ -234,7 +233,7 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
     if job.table is None:
         raise InputError(job.cell, "", "has no table of measurements", "put one beside or below it")
     session = read_session(cell, job.table, asked.holdout_of(job.table), asked.seed)
-    done.day = job.day or _day_of(session)
+    done.day = job.day or day_of(session.whole.poses)
     for verb in asked.verbs:
         path = job.result(verb)
         record = _kept(path, verb, session)
@@ -254,14 +253,6 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
                 NamedEntry.from_result(e, alike=dict.fromkeys((e.key, *(c.key for c in e.alike))))
                 for e in record.effects
             )
-
-
-def _day_of(session: MeasuredTable) -> str | None:
-    """The day on which the first pose was read, where time counts from 1970."""
-    times = session.whole.poses.time
-    if times is None or not times.min() > _CLOCK:
-        return None
-    return datetime.fromtimestamp(float(times.min()), UTC).date().isoformat()
 
 
 def _kept(path: Path, verb: Verb, session: MeasuredTable) -> Record | None:

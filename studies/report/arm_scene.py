@@ -136,7 +136,7 @@ def scene(
         raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
     on_ways, day = _along(poses.q, stops) if stops else (poses.q[:0], ())
     q = np.concatenate([poses.q, on_ways])
-    placed, own = scene_of(cell, q), _own_markers(cell)
+    placed, own = scene_of(cell, q), list(cell.single_markers)
     hidden, markers, seen = _markers(cell, plan, placed)
     found = instrument_places(cell, plan)
     ridden = np.zeros((len(q), 0, 3))
@@ -220,13 +220,6 @@ def _length(arms: IntArray, reached: IntArray) -> float:
         float(np.linalg.norm(points - arms[:, :1], axis=-1).max()) for points in (arms, reached)
     )
     return max(own, _CARRIED * most)
-
-
-def _own_markers(cell: Cell) -> list[int]:
-    """Markers that are no points of a body."""
-    parts = (*cell.bodies.values(), *cell.seats.values())
-    of_bodies = {j for part in parts for j in range(part.start, part.stop)}
-    return [j for j in range(len(cell.markers)) if j not in of_bodies]
 
 
 def _of_tracker(cell: Cell) -> bool:

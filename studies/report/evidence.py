@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from studies.results import Input, located, read
 if TYPE_CHECKING:
     from studies.document import Document
 
+R = TypeVar("R", bound=Record)
 _SAME_JOINTS = 1e-6  # rad or m
 _ANEW = "write it anew with this version"
 _LARGEST_JOINT = 1e6  # rad or m
@@ -88,6 +89,10 @@ class ReportEvidence:
     def first(self, kind: str) -> ReportedResult | None:
         """The first result of a kind."""
         return next(iter(self.of(kind)), None)
+
+    def record(self, kind: type[R]) -> R | None:
+        """The first record of a type."""
+        return next((own.record for own in self.results if isinstance(own.record, kind)), None)
 
     @property
     def mixed(self) -> tuple[str, ...]:

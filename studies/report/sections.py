@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,15 +26,12 @@ from studies.plots.coverage import BoardViews, seen_where
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
 from studies.report.certificate import certificate
-from studies.report.evidence import ReportedResult, ReportEvidence
+from studies.report.evidence import MeasuredTables, ReportedResult, ReportEvidence
 from studies.report.summary import summary
 
 
-def cell(evidence: ReportEvidence) -> Section | None:
+def cell(own: Cell) -> Section:
     """What was measured with what."""
-    if evidence.cell is None:
-        return None
-    own = evidence.cell
     facts = table_of(("", ""), list(_facts(own)))
     units = np.where(own.robot.prismatic, "mm", "deg")
     scale = np.where(own.robot.prismatic, 1e3, 180.0 / np.pi)
@@ -76,12 +73,9 @@ def _tip(robot: Robot, frame: int, usual: str) -> str:
 
 def _read_by(own: Cell) -> Iterator[tuple[str, str]]:
     """The instruments, and what they read."""
-    parts = (*own.bodies.values(), *own.seats.values())
-    ridden = {i for part in parts for i in range(part.start, part.stop)}
     places = [
-        f"{name} ({', '.join(shown(x * 1e3) for x in place)}) mm"
-        for i, (name, place) in enumerate(zip(own.marker_names, own.markers.tolist(), strict=True))
-        if i not in ridden
+        f"{own.marker_names[i]} ({', '.join(shown(x * 1e3) for x in own.markers[i].tolist())}) mm"
+        for i in own.single_markers
     ]
     if places:
         yield "reference points", ", ".join(places)
@@ -132,16 +126,12 @@ def _noise(own: Cell) -> str:
     return f"{near} at 1 m, {far} at 5 m"
 
 
-def coverage(evidence: ReportEvidence, result: ReportedResult) -> Section | None:
-    """Which parts of the images were used; None where no camera saw a board, or the tables are gone."""
-    cell, tables = evidence.cell, evidence.data.get(result.path)
-    if cell is None or tables is None or not isinstance(result.record, IdentifyRecord):
-        return None
-    views = list(board_views(cell, tables.data))
-    if not views:
-        return None
-    figure = Figure(lambda: seen_where(views), highlight=False)
-    return Section("coverage", "Where the boards were seen", (figure,))
+def coverage(cell: Cell, data: Measurements) -> Iterator[Section]:
+    """Which parts of the images were used; nothing where no camera saw a board."""
+    views = list(board_views(cell, data))
+    if views:
+        figure = Figure(lambda: seen_where(views), highlight=False)
+        yield Section("coverage", "Where the boards were seen", (figure,))
 
 
 def board_views(cell: Cell, data: Measurements) -> Iterator[BoardViews]:
@@ -180,21 +170,18 @@ def _places(camera: Camera, board: Board, uv: Array, seen: Mask) -> tuple[Array,
 Reading = tuple[Poses, int]
 
 
-def against(evidence: ReportEvidence, result: ReportedResult) -> Section | None:
-    """Errors against what they may depend on; None where cell or tables are gone."""
-    cell, data, record = evidence.cell, evidence.data.get(result.path), result.record
-    if cell is None or data is None or not isinstance(record, IdentifyRecord):
-        return None
+def against(cell: Cell, data: MeasuredTables, record: IdentifyRecord) -> Iterator[Section]:
+    """Errors against what they may depend on, of poses that the tables hold."""
     found = point_errors(record)
     read = [data.reading(*row) for row in zip(found.poses, found.heldout.tolist(), strict=True)]
     rows = [row for row in read if row is not None]
     if not rows:
-        return None
+        return
     found = found.take(np.array([row is not None for row in read], dtype=bool))
     variables, sigma = dict(_variables(cell.robot, rows)), record.noise.instrument_mm * 1e-3
     rms = found.by_pose(found.after)
     figure = Figure(lambda: residuals.against(found.poses, rms, variables, sigma, found.heldout))
-    return Section("against", "What is left, against what it may depend on", (figure,))
+    yield Section("against", "What is left, against what it may depend on", (figure,))
 
 
 def _variables(robot: Robot, rows: list[Reading]) -> Iterator[tuple[str, Array]]:
@@ -237,10 +224,8 @@ def provenance(evidence: ReportEvidence, told: dict[str, str]) -> Section:
     return Section("provenance", "Where the figures come from", tuple(parts))
 
 
-def arm(evidence: ReportEvidence) -> Section | None:
+def arm(evidence: ReportEvidence, cell: Cell) -> Iterator[Section]:
     """The measured poses where there are any, else those of the first plan."""
-    if evidence.cell is None:
-        return None
     shown: Poses | Measurements
     level, ways = None, list[tuple[str, Array]]()
     design = evidence.first("design")
@@ -252,16 +237,16 @@ def arm(evidence: ReportEvidence) -> Section | None:
         if isinstance(design.record, DesignRecord):
             level = design.record.level_joint
             moves = {row.pose: row.last_move for row in design.record.poses}
-            ways = ways_in_turn(design.record.day, moves, evidence.cell.robot, shown.q)
+            ways = ways_in_turn(design.record.day, moves, cell.robot, shown.q)
     else:
-        return None
+        return
     lit = evidence.highlight[path]
     kept = _once(lit, shown)
     names = (kept.poses if isinstance(kept, Measurements) else kept).names
     number = {name: i for i, name in enumerate(names)}
     stops = [(number[lit[name]], way) for name, way in ways]
-    drawn = scene(evidence.cell, kept, level_joint=level, stops=stops)
-    return Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
+    drawn = scene(cell, kept, level_joint=level, stops=stops)
+    yield Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
 
 
 def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:
@@ -273,14 +258,6 @@ def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | 
     return replace(shown.take(first), poses=kept) if isinstance(shown, Measurements) else kept
 
 
-OF_THE_CELL: tuple[Callable[[ReportEvidence], Section | None], ...] = (arm, cell)
-
-WITH_INPUTS: dict[str, tuple[Callable[[ReportEvidence, ReportedResult], Section | None], ...]] = {
-    "identify": (coverage, against),
-}
-"""What is told of a record and its inputs, where these are unchanged."""
-
-
 def sections(
     evidence: ReportEvidence, told: dict[str, str]
 ) -> Iterator[tuple[Section, Mapping[str, str]]]:
@@ -289,9 +266,8 @@ def sections(
     told : what the user tells of the measurement, by label
     """
     yield summary(evidence, told), {}
-    for about in OF_THE_CELL:
-        section = about(evidence)
-        if section is not None:
+    if evidence.cell is not None:
+        for section in (*arm(evidence, evidence.cell), cell(evidence.cell)):
             yield section, {}
     for kind in KINDS:
         several = evidence.of(kind)
@@ -308,6 +284,9 @@ def sections(
 
 
 def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:
+    """What a record tells, and an identification with its tables, where these are unchanged."""
     yield from result.told.sections
-    told = [tell(evidence, result) for tell in WITH_INPUTS.get(result.kind, ())]
-    yield from (section for section in told if section is not None)
+    tables, record = evidence.data.get(result.path), result.record
+    if evidence.cell is not None and tables is not None and isinstance(record, IdentifyRecord):
+        yield from coverage(evidence.cell, tables.data)
+        yield from against(evidence.cell, tables, record)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 
-import numpy as np
 from markupsafe import Markup
 
+from studies.command.session import day_of
 from studies.diagnose.conclusion import to_do
 from studies.diagnose.record import DiagnoseRecord
 from studies.document import Raw, Section, Sentence
@@ -83,7 +82,6 @@ def _powers(low: float, high: float) -> list[float]:
 _MATTERS = ("fleet", "identify", "compensate", "diagnose", "changes", "enough")
 """Kinds of results with an error before and after, what a reader asks for first."""
 _WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
-_EPOCH = 1e9  # s: times beyond count from 1970
 _KEYS: dict[str, tuple[str, ...]] = {
     "robot": ("robot", "model"),
     "serial number": ("serial",),
@@ -136,18 +134,10 @@ def _facts(
         if label == "robot" and not text:
             text = result.record.cell
         if label == "measured" and not text:
-            text = _day(evidence, result)
+            tables = evidence.data.get(result.path)
+            text = "" if tables is None else day_of(tables.data.poses) or ""
         if text:
             yield label, text
-
-
-def _day(evidence: ReportEvidence, result: ReportedResult) -> str:
-    """Of the first reading, where the column time_s counts from 1970; else empty."""
-    measured = evidence.data.get(result.path)
-    time = None if measured is None else measured.data.poses.time
-    if time is None or not np.nanmin(time) > _EPOCH:
-        return ""
-    return datetime.fromtimestamp(float(np.nanmin(time)), UTC).date().isoformat()
 
 
 _FIRST = ("fleet", "prior", "identify", "diagnose")  # what a reader asks for before the rest
@@ -159,9 +149,10 @@ def summary(evidence: ReportEvidence, told: Mapping[str, str]) -> Section:
     told : what the user tells of the measurement, by label
     """
     said = [line for kind in dict.fromkeys((*_FIRST, *KINDS)) for line in _said(evidence.of(kind))]
-    drawn = list(_bars(evidence))
-    held = "held-out poses, which took no part in the fit"
-    where = held if _held(evidence) else "the fitted poses"
+    records = _records(evidence)
+    held = all(own.error.heldout for own in records if own is not None)
+    drawn = list(_bars(*records, held))
+    where = "held-out poses, which took no part in the fit" if held else "the fitted poses"
     caption = (
         f"RMS distance between measured and predicted points at {where} [mm], on a logarithmic scale. "
         "The dashed line is the noise of the instrument alone."
@@ -197,31 +188,23 @@ _LABELS = {
 }
 
 
-def _held(evidence: ReportEvidence) -> bool:
-    """Whether every result with bars has held-out poses, so that they can be compared there."""
-    drawn = [own for own in _records(evidence) if own is not None]
-    return bool(drawn) and all(own.error.heldout for own in drawn)
-
-
 def _records(evidence: ReportEvidence) -> tuple[IdentifyRecord | None, DiagnoseRecord | None]:
     """What the bars are of: an identification and a diagnosis of the same data, in millimetres."""
-    first, second = evidence.first("identify"), evidence.first("diagnose")
-    identified = None if first is None else first.record
-    diagnosed = None if second is None else second.record
-    if first is not None and second is not None:
-        one, other = ({entry.sha256 for entry in own.inputs} for own in (first, second))
-        diagnosed = diagnosed if one <= other or other <= one else None  # of the same data
-    if not isinstance(identified, IdentifyRecord) or identified.rms_mm.nominal is None:
+    identified, diagnosed = evidence.record(IdentifyRecord), evidence.record(DiagnoseRecord)
+    if identified is not None and diagnosed is not None:
+        one, other = ({entry.sha256 for entry in own.inputs} for own in (identified, diagnosed))
+        diagnosed = diagnosed if one <= other or other <= one else None
+    if identified is not None and identified.rms_mm.nominal is None:
         identified = None  # no reading is a length
-    if not isinstance(diagnosed, DiagnoseRecord) or diagnosed.gap.unit != "mm":
+    if diagnosed is not None and diagnosed.gap.unit != "mm":
         diagnosed = None
     return identified, diagnosed
 
 
-def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
+def _bars(
+    identified: IdentifyRecord | None, diagnosed: DiagnoseRecord | None, held: bool
+) -> Iterator[Bar]:
     """Errors from the nominal model to what the diagnosis leaves, and the noise, at the same poses."""
-    identified, diagnosed = _records(evidence)
-    held = _held(evidence)
     noise: NoiseEntry | None = None
     if identified is not None:
         error = identified.error_at(heldout=held)
@@ -241,12 +224,9 @@ def _bars(evidence: ReportEvidence) -> Iterator[Bar]:
 
 def _next(evidence: ReportEvidence) -> Iterator[Sentence]:
     """What a reader should do with this."""
-    diagnosed, identified = (
-        None if own is None else own.record
-        for own in (evidence.first("diagnose"), evidence.first("identify"))
-    )
-    after = to_do(diagnosed) if isinstance(diagnosed, DiagnoseRecord) else ""
-    if not after and isinstance(identified, IdentifyRecord):
+    diagnosed, identified = evidence.record(DiagnoseRecord), evidence.record(IdentifyRecord)
+    after = to_do(diagnosed) if diagnosed is not None else ""
+    if not after and identified is not None:
         after = _LACKS if identified.noise.lacks else _USE
     if not after and evidence.first("design") is not None:
         after = "measure the poses in their order, then posecal identify"

@@ -32,7 +32,6 @@ from calib.model.model import Model
 from calib.poses import Measurements, Poses
 from doe.constraints import Scene
 from studies.report.surroundings import (
-    NO_POINTS,
     SceneObject,
     grid_lines,
     hull,
@@ -105,20 +104,18 @@ def within(
     drawn: Sequence[SceneObject], frame: IntArray, length: float
 ) -> tuple[tuple[SceneObject, ...], dict[str, float], IntArray]:
     """Those near an arm of some length [mm], how far off [m] the others stand, and the frame of all."""
-    middle = (frame.min(axis=0) + frame.max(axis=0)) / 2.0
+    middle = (frame.min(axis=0) + frame.max(axis=0)) / 2e3
     kept: list[SceneObject] = []
     beyond: dict[str, float] = {}
     for own in drawn:
-        away = np.linalg.norm(own.label - middle, axis=-1)
-        if own.label.shape[0] == 1 and float(away.max()) > _NEAR * length:
-            beyond[own.name] = float(np.linalg.norm(own.label[0, 0])) / 1e3
+        away = float(np.linalg.norm(own.label - middle, axis=-1).max())
+        if own.label.size == 3 and away > _NEAR * length / 1e3:
+            beyond[own.name] = float(np.linalg.norm(own.label))
         else:
             kept.append(own)
-    points = [p.reshape(-1, 3) for own in kept for p in own.points]
-    points += [
-        own.label.reshape(-1, 3) * np.array([1, 1, 0]) for own in kept if own.kind in DROPPED
-    ]
-    return tuple(kept), beyond, hull(np.concatenate([frame, *points])) if points else frame
+    points = [own.points for own in kept]
+    points += [own.label.reshape(-1, 3) * [1, 1, 0] for own in kept if own.kind in DROPPED]
+    return tuple(kept), beyond, hull(np.concatenate([frame, *map(whole_mm, points)]))
 
 
 _CONE, _TRIAD, _PATCH = 0.16, 0.07, 0.22  # arm lengths
@@ -171,11 +168,25 @@ class _Sketch:
         """
         label = dots[:1] if label is None else label
         if frame is None:
-            return replace(_still(kind, name, lines, dots), label=whole_mm(label)[None])
-        stem = whole_mm(self.scene.origins[:, [frame]])
-        moved = [self.on(frame, line) for line in lines]
-        riding = _moving(kind, name, moved, self.on(frame, dots), self.on(frame, label))
-        return replace(riding, stem=stem)
+            return SceneObject(kind, name, lines, dots, label, name)
+        *moved, dots, label = (self.on(frame, points) for points in (*lines, dots, label))
+        stem = self.scene.origins[:, [frame]]
+        return SceneObject(kind, name, moved, dots, label, name, stem=stem)
+
+    def board(
+        self, name: str, frame: int | None, points: Array, runs: list[list[int]]
+    ) -> SceneObject:
+        """A board by its points (k, 3), m; of many only the outline."""
+        dots = points if len(points) <= _DOTS else points[:0]
+        middle = points.mean(axis=0, keepdims=True)
+        return self.placed("board", name, frame, [points[run] for run in runs], dots, middle)
+
+    def axes(
+        self, kind: str, name: str, frame: int | None, origin: Array, axes: Array
+    ) -> SceneObject:
+        """A frame by its axes, rows of (3, 3), from its origin."""
+        lines = [np.stack([origin, origin + axis * _TRIAD * self.length]) for axis in axes]
+        return self.placed(kind, name, frame, lines, origin[None])
 
     def seen(self, part: slice) -> Array:
         """Which of its readings there are, (m, k)."""
@@ -184,8 +195,8 @@ class _Sketch:
             return np.asarray(self.plan.seen[:, part])
         return np.ones((len(self.scene), count), dtype=bool)
 
-    def cone(self, camera: Camera, centre: Array, axes: Array) -> list[Array]:
-        """What a camera sees, up to some distance: axes (3, 3) by rows; its lines (k, 3), m."""
+    def cone(self, camera: Camera, frame: int | None, centre: Array, axes: Array) -> SceneObject:
+        """A camera and what it sees, up to some distance: axes (3, 3) by rows."""
         fx, fy, cx, cy = camera.lens.values[:4]
         size = np.array([2.0 * cx, 2.0 * cy]) if camera.image is None else camera.image
 
@@ -195,67 +206,43 @@ class _Sketch:
             return np.asarray(centre + rays @ axes * _CONE * self.length)
 
         rim = at(_SQUARE)
-        return [rim, at(_UP), *(np.stack([centre, corner]) for corner in rim[:4])]
-
-
-def _still(
-    kind: str, name: str, lines: list[Array], dots: Array, radius: float = 0.0
-) -> SceneObject:
-    """What stands in the world: lines (k, 3) and dots (n, 3), m, the first dot bears the name."""
-    own = whole_mm(dots)[None]
-    mm = tuple(whole_mm(line)[None] for line in lines)
-    return SceneObject(kind, name, mm, own, own[:, :1], round(radius * 1e3), name)
-
-
-def _moving(kind: str, name: str, lines: list[Array], dots: Array, label: Array) -> SceneObject:
-    """What moves with the arm: lines (m, k, 3) and dots (m, n, 3), m."""
-    mm = tuple(map(whole_mm, lines))
-    return SceneObject(kind, name, mm, whole_mm(dots), whole_mm(label), words=name)
+        lines = [rim, at(_UP), *(np.stack([centre, corner]) for corner in rim[:4])]
+        return self.placed("camera", camera.name, frame, lines, centre[None])
 
 
 def _fixed_camera(sketch: _Sketch, camera: FixedCamera, _: slice) -> Iterator[SceneObject]:
     place = sketch.found.places.get(camera.name)
     if place is not None:
         R = so3_exp(place[3:6])
-        centre = -R.T @ place[:3]
-        cone, under = sketch.cone(camera, centre, R), sketch.under(camera.seat)
-        yield sketch.placed("camera", camera.name, under, cone, centre[None])
+        yield sketch.cone(camera, sketch.under(camera.seat), -R.T @ place[:3], R)
     for board in camera.boards:
         part = sketch.cell.bodies[board.name]
-        points = sketch.found.markers[part]
-        lines = [points[list(run)] for run in hull_runs(board.points)]
-        dots = points if len(board.points) <= _DOTS else points[:0]
-        middle = points.mean(axis=0, keepdims=True)
-        yield sketch.placed("board", board.name, sketch.under(part), lines, dots, middle)
+        points, runs = sketch.found.markers[part], hull_runs(board.points)
+        yield sketch.board(board.name, sketch.under(part), points, runs)
 
 
 def _arm_camera(sketch: _Sketch, camera: ArmCamera, _: slice) -> Iterator[SceneObject]:
     part = sketch.cell.bodies[camera.name]
-    o, x, y = sketch.found.markers[part]
-    axes = np.stack([x - o, y - o, np.cross(x - o, y - o)])
-    cone = sketch.cone(camera, o, axes)
-    yield sketch.placed("camera", camera.name, sketch.under(part), cone, o[None])
-    places = sketch.found.places.get(camera.name)
-    for k, board in enumerate(camera.boards if places is not None else ()):
-        place = places[6 * k : 6 * k + 6] if places is not None else np.zeros(6)
+    yield sketch.cone(camera, sketch.under(part), *_origin_and_axes(sketch.found.markers[part]))
+    places = sketch.found.places.get(camera.name, np.zeros(0)).reshape(-1, 6)
+    for board, place in zip(camera.boards, places, strict=False):
         points = board.points @ so3_exp(place[3:]).T + place[:3]
-        own = _still("board", board.name, [points[run] for run in hull_runs(points)], points)
-        middle = whole_mm(points.mean(axis=0))[None, None]
-        dots = own.dots if len(points) <= _DOTS else NO_POINTS
-        yield replace(own, dots=dots, label=middle)
+        yield sketch.board(board.name, None, points, hull_runs(points))
+
+
+def _origin_and_axes(body: Array) -> tuple[Array, Array]:
+    """Of a body's points (3, 3), its origin and one along x and y, axes as rows."""
+    o, x, y = body
+    return o, np.stack([x - o, y - o, np.cross(x - o, y - o)])
 
 
 def _bodies(sketch: _Sketch, instrument: Pose, _: slice) -> Iterator[SceneObject]:
     yield from _stand(sketch, instrument, _)
-    own = sketch.found.markers[instrument.read_of(len(sketch.found.markers))].reshape(-1, 3, 3)
-    names = [
-        sketch.cell.marker_names[j] for j in instrument.read_of(len(sketch.found.markers))[::3]
-    ]
-    for name, (o, x, y) in zip(names, own, strict=True):
-        ends = np.stack([x - o, y - o, np.cross(x - o, y - o)]) * _TRIAD * sketch.length
-        lines = [np.stack([o, o + end]) for end in ends]
+    read = instrument.read_of(len(sketch.found.markers))
+    for j, own in zip(read[::3], sketch.found.markers[read].reshape(-1, 3, 3), strict=True):
+        name = sketch.cell.marker_names[j]
         frame = sketch.under(sketch.cell.bodies[name])
-        yield sketch.placed("frame", name, frame, lines, o[None])
+        yield sketch.axes("frame", name, frame, *_origin_and_axes(own))
 
 
 def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[SceneObject]:
@@ -265,11 +252,7 @@ def _stand(sketch: _Sketch, instrument: Instrument, _: slice) -> Iterator[SceneO
     if place is None or instrument.position is not None or not framed:
         return
     R, p = Tracker.placement(place[:6])
-    ends = R * _TRIAD * sketch.length
-    centre = -R.T @ p
-    lines = [np.stack([centre, centre + end]) for end in ends]
-    under = sketch.under(instrument.seat)
-    yield sketch.placed("instrument", instrument.name, under, lines, centre[None])
+    yield sketch.axes("instrument", instrument.name, sketch.under(instrument.seat), -R.T @ p, R)
 
 
 def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[SceneObject]:
@@ -281,8 +264,8 @@ def _sockets(sketch: _Sketch, instrument: Socket, _: slice) -> Iterator[SceneObj
         left = [n for n in left if n not in near]
         words = near[0] if not near[1:] else _common(near) or ", ".join(near)
         for name in near:
-            own = _still("socket", name, [], places[name][None, :3])
-            yield replace(own, words=words if name == near[0] else "")
+            at = places[name][None, :3]
+            yield SceneObject("socket", name, [], at, at, words if name == near[0] else "")
 
 
 def _common(names: Sequence[str]) -> str:
@@ -302,8 +285,8 @@ def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[SceneObje
     place = sketch.found.places.get(instrument.name)
     if place is not None:
         radius = float(place[3]) if instrument.radius is None else instrument.radius
-        level = ring(place[:3], radius)
-        yield _still("sphere", instrument.name, [level], place[None, :3], abs(radius))
+        lines, at, name = [ring(place[:3], radius)], place[None, :3], instrument.name
+        yield SceneObject("sphere", name, lines, at, at, name, abs(radius))
 
 
 def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[SceneObject]:
@@ -317,7 +300,7 @@ def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[SceneObj
     half = max(_PATCH * sketch.length, float(np.abs(touched - middle).max(initial=0.0)))
     u, v = across(normal)
     lines = grid_lines(middle, u, v, half, half / 2.0)
-    yield _still("touched", instrument.name, lines, middle[None])
+    yield sketch.placed("touched", instrument.name, None, lines, middle[None])
 
 
 def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[SceneObject]:
@@ -332,7 +315,7 @@ def _wire(sketch: _Sketch, instrument: Distance, part: slice) -> Iterator[SceneO
     there = np.where(seen[..., None], markers, start)
     begin = np.broadcast_to(start[:, 0], there[:, 0].shape)
     lines = [np.stack([begin, end], axis=1) for end in there.swapaxes(0, 1)]
-    yield _moving("wire", instrument.name, lines, start, start)
+    yield SceneObject("wire", instrument.name, lines, start, start, instrument.name)
 
 
 _Draw: TypeAlias = Callable[..., Iterator[SceneObject]]

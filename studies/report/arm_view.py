@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from calib.arrays import IntArray
+from calib.arrays import Array, IntArray
 from studies.report.arm_drawing import (
     START,
     ArmPicture,
@@ -24,7 +24,7 @@ from studies.report.arm_drawing import (
 )
 from studies.report.arm_instruments import DROPPED
 from studies.report.arm_scene import ArmScene
-from studies.report.surroundings import SceneObject
+from studies.report.surroundings import SceneObject, whole_mm
 
 
 def figure_html(scene: ArmScene, key: str = "arm") -> Markup:
@@ -183,8 +183,12 @@ class _Canvas:
         self._rows = rows
         self._numbers: dict[bytes, int] = {}
 
+    def at(self, points: Array) -> Run:
+        """Points (k, 3) or (rows, k, 3), m, one after the other."""
+        return self.run(whole_mm(points))
+
     def run(self, points: IntArray) -> Run:
-        """Points (k, 3), (1, k, 3) or (rows, k, 3) mm, one after the other."""
+        """The same in mm."""
         placed = np.broadcast_to(points, (self._rows, *points.shape[-2:])).swapaxes(0, 1)
         return tuple(self._numbers.setdefault(own.tobytes(), len(self._numbers)) for own in placed)
 
@@ -250,18 +254,18 @@ def _stage(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
     for own in around.obstacles:
         yield from _lines(own, canvas)
         yield from _dots(own, canvas)
-        yield Text("arm-label", (canvas.run(own.label),), own.words)
+        yield Text("arm-label", (canvas.at(own.label),), own.words)
 
 
 def _lines(own: SceneObject, canvas: _Canvas) -> Iterator[DrawnPart]:
     if own.lines:
-        yield Stroke(f"arm-{own.kind}", tuple(map(canvas.run, own.lines)))
+        yield Stroke(f"arm-{own.kind}", tuple(map(canvas.at, own.lines)))
 
 
 def _dots(own: SceneObject, canvas: _Canvas) -> Iterator[DrawnPart]:
-    if dots := canvas.run(own.dots):
+    if dots := canvas.at(own.dots):
         px = 0.0 if own.radius else DOT[own.kind]
-        yield Dot(f"arm-{own.kind}", (dots,), mm=own.radius, px=px)
+        yield Dot(f"arm-{own.kind}", (dots,), mm=round(1e3 * own.radius), px=px)
 
 
 def _all_arms(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
@@ -343,10 +347,10 @@ def _fixtures(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
     """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
     names: list[DrawnPart] = []
     for own in scene.fixtures:
-        label = canvas.run(own.label)
+        label = canvas.at(own.label)
         yield from _lines(own, canvas)
         if own.stem is not None:
-            yield Stroke("arm-tool", ((*canvas.run(own.stem), *label),))
+            yield Stroke("arm-tool", ((*canvas.at(own.stem), *label),))
         if own.kind in DROPPED:
             yield Stroke("arm-drop", ((label[0], ~label[0]),))
         yield from _dots(own, canvas)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,32 +64,31 @@ def grid_lines(middle: Array, u: Array, v: Array, half: float, step: float) -> l
 class SceneObject:
     """An obstacle, an instrument or what it reads, as lines and dots.
 
-    Points are (m, k, 3), or (1, k, 3) where they stand still, mm.
+    Points are (m, k, 3), or (k, 3) where they stand still, m.
 
     kind : str, after which its class in the drawing is called
-    lines : tuple of ndarray of int; dots : ndarray of int, n points
-    label : ndarray of int, one point, where words stand; radius : int, mm, of the dots, or 0
+    lines : sequence of ndarray; dots : ndarray, n points
+    label : ndarray, one point, where words stand; radius : float, m, of the dots, or 0
     words : what is written there: its name, or of what stands close together one for all
-    stem : ndarray of int or None, shape (m, 1, 3), mm, the tip that carries it; None for what stands
-        in the world
+    stem : ndarray or None, shape (m, 1, 3), the tip that carries it; None for what stands in the world
     """
 
     kind: str
     name: str
-    lines: tuple[IntArray, ...]
-    dots: IntArray
-    label: IntArray
-    radius: int = 0
-    words: str = ""
-    stem: IntArray | None = None
+    lines: Sequence[Array]
+    dots: Array
+    label: Array
+    words: str
+    radius: float = 0.0
+    stem: Array | None = None
 
     @property
-    def points(self) -> list[IntArray]:
-        """All of them: lines, dots, the place of the name."""
-        return [*self.lines, self.dots, self.label]
+    def points(self) -> Array:
+        """All of them, lines, dots, the place of the name, at all poses, (k, 3)."""
+        return np.concatenate([p.reshape(-1, 3) for p in (*self.lines, self.dots, self.label)])
 
 
-NO_POINTS = np.zeros((1, 0, 3), dtype=int)
+NO_POINTS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def surroundings(cell: Cell, arms: IntArray, length: float) -> ArmSurroundings:
         return bool((np.linalg.norm(points - middle, axis=-1) <= _NEAR * length).all())
 
     solids = tuple(o for o in outlines if o is not None)
-    shown = [points for o in solids if near(points := np.concatenate(o.lines, axis=1)[0])]
+    shown = [points for o in solids if near(points := whole_mm(np.concatenate(o.lines)))]
     if instrument is not None and near(instrument):
         shown.append(np.stack([instrument, instrument * [1, 1, 0]]))
     return ArmSurroundings(
@@ -167,31 +167,24 @@ def floor_lines(low: IntArray, high: IntArray, step: int) -> IntArray:
 
 def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> SceneObject | None:
     """The body of an obstacle; a ball's outline is a circle from everywhere."""
-    body = obstacle.body
+    body, name = obstacle.body, obstacle.name
     if isinstance(body, Box):
         R, centre = body.T_base_box[:3, :3], body.T_base_box[:3, 3]
         low, high = (np.column_stack([_FACE, np.full(5, z)]) for z in (-1.0, 1.0))
         edges = (low, high, *np.stack([low, high], axis=1)[:4])
         lines = [centre + (line * body.half) @ R.T for line in edges]
-        return _still(obstacle, "solid", lines, centre)
+        return SceneObject("solid", name, lines, NO_POINTS, centre[None], name)
     if isinstance(body, Ball):
-        shown = _still(obstacle, "solid", [ring(body.centre, body.radius)], body.centre)
-        return replace(shown, dots=shown.label, radius=round(body.radius * 1e3))
+        lines, at = [ring(body.centre, body.radius)], body.centre[None]
+        return SceneObject("solid", name, lines, at, at, name, body.radius)
     if isinstance(body, Hull):
         lines = [body.points[run] for run in hull_runs(body.points)]
-        return _still(obstacle, "solid", lines, body.ball[0])
-    return _patch(obstacle, body, middle, half, step)
-
-
-def _still(obstacle: Obstacle, kind: str, lines: list[Array], centre: Array) -> SceneObject:
-    """Lines (k, 3) m, with the obstacle's name in its centre."""
-    placed = tuple(whole_mm(line)[None] for line in lines)
-    label = whole_mm(centre)[None, None]
-    return SceneObject(kind, obstacle.name, placed, NO_POINTS, label, words=obstacle.name)
+        return SceneObject("solid", name, lines, NO_POINTS, body.ball[0][None], name)
+    return _patch(name, body, middle, half, step)
 
 
 def _patch(
-    obstacle: Obstacle, space: HalfSpace, middle: Array, half: float, step: int
+    name: str, space: HalfSpace, middle: Array, half: float, step: int
 ) -> SceneObject | None:
     """A grid in the plane where it is nearest to the arm; None where it is the floor itself."""
     normal = space.normal / np.linalg.norm(space.normal)
@@ -199,8 +192,8 @@ def _patch(
     if abs(normal[2]) > 1.0 - 1e-9 and abs(centre[2]) < _LEVEL:
         return None
     u, v = across(normal)
-    grid = grid_lines(centre, u, v, half, step)
-    return _still(obstacle, "plane", [line / 1e3 for line in grid], centre / 1e3)
+    grid = [line / 1e3 for line in grid_lines(centre, u, v, half, step)]
+    return SceneObject("plane", name, grid, NO_POINTS, centre[None] / 1e3, name)
 
 
 def hull(points: IntArray) -> IntArray:

@@ -41,10 +41,10 @@ def test_the_camera_is_on_the_head_and_the_board_in_the_hand(tmp_path: Path) -> 
     eye, plate = shown.fixtures
     head = cell.robot.dof + 1
     at = frames.R[:, head] @ [0.05, 0.0, 0.06] + frames.o[:, head]
-    np.testing.assert_allclose(eye.label[:, 0], at * 1e3, atol=0.51)
+    np.testing.assert_allclose(eye.label[:, 0], at, atol=0.51e-3)
     assert eye.stem is not None
     assert plate.stem is not None
-    np.testing.assert_allclose(plate.stem[:, 0], frames.o[:, -1] * 1e3, atol=0.51)
+    np.testing.assert_allclose(plate.stem[:, 0], frames.o[:, -1], atol=0.51e-3)
     sight = (plate.label - eye.label)[:, 0]
     forth = (eye.lines[0].mean(axis=1) - eye.label[:, 0]).astype(float)
     cosine = (sight * forth).sum(1) / np.linalg.norm(sight, axis=1) / np.linalg.norm(forth, axis=1)
@@ -65,4 +65,4 @@ def test_an_instrument_that_rides_is_drawn_where_it_is_found(tmp_path: Path) -> 
     R = so3_exp(values[3:6])
     frames, tip = forward(cell.robot, poses.q), cell.robot.tip_frame
     at = frames.R[:, tip] @ (-R.T @ values[:3]) + frames.o[:, tip]
-    np.testing.assert_allclose(probe.label[:, 0], at * 1e3, atol=0.6)
+    np.testing.assert_allclose(probe.label[:, 0], at, atol=0.6e-3)

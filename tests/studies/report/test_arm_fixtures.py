@@ -11,6 +11,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
+from calib.arrays import Array
 from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
@@ -40,6 +41,11 @@ def cameras_of(folder: Path) -> tuple[Cell, str]:
     return calib.load_cell(folder / "cell.toml"), text
 
 
+def mm(points: Array) -> Array:
+    """Points (k, 3) or (m, k, 3), m, with an axis for poses, mm."""
+    return np.asarray(1e3 * points.reshape(-1, *points.shape[-2:]))
+
+
 def by_name(found: ArmScene) -> dict[str, SceneObject]:
     return {own.name: own for own in found.fixtures}
 
@@ -58,13 +64,14 @@ def test_cameras_and_boards_stand_where_mujoco_puts_them(tmp_path: Path) -> None
         mujoco.mj_forward(model, data)
         for board in ("grip", "bench"):
             points = np.array([data.site(f"{board}{k}").xpos for k in range(len(GRID))]) * 1e3
-            dots = drawn[board].dots
+            dots = mm(drawn[board].dots)
             np.testing.assert_allclose(dots[min(i, len(dots) - 1)], points, atol=HALF)
         for name in ("wall", "eye"):
             own, (fx, fy, cx, cy) = drawn[name], LENSES[name]
             at = data.cam(name).xpos * 1e3
-            np.testing.assert_allclose(own.dots[min(i, len(own.dots) - 1), 0], at, atol=HALF)
-            rim = own.lines[0][min(i, len(own.lines[0]) - 1)] - at
+            dots, lines = mm(own.dots), mm(own.lines[0])
+            np.testing.assert_allclose(dots[min(i, len(dots) - 1), 0], at, atol=HALF)
+            rim = lines[min(i, len(lines) - 1)] - at
             ahead = rim @ data.cam(name).xmat.reshape(3, 3) * [1.0, -1.0, -1.0]
             middle = (np.array(SIZE) - 1) / 2.0 - [cx, cy]
             pixels = ahead[:, :2] / ahead[:, 2:] * [fx, fy] + middle
@@ -119,21 +126,21 @@ def test_what_is_touched(touched: Cell, table_two: Poses) -> None:
     places = scene_of(touched, table_two.q)
     placed = InstrumentPlaces(PLACES, touched.markers)
     drawn = {f.name: f for f in fixtures(touched, table_two, places, placed, 2.5)}
-    ends = drawn["wire"].lines[0]
+    ends = mm(drawn["wire"].lines[0])
     np.testing.assert_allclose(ends[:, 0], np.tile([1500, 1000, 100], (15, 1)), atol=HALF)
     np.testing.assert_allclose(ends[:, 1], places.markers[:, 0] * 1e3, atol=HALF)
     turn = np.hypot(0.3, 0.2)
     normal = np.array([-0.2 * np.sin(turn), -0.3 * np.sin(turn), np.cos(turn) * turn]) / turn
-    for line in drawn["table"].lines:
+    for line in map(mm, drawn["table"].lines):
         np.testing.assert_allclose(line @ normal, 400.0, atol=2.0 * HALF)
-    (level,) = drawn["dome"].lines
+    (level,) = map(mm, drawn["dome"].lines)
     away = np.linalg.norm(level[0] - [1000, -1000, 800], axis=1)
     np.testing.assert_allclose(away, 200.0, atol=2.0 * HALF)
-    assert drawn["dome"].radius == 200
+    assert drawn["dome"].radius == 0.2
     words = {name: drawn[name].words for name in ("pair_0", "pair_1", "other")}
     assert words == {"pair_0": "pair", "pair_1": "", "other": "other"}
     # The base turned by 90 deg about z stands at (0.4, -0.1, 3) in the tracker's frame.
-    np.testing.assert_allclose(drawn["tracker"].dots[0, 0], [100, 400, -3000], atol=HALF)
+    np.testing.assert_allclose(mm(drawn["tracker"].dots)[0, 0], [100, 400, -3000], atol=HALF)
 
 
 def test_a_wire_goes_where_it_is_read(touched: Cell, table_two: Poses) -> None:
@@ -154,7 +161,7 @@ def test_what_stands_far_off_is_told(kr270: Cell, touched: Cell, table_two: Pose
     kept, beyond, wider = within(drawn, frame, 2500.0)
     assert beyond == {"dome": pytest.approx(50.0)}
     assert "dome" not in {own.name for own in kept}
-    ends = np.concatenate([frame, *(own.dots.reshape(-1, 3) for own in kept)])
+    ends = np.concatenate([frame, *(np.rint(mm(own.dots)).reshape(-1, 3) for own in kept)])
     assert (wider.min(axis=0) <= ends.min(axis=0)).all()
     assert (wider.max(axis=0) >= ends.max(axis=0)).all()
     assert np.abs(wider).max() < 10_000
@@ -179,6 +186,6 @@ def test_a_body_is_its_three_axes(kr270: Cell, table_two: Poses) -> None:
     placed = scene_of(cell, table_two.q)
     R, p = placed.frames.R[:, -1], placed.origins[:, -1]
     for line, axis in zip(own.lines, np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]), strict=True):
-        np.testing.assert_allclose(line[:, 0], (R @ corners[0] + p) * 1e3, atol=HALF)
+        np.testing.assert_allclose(line[:, 0], R @ corners[0] + p, atol=HALF / 1e3)
         along = (line[:, 1] - line[:, 0]) / np.linalg.norm(line[:, 1] - line[:, 0], axis=1)[:, None]
         np.testing.assert_allclose(along, R @ axis, atol=0.02)

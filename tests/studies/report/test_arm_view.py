@@ -141,14 +141,14 @@ def test_a_marker_without_a_reading(kr270: Cell, table_two: Poses) -> None:
 
 def test_what_stands_around(drawn: ArmScene) -> None:
     box, ball, wall = drawn.around.obstacles  # the floor is not drawn twice
-    corners = np.unique(np.concatenate(box.lines, axis=1)[0], axis=0)
+    corners = np.unique(np.rint(1e3 * np.concatenate(box.lines)), axis=0)
     assert len(corners) == 8
     half = np.linalg.norm([300, 250, 400])
     np.testing.assert_allclose(np.linalg.norm(corners - [1900, -1500, 400], axis=1), half, atol=1)
     np.testing.assert_allclose(
-        np.linalg.norm(ball.lines[0][0] - [-900, 1800, 500], axis=1), 300.0, atol=1.0
+        np.linalg.norm(1e3 * ball.lines[0] - [-900, 1800, 500], axis=1), 300.0, atol=1.0
     )
-    in_wall = (np.concatenate(wall.lines, axis=1) - [-2000, 0, 0]) @ [-2, 0, 1] / np.sqrt(5.0)
+    in_wall = (1e3 * np.concatenate(wall.lines) - [-2000, 0, 0]) @ [-2, 0, 1] / np.sqrt(5.0)
     assert np.abs(in_wall).max() < 2.0
     floor = drawn.around.floor
     assert drawn.around.step == 500

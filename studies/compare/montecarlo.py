@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from calib.arm.se3 import same_turn
 from calib.arrays import Array
-from calib.cell import Cell
 from calib.errors import CalibError, InputError
 from calib.identification.identify import estimated
 from calib.model import Model
@@ -69,24 +68,20 @@ def share_of(way: Way, trials: int, most: int = MOST) -> int:
 
 
 def from_scratch(
-    cell: Cell,
-    experiment: SimulatedExperiment,
-    prediction: Prediction,
-    points: Array,
-    refitted: Array,
+    experiment: SimulatedExperiment, prediction: Prediction, points: Array, refitted: Array
 ) -> FromScratch | None:
-    """Identify one trial; None where the plan leaves parameters open.
+    """Identify one trial; None where the plan leaves parameters open, or no cell is known.
 
     points : ndarray, shape (m, M, 3), m; refitted : ndarray, shape (p,), SI, what its refit found
 
     Raises InputError where identification refuses them: readings that were drawn hold no mistake.
     """
-    if np.isnan(prediction.std).any():
+    if experiment.cell is None or np.isnan(prediction.std).any():
         return None
     way = prediction.way
     try:
         _, _, found = estimated(
-            replace(cell, size_prior="off"),
+            replace(experiment.cell, size_prior="off"),
             experiment.measured(points),
             approach=way.approach,
             weighting=way.weighting,
@@ -206,26 +201,11 @@ def refit(
         errors = best.values - experiment.truth
         found.errors[key] = np.where(np.isnan(prediction.std), 0.0, errors)
         found.settled[key], found.cost[key] = best.converged, best.cost
-        found.scratch[key] = _from_scratch(
-            experiment, prediction, points, best.values, whole.get(key, 0)
-        )
+        count = whole.get(key, 0)
+        pairs = zip(points[:count], best.values[:count], strict=True)
+        tried = [from_scratch(experiment, prediction, *own) for own in pairs]
+        found.scratch[key] = [own for own in tried if own is not None]
     return found
-
-
-def _from_scratch(
-    experiment: SimulatedExperiment,
-    prediction: Prediction,
-    points: Array,
-    values: Array,
-    count: int,
-) -> list[FromScratch]:
-    if experiment.cell is None:
-        return []
-    done = (
-        from_scratch(experiment.cell, experiment, prediction, own, refitted)
-        for own, refitted in zip(points[:count], values[:count], strict=True)
-    )
-    return [found for found in done if found is not None]
 
 
 def refits(

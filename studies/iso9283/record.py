@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -146,16 +146,16 @@ def criteria(
     from calib.iso9283.measured import measured
     from calib.iso9283.predicted import predicted
 
-    known = _fitted(cell, data) if result_path is None else _read(cell, data_path, result_path)
-    session = session_of(known.estimate, data, marker)
+    estimate, freedom, same_data = _known(cell, data, data_path, result_path)
+    session = session_of(estimate, data, marker)
     found = measured(session)
-    expected = predicted(cell, session, _once(session, found), known.freedom)
+    expected = predicted(cell, session, _once(session, found), freedom)
     return Iso9283Record.from_result(
         found,
         **made_from,
-        warnings=(*data.warnings, *known.estimate.notes),
+        warnings=(*data.warnings, *estimate.notes),
         marker=session.model.marker_names[session.marker],
-        same_data=known.same_data,
+        same_data=same_data,
         instrument_rp_mm=repeatability_of(np.eye(3) * session.sigma**2) * _MM,
         poses=(
             *(PoseEntry.from_result(c, how="measured", cycles=len(c.points)) for c in found.cycles),
@@ -178,29 +178,21 @@ def criteria(
     )
 
 
-class _EstimateOfTable(NamedTuple):
+def _known(
+    cell: Cell, data: Measurements, data_path: Path, path: Path | None
+) -> tuple[Estimate, float, bool]:
     """An estimate, degrees of freedom behind it, and whether it was fitted to the table in hand."""
-
-    estimate: Estimate
-    freedom: float
-    same_data: bool
-
-
-def _fitted(cell: Cell, data: Measurements) -> _EstimateOfTable:
     import calib
     from calib.compensation.estimate import estimate_of
-
-    found = calib.identify(cell, data)
-    return _EstimateOfTable(estimate_of(found), found.freedom, True)
-
-
-def _read(cell: Cell, data_path: Path, path: Path) -> _EstimateOfTable:
     from calib.errors import InputError
     from calib.files.estimate import load_estimate
     from calib.files.read import sha256
     from studies.identify.record import IdentifyRecord
     from studies.results import read
 
+    if path is None:
+        fitted = calib.identify(cell, data)
+        return estimate_of(fitted), fitted.freedom, True
     record, estimate = read(path), load_estimate(cell, path)
     if not estimate.converged:
         raise InputError(path, "", "did not converge", "mend the identification first")
@@ -208,9 +200,7 @@ def _read(cell: Cell, data_path: Path, path: Path) -> _EstimateOfTable:
     if isinstance(record, IdentifyRecord):
         behind += [p.degrees_of_freedom for p in record.parameters if p.degrees_of_freedom]
     own = sha256(data_path)
-    return _EstimateOfTable(
-        estimate, min(behind), any(entry.sha256 == own for entry in record.inputs)
-    )
+    return estimate, min(behind), any(entry.sha256 == own for entry in record.inputs)
 
 
 def _once(session: MarkerReadings, found: MeasuredCriteria) -> IntArray:

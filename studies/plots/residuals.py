@@ -50,7 +50,7 @@ def by_pose_and_axis(
     seen: NDArray[np.bool_],
     marker_names: Sequence[str],
     sigma: float,
-    outliers: NDArray[np.bool_] | None = None,
+    outliers: NDArray[np.bool_],
     *,
     name: str = "residuals",
     title: str = "Residuals of each pose",
@@ -60,10 +60,9 @@ def by_pose_and_axis(
     residuals : ndarray, shape (m, M, 3), m, measured minus predicted
     seen : ndarray of bool, shape (m, M)
     sigma : standard deviation of one coordinate [m]
-    outliers : ndarray of bool, shape (m,) or (m, M), readings left out of the fit
+    outliers : ndarray of bool, shape (m,), poses left out of the fit
     """
-    seen = np.asarray(seen, dtype=bool)
-    flagged = _by_reading(outliers, seen)
+    flagged = outliers[:, None] & seen
     values: Array = np.array(residuals, dtype=np.float64) * _MM
     values[~seen] = np.nan
     limit = _limit(values, flagged, sigma * _MM)
@@ -119,13 +118,6 @@ def _caption(values: Array, flagged: NDArray[np.bool_], sigma: float, limit: flo
         f"grey band; here {share:.0f} % are inside{but}. Residuals of one pose that lean to one side "
         f"point to an error of the model.{edge if (np.abs(values) > limit).any() else ''}"
     )
-
-
-def _by_reading(outliers: NDArray[np.bool_] | None, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    if outliers is None:
-        return np.zeros_like(seen)
-    given = np.asarray(outliers, dtype=bool)
-    return np.broadcast_to(given[:, None] if given.ndim == 1 else given, seen.shape) & seen
 
 
 def _limit(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:

@@ -21,7 +21,6 @@ from studies.compare.agreement import band
 from studies.document.page import inline_svg
 from studies.plan.pictures import look_alikes
 from studies.plan.record import PlanRecord
-from studies.plots import Picture, files
 from studies.plots.accuracy import against_number
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
@@ -32,6 +31,8 @@ from studies.plots.style import (
     APPROACHES,
     RC,
     SERIES,
+    Picture,
+    files,
     log_ticks,
     looks,
     settle,
@@ -203,7 +204,9 @@ def test_names_in_any_script_are_drawn_in_silence() -> None:
     """Signs that the font lacks, and such as XML may not hold."""
     names = ["\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\x07"]
     seen = np.ones((3, 1), dtype=bool)
-    picture = by_pose_and_axis(names, np.full((3, 1, 3), 1e-5), seen, ["m1"], 1e-5)
+    picture = by_pose_and_axis(
+        names, np.full((3, 1, 3), 1e-5), seen, ["m1"], 1e-5, np.zeros(3, dtype=bool)
+    )
     text = "".join(ElementTree.fromstring(svg_text(picture)).itertext())
     assert all(
         name in text for name in ("\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\N{REPLACEMENT CHARACTER}")

@@ -11,7 +11,7 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
-from studies.hand_eye.telling import told
+from studies.hand_eye.record import told
 from tests.calib.handeye.days import LENS, OFF, Arm, Kind
 from tests.plain_arm import turn
 from tests.studies.command_line import result, run

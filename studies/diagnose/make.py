@@ -39,7 +39,6 @@ from studies.diagnose.record import (
     DiagnoseResidual,
     ErrorCurveEntry,
     ErrorSteps,
-    Findings,
     FoundCause,
     GapEntry,
     LikelyCause,
@@ -81,12 +80,12 @@ def diagnosed(
     chosen, failed = _next(cell, found, next_count, session.seed)
     record = diagnose_record(
         found,
-        spectra(found),
-        chosen,
-        shown(found) if figures else None,
-        session.holdout,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),
-        (*held.warnings, *found.warnings, *failed),
+        spectra=spectra(found),
+        chosen=chosen,
+        shown=shown(found) if figures else None,
+        holdout=session.holdout,
+        warnings=(*held.warnings, *found.warnings, *failed),
     )
     return found, record
 
@@ -103,46 +102,40 @@ def _next(
 
 def diagnose_record(
     found: Diagnosis,
-    spectra: Sequence[Spectrum],
-    chosen: NextPoses | None,
-    shown: DiagnosisShown | None,
-    holdout: str | None,
     made_from: Envelope,
+    *,
+    spectra: Sequence[Spectrum] = (),
+    chosen: NextPoses | None = None,
+    shown: DiagnosisShown | None = None,
+    holdout: str | None = None,
     warnings: tuple[str, ...] = (),
 ) -> DiagnoseRecord:
     """The record of a diagnosis.
 
-    chosen : the next poses, None where none were asked for; shown : for figures, None for none
-    holdout : as the user gave it; warnings : of the tables
+    chosen : the next poses; shown : for figures; holdout : as the user gave it
+    warnings : of the tables
     """
     further = chosen or NextPoses(found.data.poses.take(slice(0, 0)))
-    return DiagnoseRecord.from_result(
-        findings(found, spectra),
-        shown or DiagnosisShown(None, (), ()),
-        further,
-        **made_from,
-        warnings=warnings,
-        holdout=holdout,
-        next_poses=[
-            NextPose(pose=name, **shown_joints(found.after.model.robot, q), splits=splits)
-            for name, q, splits in zip(
-                further.poses.names, further.poses.q, further.splits, strict=True
-            )
-        ],
-        estimate=estimated(estimate_of(found)),
-    )
-
-
-def findings(found: Diagnosis, spectra: Sequence[Spectrum] = ()) -> Findings:
-    """The diagnosis without what it was made from; spectra : of it, where they are asked for."""
     noise, model, poses = found.noise, found.after.model, found.data.poses
     footprint, tip = model.footprint(found.after.values, found.data), model.robot.tip
 
     def where(entries: Iterable[Any]) -> list[str]:
         return [_at(entry.where, tip) for entry in entries]
 
-    return Findings.from_result(
+    return DiagnoseRecord.from_result(
+        shown or DiagnosisShown(None, (), ()),
+        further,
         found,
+        **made_from,
+        warnings=warnings,
+        holdout=holdout,
+        next_poses=[
+            NextPose(pose=name, **shown_joints(model.robot, q), splits=splits)
+            for name, q, splits in zip(
+                further.poses.names, further.poses.q, further.splits, strict=True
+            )
+        ],
+        estimate=estimated(estimate_of(found)),
         noise=DiagnoseNoise.from_result(
             noise,
             grows_with_range=found.growth,

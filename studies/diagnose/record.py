@@ -333,9 +333,10 @@ class DiagnoseResidual(ResidualEntry):
         return self.before_mm or self.before_px or self.before_mrad or ()
 
 
-class Findings(Entry):
-    """The diagnosis itself."""
+class DiagnoseRecord(Record):
+    """Where the gap lies, what causes it, how far it shrinks, and what to measure next."""
 
+    command: Literal["diagnose"] = "diagnose"
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
     noise: DiagnoseNoise
     effects: tuple[FoundCause, ...]
@@ -350,12 +351,6 @@ class Findings(Entry):
     not_fitted: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...]
     spectra: tuple[SpectrumEntry, ...] = ()
-
-
-class DiagnoseRecord(Findings, Record):
-    """Where the gap lies, what causes it, how far it shrinks, and what to measure next."""
-
-    command: Literal["diagnose"] = "diagnose"
     holdout: str | None
     next_poses: tuple[NextPose, ...] = ()
     next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")] = ()

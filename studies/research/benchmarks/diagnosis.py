@@ -20,7 +20,8 @@ import numpy as np
 
 import calib
 from calib.diagnosis.diagnose import diagnose
-from studies.diagnose import make
+from studies.diagnose.make import diagnose_record
+from studies.record import envelope
 from studies.research.bench import Output, Row, bench, clocked, count, data_folder, each, table
 
 HELD_OUT = 0.3
@@ -32,8 +33,9 @@ def one_split(folder: Path, seed: int) -> Row:
     cell = calib.load_cell(folder / "cell.toml")
     data = calib.load_measurements(cell, folder / "measurements.csv")
     kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
-    found, seconds = clocked(lambda: make.findings(diagnose(cell, kept, heldout=held)))
-    told = found.model_dump(by_alias=True)
+    made_from = envelope(cell.name, [])
+    found, seconds = clocked(lambda: diagnose_record(diagnose(cell, kept, heldout=held), made_from))
+    told = found.model_dump(by_alias=True, exclude={"estimate"})
     return {**told, "seconds": seconds, "poses": len(kept), "seed": seed}
 
 

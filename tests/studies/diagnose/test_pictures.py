@@ -34,7 +34,7 @@ def result() -> Diagnosis:
 @pytest.fixture(scope="module")
 def drawn(result: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Picture]:
     file = tmp_path_factory.mktemp("diagnosed") / "d.json"
-    record = diagnose_record(result, (), None, shown(result), None, envelope("cell", []))
+    record = diagnose_record(result, envelope("cell", []), shown=shown(result))
     file.write_text(record.dumps())
     return {picture.name: picture for picture in pictures_of(tell(read(file)))}
 
@@ -171,7 +171,7 @@ __all__ = ["alike"]  # a fixture
 def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None:
     cell, found = alike
     result = doe.next_poses(cell, found, count=5)
-    record = diagnose_record(found, (), result, None, None, envelope("cell", []))
+    record = diagnose_record(found, envelope("cell", []), chosen=result)
     fields = json.loads(record.dumps(), parse_constant=pytest.fail)
     pair = [c.key for c, _ in found.causes[0].named.members]
     assert len(fields["next_poses"]) == 5

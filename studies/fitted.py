@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -100,8 +100,12 @@ _NUMBERS = {
 
 
 class ResidualEntry(Entry):
-    """Measured minus predicted reading: of a point, along one length, in an image, or of two angles."""
+    """Measured minus predicted reading: of a point, along one length, in an image, or of two angles.
 
+    beside : what the fields of the model that it is held against begin with
+    """
+
+    beside: ClassVar[str]
     pose: str
     marker: str
     instrument: str = "instrument"
@@ -139,55 +143,48 @@ class ResidualEntry(Entry):
     @property
     def before(self) -> tuple[float, ...]:
         """The same by the model that it is held against."""
-        raise NotImplementedError
+        (unit,) = self._told
+        return getattr(self, f"{self.beside}_{unit}") or ()
 
     @property
     def metric(self) -> bool:
         """Whether it is a length."""
         return "mm" in self._told
 
+    @classmethod
+    def of_readings(
+        cls, model: Model, data: Measurements, before: Array, after: Array, heldout: bool
+    ) -> Iterator[Self]:
+        """Each reading of a table, in the units that this kind of entry has.
 
-def residual_fields(
-    model: Model,
-    data: Measurements,
-    before: Array,
-    after: Array,
-    heldout: bool,
-    name: str,
-    *,
-    first_unit_only: bool = False,
-) -> Iterator[dict[str, Any]]:
-    """Each reading of a table as the fields of :class:`ResidualEntry`, in the units of the JSON.
+        before, after : ndarray, shape (m, C, r), SI, what two models leave
 
-    before, after : ndarray, shape (m, C, r), SI, what two models leave
-    name : of what is left before, ``<name>_mm``; first_unit_only : of a body's pose, no turns
-
-    Of a point in the instrument's frame, of the origin of a body in its own.
-    """
-    poses = data.poses
-    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
-    for instrument, part in model.readout.channels.blocks:
-        scales = np.array([n.scale for n in instrument.numbers])
-        measured = data.readings[:, part, : instrument.rows]
-        old, new = (
-            instrument.shown(measured, off[:, part, : instrument.rows]) / scales
-            for off in (before, after)
-        )
-        by_unit: dict[str, list[int]] = {}
-        for k, number in enumerate(instrument.numbers):
-            by_unit.setdefault(number.unit, []).append(k)
-        units = list(by_unit)[: 1 if first_unit_only else None]
-        for i, c in np.argwhere(data.seen[:, part]).tolist():
-            fields: dict[str, Any] = {
-                "pose": poses.names[i],
-                "marker": model.channel_names[part][c],
-                "instrument": instrument.name_at(sites[i]),
-                "heldout": heldout,
-            }
-            for unit in units:
-                fields[f"{name}_{unit}"] = tuple(old[i, c, by_unit[unit]].tolist())
-                for k in by_unit[unit]:
-                    fields[f"{instrument.numbers[k].name}_{unit}"] = float(new[i, c, k])
-            if "px" in units:
-                fields["at_px"] = tuple(measured[i, c, :2].tolist())
-            yield fields
+        Of a point in the instrument's frame, of the origin of a body in its own.
+        """
+        poses = data.poses
+        sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
+        for instrument, part in model.readout.channels.blocks:
+            scales = np.array([n.scale for n in instrument.numbers])
+            measured = data.readings[:, part, : instrument.rows]
+            old, new = (
+                instrument.shown(measured, off[:, part, : instrument.rows]) / scales
+                for off in (before, after)
+            )
+            by_unit: dict[str, dict[str, int]] = {}
+            for k, number in enumerate(instrument.numbers):
+                if (name := f"{number.name}_{number.unit}") in cls.model_fields:
+                    by_unit.setdefault(number.unit, {})[name] = k
+            for i, c in np.argwhere(data.seen[:, part]).tolist():
+                told: dict[str, Any] = {}
+                for unit, names in by_unit.items():
+                    told[f"{cls.beside}_{unit}"] = tuple(old[i, c, list(names.values())].tolist())
+                    told |= {name: float(new[i, c, k]) for name, k in names.items()}
+                if "u_px" in told and "at_px" in cls.model_fields:
+                    told["at_px"] = tuple(measured[i, c, :2].tolist())
+                yield cls(
+                    pose=poses.names[i],
+                    marker=model.channel_names[part][c],
+                    instrument=instrument.name_at(sites[i]),
+                    heldout=heldout,
+                    **told,
+                )

@@ -49,7 +49,7 @@ from studies.diagnose.record import (
     SpectrumLine,
 )
 from studies.entries import DetectionLimitEntry, shown_joints
-from studies.fitted import estimated, residual_fields
+from studies.fitted import estimated
 from studies.identify.errors import read_falsely
 from studies.noise import noise_fields
 from studies.record import Envelope, Outlier, envelope
@@ -336,12 +336,7 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
 def _residuals(found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[DiagnoseResidual]:
     """Measured minus predicted at each point, before and after the found effects; no turns."""
     before, after = (fit.model.off(fit.values, data) for fit in (found.before, found.after))
-    every = residual_fields(
-        found.before.model, data, before, after, heldout, "before", first_unit_only=True
-    )
-    for fields in every:
-        fields.pop("at_px", None)
-        yield DiagnoseResidual(**fields)
+    return DiagnoseResidual.of_readings(found.before.model, data, before, after, heldout)
 
 
 def label(candidate: Candidate) -> str:

@@ -323,14 +323,10 @@ class ErrorCurveEntry(Entry):
 class DiagnoseResidual(ResidualEntry):
     """Measured minus predicted reading, with what was found and before."""
 
+    beside = "before"
     before_mm: Lengths | None = None
     before_px: Pixels | None = None
     before_mrad: Angles | None = None
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The residual of the model as given."""
-        return self.before_mm or self.before_px or self.before_mrad or ()
 
 
 class DiagnoseRecord(Record):

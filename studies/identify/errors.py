@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import computed_field, model_validator
 
 from studies.document import FOUR, MRAD, Detail, Part, Sentence, Shown, Table, heads, listed
-from studies.fitted import Angles, Lengths, Pixels, ResidualEntry, residual_fields
+from studies.fitted import Angles, Lengths, Pixels, ResidualEntry
 from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Outlier, Three
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class IdentifyResidual(ResidualEntry):
     image, ``at_px`` where it was measured.
     """
 
+    beside = "nominal"
     rx_mrad: Maybe = None
     ry_mrad: Maybe = None
     rz_mrad: Maybe = None
@@ -91,12 +92,6 @@ class IdentifyResidual(ResidualEntry):
     nominal_px: Pixels | None = None
     at_px: Pixels | None = None
     nominal_mrad: Three | Angles | None = None
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The residual of the nominal model."""
-        alone = () if self.metric else self.nominal_mrad
-        return self.nominal_mm or self.nominal_px or alone or ()
 
 
 def distances_entry(found: Identification, figure: Callable[[Array], float]) -> ErrorFigures:
@@ -143,10 +138,8 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, PairErrors]]:
 
 def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
     """The entries of the readings fitted or held out."""
-    nominal = found.model.off(found.nominal, part.data)
-    heldout = part is found.heldout
-    every = residual_fields(found.model, part.data, nominal, part.vectors, heldout, "nominal")
-    yield from (IdentifyResidual(**fields) for fields in every)
+    nominal, held = found.model.off(found.nominal, part.data), part is found.heldout
+    return IdentifyResidual.of_readings(found.model, part.data, nominal, part.vectors, held)
 
 
 # -- poses that stand out -----------------------------------------------------------------------

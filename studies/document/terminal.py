@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -89,7 +88,10 @@ def _wrapped(text: str, width: int = LINE) -> list[str]:
 def _table(table: Table[Any]) -> Iterator[RenderableType]:
     columns = [column for column in table.columns if not column.detail]
     rows = table.rows[: table.most]
-    made: RichTable = plain_table(*_heads(columns))
+    made = RichTable(box=None, pad_edge=False, header_style="bold")  # without lines
+    for title, column in zip(_heads(columns), columns, strict=True):
+        justify: Any = "right" if column.rule.number else "left"
+        made.add_column(Text(title), justify=justify, overflow="fold")
     made.show_header = any(column.title for column in columns)
     for row in rows:
         made.add_row(*(Text(column.cell(row)) for column in columns))
@@ -98,23 +100,8 @@ def _table(table: Table[Any]) -> Iterator[RenderableType]:
         yield Text(f"and {len(table.rows) - len(rows)} more (JSON)")
 
 
-def _heads(columns: Sequence[Column[Any]]) -> Iterator[tuple[str, str]]:
+def _heads(columns: Sequence[Column[Any]]) -> list[str]:
     """Titles with the unit below, all ending in the same line."""
     heads = [f"{c.title}\n[{c.unit}]" if c.unit else c.title for c in columns]
     high = max(head.count("\n") for head in heads)
-    for head, column in zip(heads, columns, strict=True):
-        padding = "\n" * (high - head.count("\n"))
-        yield padding + head, "right" if column.rule.number else "left"
-
-
-def plain_table(*columns: tuple[str, str]) -> RichTable:
-    """A table without lines; columns are (title, "left" or "right")."""
-    table = RichTable(box=None, pad_edge=False, header_style="bold")
-    for title, justify in columns:
-        table.add_column(Text(title), justify=justify, overflow="fold")  # type: ignore[arg-type]
-    return table
-
-
-def number(value: float | None) -> str:
-    """Four digits, or a dash for what is undefined."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
+    return ["\n" * (high - head.count("\n")) + head for head in heads]

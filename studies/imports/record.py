@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 from pydantic import Field
 
 import calib
-from calib import Cell
 from calib.errors import InputError
 from calib.files.exports.join import some
 from calib.files.exports.joints import UNITS
@@ -19,6 +18,7 @@ from studies.document import Document, Part, Section, Table, heads, labelled
 from studies.record import Count, Entry, Envelope, From, Maybe, Record
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.files.csv_table import CsvTable
     from calib.files.exports import Joined, JointTable, PointList
     from calib.files.exports.sightings import Sighting

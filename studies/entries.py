@@ -87,15 +87,12 @@ def not_asked(entries: Iterable[NotAskedEntry]) -> Iterator[Sentence]:
         (CauseEntry(effect=kind, where=where), reason.partition(" cannot act: ")[2] or reason)
         for (kind, _, where), reason in split
     )
-    said = (f"{_shortly(causes)}: {reason}" for reason, causes in reasons.items())
+    said = []
+    for reason, causes in reasons.items():
+        places = Counter(cause.effect for cause in causes)
+        many = {effect: count for effect, count in places.items() if count > _PLACES}
+        said.append(f"{gathered(causes, many)}: {reason}")
     yield from labelled("not tested", said)
-
-
-def _shortly(causes: Sequence[CauseEntry]) -> str:
-    """Effects with their places, or without where there are many."""
-    places = Counter(cause.effect for cause in causes)
-    many = {effect: count for effect, count in places.items() if count > _PLACES}
-    return gathered(causes, many)
 
 
 class JointValues(Entry):

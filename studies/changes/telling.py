@@ -47,7 +47,11 @@ def _headline(record: ChangesRecord) -> Iterator[doc.Sentence]:
     between = f"{record.before} and {record.after}"
     if record.status == "unchanged":
         yield doc.Sentence(f"Nothing moved between {between} ({chance}).", "good")
-        yield doc.Sentence(_hidden(record))
+        room = f"A change below {mm(change.high)} RMS at the targets would go unnoticed"
+        beyond = "an effect outside the model may be larger"
+        if record.outside_mm is not None:
+            beyond = f"outside the model, {mm(record.outside_mm)} more"
+        yield doc.Sentence(f"{room}; {beyond}.")
     else:
         yield doc.Sentence(
             f"Something moved between {between} ({chance}): {_shown(change)} RMS.",
@@ -55,14 +59,6 @@ def _headline(record: ChangesRecord) -> Iterator[doc.Sentence]:
         )
         yield _cause(record)
     yield _tolerance(record)
-
-
-def _hidden(record: ChangesRecord) -> str:
-    """What the data leave room for, inside the model and outside of it."""
-    inside = f"A change below {mm(record.change_rms_mm.high)} RMS at the targets would go unnoticed"
-    if record.outside_mm is None:
-        return f"{inside}; an effect outside the model may be larger."
-    return f"{inside}; outside the model, {mm(record.outside_mm)} more."
 
 
 def _shown(error: IntervalEntry) -> str:

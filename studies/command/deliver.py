@@ -13,7 +13,6 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from studies.plots.style import Picture
     from studies.record import Record
 
 
@@ -35,6 +34,7 @@ def deliver(
 
     Raises InputError where something cannot be written; then nothing is.
     """
+    from calib.errors import InputError
     from calib.files.write import write_files
     from studies.document import pictures_of
     from studies.document.terminal import terminal
@@ -49,7 +49,15 @@ def deliver(
         texts[Path(json_path)] = record.dumps()
     texts |= files or {}
     if folder is not None:
-        texts |= figure_files(pictures_of(told), folder)
+        from studies.plots import style
+
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            what = f"cannot be made ({error.strerror})"
+            raise InputError(folder, "", what, "name another") from None
+        for picture in pictures_of(told):
+            texts |= style.files(picture, folder)
     write_files(texts)
     show(terminal(told, record.cell), json_path)
     say_written(texts, folder, json_path)
@@ -114,18 +122,6 @@ def check_outputs(
 def output_file(json_path: str | None) -> Path | None:
     """Where the JSON goes, None for standard output."""
     return None if json_path in (None, "-") else Path(str(json_path))
-
-
-def figure_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | bytes]:
-    """The files of figures in a folder, which is made. Raises InputError."""
-    from calib.errors import InputError
-    from studies.plots.style import folder_files
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
-    return folder_files(pictures, folder)
 
 
 def say_written(

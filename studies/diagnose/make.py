@@ -312,10 +312,12 @@ def shown(found: Diagnosis) -> DiagnosisShown:
             all_found.append((shares.get((own.where, own.depends_on), np.nan), own))
     all_found.sort(key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
     added = [own for _, own in all_found]
+    robot, each = found.before.model.robot, enumerate((error_curve(found, c) for c in added), 1)
+    curves = [_curve(own, number, robot) for number, own in each if own is not None]
     residuals = list(_residuals(found, found.data, False))
     if found.heldout is not None:
         residuals += _residuals(found, found.heldout, True)
-    return DiagnosisShown(_steps(found, added), tuple(_curves(found, added)), tuple(residuals))
+    return DiagnosisShown(_steps(found, added), tuple(curves), tuple(residuals))
 
 
 def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
@@ -344,13 +346,6 @@ def label(candidate: Candidate) -> str:
     if candidate.named:
         return f"{candidate.effect.kind}:{candidate.where}"
     return f"{candidate.where} by {candidate.depends_on}, no name"
-
-
-def _curves(result: Diagnosis, added: list[Candidate]) -> Iterator[ErrorCurveEntry]:
-    for number, candidate in enumerate(added, 1):
-        found = error_curve(result, candidate)
-        if found is not None:
-            yield _curve(found, number, result.before.model.robot)
 
 
 def _curve(found: ErrorCurve, number: int, robot: Robot) -> ErrorCurveEntry:

@@ -224,6 +224,10 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
     from calib.files.read import sha256
     from calib.files.write import write_files
     from studies.command.session import day_of, read_session
+    from studies.diagnose.make import diagnosed
+    from studies.diagnose.record import DiagnoseRecord
+    from studies.identify.make import identified
+    from studies.identify.record import IdentifyRecord
 
     cell = calib.load_cell(job.cell)
     if asked.learning and cell.size_prior == "estimated":
@@ -239,12 +243,10 @@ def _do(job: TableJob, asked: FleetTask, done: TableOutcome) -> None:
         record = _kept(path, verb, session)
         done.kept += record is not None
         if record is None:
-            record = _made(verb, session)
+            make = identified if verb == "identify" else diagnosed
+            _, record = make(session)
             write_files({path: record.dumps()})
         done.files += ((str(path), sha256(path)),)
-        from studies.diagnose.record import DiagnoseRecord
-        from studies.identify.record import IdentifyRecord
-
         if isinstance(record, IdentifyRecord):
             _identified(record, done)
         elif isinstance(record, DiagnoseRecord):
@@ -290,13 +292,6 @@ def _as_asked(record: Record, session: MeasuredTable) -> bool:
         held = record.sizes is None or session.cell.size_prior != "off"
         return plain and held and record.holdout == session.holdout
     return isinstance(record, DiagnoseRecord) and record.holdout == session.holdout
-
-
-def _made(verb: Verb, session: MeasuredTable) -> Record:
-    from studies.diagnose.make import diagnosed
-    from studies.identify.make import identified
-
-    return identified(session)[1] if verb == "identify" else diagnosed(session)[1]
 
 
 def _identified(record: IdentifyRecord, done: TableOutcome) -> None:

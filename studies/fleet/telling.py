@@ -193,7 +193,9 @@ def errors_by_robot(record: FleetRecord) -> style.Picture:
     _finish(figure, panels, every, "robot, least nominal error first", keys)
     for panel, own in names.items():
         if len(own) <= _NAMED:
-            _name(panel, own)
+            labels = [style.elided(name) for name in own]
+            turn = 90 if sum(map(len, labels)) > _LETTERS else 0
+            panel.set_xticks(range(1, len(own) + 1), labels, rotation=turn, fontsize=9)
     caption = (
         "RMS distance between measured and predicted points of each robot's last table, by type, in "
         "the order of the nominal model's error. A robot above its neighbours is worth a look."
@@ -250,13 +252,6 @@ def over_days(record: FleetRecord) -> style.Picture:
         header,
         rows,
     )
-
-
-def _name(panel: Axes, robots: Sequence[str]) -> None:
-    """Robots by name where they are few; else their number stands."""
-    labels = [style.elided(name) for name in robots]
-    upright = sum(map(len, labels)) > _LETTERS
-    panel.set_xticks(range(1, len(robots) + 1), labels, rotation=90 if upright else 0, fontsize=9)
 
 
 def _at(own: RobotTrend, dated: bool) -> Sequence[int]:

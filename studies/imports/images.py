@@ -14,7 +14,6 @@ import numpy as np
 from markupsafe import Markup
 
 from calib import Cell
-from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.csv_table import csv_text
 from calib.files.exports import Joined, JointTable, PointList
@@ -72,11 +71,6 @@ def image_files(paths: Iterable[Path]) -> list[Path]:
                 raise InputError(path, "", "holds no images", f"give {', '.join(IMAGES)}")
         found += own
     return found
-
-
-def patterns_of(cell: Cell, boards: Sequence[str]) -> list[Pattern]:
-    """The boards to look for. Raises InputError."""
-    return [pattern_of(cell.path, name) for name in boards]
 
 
 def cameras_of(cell: Cell) -> dict[str, Camera]:
@@ -156,21 +150,16 @@ def recorded_notes(recordings: Sequence[Recording], cell: Cell) -> list[str]:
     cameras = cameras_of(cell)
     if len(recordings) == len(cameras) == len(lenses) == 1:
         (camera,) = cameras.values()
-        notes += [] if _alike(camera.lens.values, lenses[0]) else [_other_lens(lenses[0])]
+        known, told = camera.lens.values, lenses[0]
+        most = max(len(known), len(told))
+        one, other = (np.pad(values, (0, most - len(values))) for values in (known, told))
+        if not np.allclose(one, other, atol=1e-6):
+            fx, fy, cx, cy, *bent = (f"{value:.6g}" for value in told)
+            notes.append(
+                f"camera_info has another lens than the cell: focal_px = [{fx}, {fy}], "
+                f"center_px = [{cx}, {cy}], distortion = [{', '.join(bent)}]"
+            )
     return notes
-
-
-def _alike(a: Array, b: Array) -> bool:
-    n = max(len(a), len(b))
-    return bool(np.allclose(np.pad(a, (0, n - len(a))), np.pad(b, (0, n - len(b))), atol=1e-6))
-
-
-def _other_lens(lens: Array) -> str:
-    fx, fy, cx, cy, *bent = (f"{value:.6g}" for value in lens)
-    return (
-        "camera_info has another lens than the cell: "
-        f"focal_px = [{fx}, {fy}], center_px = [{cx}, {cy}], distortion = [{', '.join(bent)}]"
-    )
 
 
 def joined_images(
@@ -258,7 +247,7 @@ class BoardImport:
         if self.cell is None:
             remedy = "give --cell CELL, whose [boards] say what is printed"
             raise InputError("--board", "", "names a board of a cell", remedy)
-        cell, patterns = self.cell, patterns_of(self.cell, self.boards)
+        cell, patterns = self.cell, [pattern_of(self.cell.path, name) for name in self.boards]
         own = [] if self.joints is None else [self.joints.path]
         inputs = [*_files(self.paths), *own, cell.path, *cell.robot_files]
         check_outputs(outputs, inputs)

@@ -397,14 +397,6 @@ def files(picture: Picture, folder: Path) -> dict[Path, str | bytes]:
     }
 
 
-def folder_files(pictures: Iterable[Picture], folder: Path) -> dict[Path, str | bytes]:
-    """The files of several pictures; their names must differ."""
-    made: dict[Path, str | bytes] = {}
-    for picture in pictures:
-        made |= files(picture, folder)
-    return made
-
-
 def svg_text(picture: Picture, headed: bool = False) -> str:
     """The figure as SVG with title and description; equal for equal data.
 

@@ -136,17 +136,16 @@ def figure_data(scene: ArmScene, shown: ArmPicture) -> dict[str, Any]:
         "values": scene.values.tolist(),
         "states": states,
         "state": [number[state] for state in zip(told, shown.lost, strict=True)],
-        "points": [_path_of(point) for point in shown.points.swapaxes(0, 1)],
+        # Where each point is at each pose, one after the other; once, where it stands still.
+        "points": [
+            (own if (own != own[0]).any() else own[0]).ravel().tolist()
+            for own in shown.points.swapaxes(0, 1)
+        ],
         "tip": shown.tip,
         "frame": shown.frame.ravel().tolist(),
         "view": [START.azimuth, START.elevation],
         "parts": [_plain(part) for part in shown.parts],
     }
-
-
-def _path_of(point: IntArray) -> list[int]:
-    """Where a point (m, 3) is at each pose, one after the other; once, where it stands still."""
-    return list((point if (point != point[0]).any() else point[0]).ravel().tolist())
 
 
 def _plain(part: DrawnPart) -> dict[str, Any]:
@@ -208,42 +207,28 @@ def picture(scene: ArmScene) -> ArmPicture:
     canvas = _Canvas(len(scene.values))
     chain = canvas.run(scene.chain)
     markers, stems = canvas.run(scene.marker_points), canvas.run(scene.stems)
+    tip_axes = np.rint(scene.tip_axes * scene.around.step * _TIP_AXIS).astype(int)
     parts = (
         *_stage(scene, canvas),
         *_all_arms(scene, canvas),
         *_arm(scene, canvas, chain),
         *_branches(scene, canvas),
         *_sight(scene, canvas, markers),
-        *_tip(scene, canvas, chain[-1]),
+        *_triad(chain[-1], canvas.run(scene.chain[:, -1:] + tip_axes), "xyz", "arm-tip-axis"),
         *_fixtures(scene, canvas),
         *_markers(scene, markers, stems),
     )
-    count = len(scene.poses)
+    count, (joints, read) = len(scene.poses), scene.readout(0)
     return ArmPicture(
         title=f"{scene.name}: the arm at {count} {'pose' if count == 1 else 'poses'}",
-        description=_description(scene),
+        description=f"The arm in its base frame over a floor with cells of {scene.around.step} mm: "
+        f"faintly at every pose, strongly at {scene.poses[0]}. Joints: {joints}. Markers: {read}.",
         points=canvas.points,
         tip=chain[-1],
         lost=tuple(scene.lost(i) for i in range(count)),
         frame=scene.around.frame,
         parts=parts,
     )
-
-
-def _description(scene: ArmScene) -> str:
-    """The drawing in words, for who does not see it."""
-    joints, markers = scene.readout(0)
-    return (
-        f"The arm in its base frame over a floor with cells of {scene.around.step} mm: faintly at "
-        f"every pose, strongly at {scene.poses[0]}. Joints: {joints}. Markers: {markers}."
-    )
-
-
-def _sights(scene: ArmScene, instrument: IntArray) -> IntArray:
-    """Ends of the lines of sight to a far instrument, (m, M, 3) mm."""
-    away = instrument - scene.marker_points
-    share = _SIGHT * scene.around.step / np.linalg.norm(away, axis=-1, keepdims=True)
-    return np.asarray(np.rint(scene.marker_points + share * away), dtype=int)
 
 
 def _stage(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
@@ -306,12 +291,6 @@ def _branches(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
         yield Text("arm-label", (way[-1:],), link, down=14)
 
 
-def _tip(scene: ArmScene, canvas: _Canvas, tip: int) -> Iterator[DrawnPart]:
-    """The tip's frame."""
-    axes = np.rint(scene.tip_axes * scene.around.step * _TIP_AXIS).astype(int)
-    yield from _triad(tip, canvas.run(scene.chain[:, -1:] + axes), "xyz", "arm-tip-axis")
-
-
 def _triad(origin: int, ends: Iterable[int], names: str, kind: str) -> Iterator[DrawnPart]:
     """Axes with their letters; one that is seen end on has none."""
     for end, name in zip(ends, names, strict=True):
@@ -325,7 +304,10 @@ def _sight(scene: ArmScene, canvas: _Canvas, markers: Run) -> Iterator[DrawnPart
     if around.instrument is None:
         return
     if around.far:
-        ends = canvas.run(_sights(scene, around.instrument))
+        away = around.instrument - scene.marker_points
+        length = np.linalg.norm(away, axis=-1, keepdims=True)
+        sights = scene.marker_points + _SIGHT * around.step / length * away
+        ends = canvas.run(np.rint(sights).astype(int))
     else:
         ends = canvas.run(around.instrument[None]) * len(markers)
     for j, line in enumerate(zip(markers, ends, strict=True)):
@@ -333,8 +315,8 @@ def _sight(scene: ArmScene, canvas: _Canvas, markers: Run) -> Iterator[DrawnPart
             scene, j, [Stroke("arm-sight", (line,))], [Stroke("arm-blocked", (line,))]
         )
     if around.far:
-        away = float(np.linalg.norm(around.instrument)) / 1e3
-        yield Text("arm-label", (ends[:1],), f"instrument {away:.1f} m from base")
+        far = float(np.linalg.norm(around.instrument)) / 1e3
+        yield Text("arm-label", (ends[:1],), f"instrument {far:.1f} m from base")
         return
     place = canvas.run(around.instrument[None])
     yield Stroke("arm-drop", ((place[0], ~place[0]),))

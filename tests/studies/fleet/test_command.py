@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from click.testing import Result
 
-from studies.fleet import command, tables
+from studies.fleet import command
 from tests.studies.command_line import checked, run
 from tests.studies.fleet.robots import SIGMA, put, table
 
@@ -175,7 +175,7 @@ def test_a_result_by_other_options_is_not_taken(few: Path) -> None:
 
 def test_a_fault_of_our_own_ends_no_run(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (few / "r0" / "measurements.identify.json").unlink()
-    monkeypatch.setattr(tables, "_made", lambda *_: divmod(1, 0))
+    monkeypatch.setattr("studies.identify.make.identified", lambda *_: divmod(1, 0))
     fields, _ = fleet(few, "--holdout", 0.3)
     (own,) = [s for s in fields["sessions"] if s["robot"] == "r0"]
     assert own["fault"].startswith("a fault of posecal itself (ZeroDivisionError")

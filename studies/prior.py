@@ -26,7 +26,7 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from studies.fleet.types import TypeEstimate
+    from studies.fleet.make import TypeEstimate
 
 _MOST = 20  # lines of a table that a terminal shows
 _FEW = 10  # robots below which plausible sizes still count

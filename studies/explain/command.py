@@ -26,7 +26,7 @@ def explain(topic: str | None) -> None:
     from studies.command.deliver import show
     from studies.document.terminal import terminal
     from studies.explain import topics
-    from studies.explain.text import document_of
+    from studies.explain.topics import document_of
 
     if topic is not None:
         show(terminal(topics.topic(topic)), None)

@@ -113,8 +113,7 @@ def fleet(
 def _prior(done: Sequence[TableOutcome], fleet_folder: Path, seed: int) -> PriorRecord:
     """What the types know. Raises InputError where no robot says anything."""
     from calib.errors import InputError
-    from studies.fleet.make import latest, results_of
-    from studies.fleet.types import type_estimates
+    from studies.fleet.make import latest, results_of, type_estimates
     from studies.prior import prior_record
     from studies.record import envelope
 

@@ -35,9 +35,8 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     from calib.files.read import sha256
     from doe.constraints.self_collision import unchecked
     from doe.day.day import day_of
-    from studies.programs.languages import LANGUAGES
+    from studies.programs.languages import LANGUAGES, checked_lines, plain_text, plan_stops
     from studies.programs.record import program_record
-    from studies.programs.stops import checked_lines, plain_text, plan_stops
     from studies.record import envelope
 
     language = LANGUAGES.get(program_path.suffix.lower())

@@ -12,7 +12,7 @@ from studies.record import Count, Envelope, Record
 
 if TYPE_CHECKING:
     from doe.day.day import PlannedDay
-    from studies.programs.stops import Program, Stop
+    from studies.programs.languages import Program, Stop
 
 
 class ProgramRecord(Record):

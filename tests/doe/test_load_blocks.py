@@ -21,7 +21,7 @@ from calib.poses import poses_at
 from calib.poses.load_blocks import even_blocks, turns
 from doe.ahead.coming import match, whole_day
 from doe.day.day import day_of
-from studies.programs.stops import checked_lines, plan_stops
+from studies.programs.languages import checked_lines, plan_stops
 from tests.doe.test_run_order import SLOW, cell_of
 
 OPTIONS: dict[str, Any] = {"candidates": 300, "fresh": False, "reapproach": 0}

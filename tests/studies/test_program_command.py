@@ -20,8 +20,14 @@ from doe.constraints import constraints_of
 from doe.constraints.clearance import Clearance
 from doe.day.day import day_of
 from doe.day.straight import straight
-from studies.programs.languages import LANGUAGES, axis_names, identifier
-from studies.programs.stops import Stop, plain_text, plan_stops
+from studies.programs.languages import (
+    LANGUAGES,
+    Stop,
+    axis_names,
+    identifier,
+    plain_text,
+    plan_stops,
+)
 from tests.helpers import cell_of, random_robot
 from tests.studies.command_line import paper_cell
 from tests.studies.command_line import run as posecal

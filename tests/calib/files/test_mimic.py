@@ -27,7 +27,7 @@ from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
 from calib.poses import poses_at
 from doe.problem.pool import drawn
-from studies.programs.stops import plan_stops
+from studies.programs.languages import plan_stops
 from tests.helpers import all_seen, cell_of, random_robot
 from tests.trees import Joint, placed
 

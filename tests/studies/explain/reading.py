@@ -52,8 +52,7 @@ def texts() -> Iterator[tuple[str, str]]:
     """What is read, by name: the README, what ``--help`` says, every topic, effects and criteria."""
     from calib.effects import EFFECTS
     from doe.criteria import CRITERIA
-    from studies.explain.text import meanings
-    from studies.explain.topics import criterion_text, effect_text, written
+    from studies.explain.topics import criterion_text, effect_text, meanings, written
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())

@@ -14,8 +14,16 @@ from calib.instruments import KINDS
 from doe.criteria import CRITERIA, UNASKED
 from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
 from studies.document.page import Writer
-from studies.explain.text import TABLES, document_of, forms, meanings, rows
-from studies.explain.topics import titles, topic, written
+from studies.explain.topics import (
+    TABLES,
+    document_of,
+    forms,
+    meanings,
+    rows,
+    titles,
+    topic,
+    written,
+)
 from tests.studies.command_line import run
 from tests.studies.explain.reading import length, sentences, texts
 

@@ -48,7 +48,7 @@ class Shared:
     inside : int, poses in it, of ``poses``; outliers : int, of them set aside, of ``of``
     p : float, probability by chance that so many stand so close in any variable
     unit, scale : str and float, for people, and SI per unit
-    alone : float, SI, how far a single outlier lies beyond all other poses, zero where several share
+    alone : float, SI, how far a single outlier lies beyond all other poses, None where several share
     """
 
     variable: str
@@ -61,7 +61,7 @@ class Shared:
     p: float
     unit: str
     scale: float
-    alone: float = 0.0
+    alone: float | None = None
 
     def __str__(self) -> str:
         name = self.variable.removeprefix("q:")

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array
     from calib.identification import Residuals
-    from calib.identification.pattern import Shared
     from calib.model import Model as FittedModel
 
 _MM = 1e3
@@ -106,14 +105,6 @@ def rms_of(distances: Array) -> float:
     return float(np.sqrt(np.mean(distances**2)))
 
 
-def instrument_entries(found: Identification) -> tuple[OfInstrument, ...]:
-    """The entries of each instrument's errors."""
-    return tuple(
-        OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
-        for (name, unit), rms in found.by_instrument.items()
-    )
-
-
 def pair_entries(found: Identification) -> Iterator[tuple[Model, PairErrors]]:
     """The entries of the errors between points of two poses, by model."""
     from calib.identification.residuals import pair_errors
@@ -136,12 +127,6 @@ def pair_entries(found: Identification) -> Iterator[tuple[Model, PairErrors]]:
             yield key, PairErrors(rms=rms_of(mm), p95=p95, max=most, pairs=len(mm))
 
 
-def residual_entries(found: Identification, part: Residuals) -> Iterator[IdentifyResidual]:
-    """The entries of the readings fitted or held out."""
-    nominal, held = found.model.off(found.nominal, part.data), part is found.heldout
-    return IdentifyResidual.of_readings(found.model, part.data, nominal, part.vectors, held)
-
-
 # -- poses that stand out -----------------------------------------------------------------------
 
 _MOST_FALSE = 3  # readings that a line names
@@ -160,7 +145,7 @@ class OutliersTogether(Entry):
     outliers: Count
     of_outliers: Annotated[Count, From("of")]
     p: Number
-    beyond_all_others: Maybe
+    beyond_all_others: Annotated[Maybe, From("alone", own_unit=True)]
 
 
 def outlier_entries(part: Residuals, model: FittedModel, footprint: float) -> Iterator[Outlier]:
@@ -188,12 +173,6 @@ def read_falsely(part: Residuals, model: FittedModel, pose: int) -> str | None:
         for own in part.false_readings(pose)
     ]
     return "; ".join(found) or None
-
-
-def together_entry(common: Shared) -> OutliersTogether:
-    """The entry of what outliers share."""
-    beyond = common.alone / common.scale if common.alone else None
-    return OutliersTogether.from_result(common, beyond_all_others=beyond)
 
 
 _OUTLIERS = heads("pose", "what became of it", "reason")

@@ -27,16 +27,15 @@ from studies.fitted import estimated
 from studies.identify.budget import acceptance_entry, budget_entry
 from studies.identify.drift import drift_entry
 from studies.identify.errors import (
+    IdentifyResidual,
+    OfInstrument,
     distances_entry,
-    instrument_entries,
     outlier_entries,
     pair_entries,
-    residual_entries,
     rms_of,
-    together_entry,
 )
 from studies.identify.parameters import (
-    absorbed_entries,
+    RedundantParameter,
     lens_entries,
     of_type_entry,
     parameter_entries,
@@ -109,21 +108,37 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         points=int(fit.data.seen.sum()),
         parameters=parameter_entries(found),
         unused_poses=(*found.unused, *found.waiting),
-        absorbed=absorbed_entries(found),
+        absorbed=[
+            RedundantParameter(id=own.id, absorbed_by=tuple(name for name, _ in own.absorbed_by))
+            for own in found.absorbed
+            if own.absorbed_by
+        ],
         outliers=outlier_entries(fit, found.model, found.footprint),
-        outliers_share=found.shared and together_entry(found.shared),
         heldout_outliers=()
         if held is None
         else outlier_entries(held, found.model, found.footprint),
         rms_mm=distances_entry(found, rms_of),
         max_mm=distances_entry(found, lambda d: float(d.max())),
         p95_mm=distances_entry(found, lambda d: float(np.quantile(d, 0.95))),
-        instruments=instrument_entries(found),
+        instruments=[
+            OfInstrument.model_validate({"instrument": name, "unit": unit, **rms})
+            for (name, unit), rms in found.by_instrument.items()
+        ],
         pair_distances_mm=dict(pair_entries(found)),
         rms_of_residuals_mm=rms_of(fit.lengths()) * _MM if fit.channels.metric else None,
         **_placements(found),
         correlation=np.round(found.correlation, 4),
-        residuals=[row for part in parts for row in residual_entries(found, part)],
+        residuals=[
+            row
+            for part in parts
+            for row in IdentifyResidual.of_readings(
+                found.model,
+                part.data,
+                found.model.off(found.nominal, part.data),
+                part.vectors,
+                part is held,
+            )
+        ],
         task_rms_mm=accuracy.rms(accuracy.expected.errors) * _MM,
         task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
         targets=accuracy.source,

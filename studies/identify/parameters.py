@@ -96,13 +96,6 @@ def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
     )
 
 
-def absorbed_entries(found: Identification) -> tuple[RedundantParameter, ...]:
-    """The entries of the constants left out for others."""
-    absorbed = [own for own in found.absorbed if own.absorbed_by]
-    by = [[name for name, _ in own.absorbed_by] for own in absorbed]
-    return RedundantParameter.from_each(absorbed, absorbed_by=by)
-
-
 def sizes_entry(found: Widths) -> SizePrior:
     """The entry of the widths that an identification found."""
     of = found.of

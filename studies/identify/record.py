@@ -92,7 +92,7 @@ class IdentifyRecord(Record):
     unidentifiable: tuple[UnidentifiableEntry, ...]
     absorbed: tuple[RedundantParameter, ...]
     outliers: tuple[Outlier, ...]
-    outliers_share: OutliersTogether | None = None
+    outliers_share: Annotated[OutliersTogether | None, From("shared")] = None
     heldout_outliers: tuple[Outlier, ...]
     rms_mm: ErrorFigures
     max_mm: ErrorFigures

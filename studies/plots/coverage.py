@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.arrays import Array
-from studies.plots.style import (
-    INK,
-    SOFT,
-    Picture,
-    cell,
-    key_of,
-    legend_below,
-    looks,
-    sheet,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,12 +40,12 @@ class BoardViews:
         return np.histogramdd(self.at, bins=counts, range=ends)[0]
 
 
-@styled
-def seen_where(views: Sequence[BoardViews]) -> Picture:
+@style.styled
+def seen_where(views: Sequence[BoardViews]) -> style.Picture:
     """A row for each camera: points over the image, and distance and tilt of the boards."""
     cameras = list(dict.fromkeys(own.camera for own in views))
-    look = looks(list(dict.fromkeys(own.board for own in views)))
-    figure = sheet(9.0, 3.2 * len(cameras) + 0.5)
+    look = style.looks(list(dict.fromkeys(own.board for own in views)))
+    figure = style.sheet(9.0, 3.2 * len(cameras) + 0.5)
     axes = figure.subplots(len(cameras), 2, squeeze=False)
     rows = []
     for (image, aside), camera in zip(axes, cameras, strict=True):
@@ -64,20 +53,32 @@ def seen_where(views: Sequence[BoardViews]) -> Picture:
         fields = np.sum([view.fields for view in own], axis=0)
         covered = float((fields > 0).mean())
         _over_image(image, own[0].image, fields)
-        image.set_title(f"{camera}: {100 * covered:.0f} % of the image", fontsize=9, color=INK)
-        tidy(aside)
+        image.set_title(
+            f"{camera}: {100 * covered:.0f} % of the image", fontsize=9, color=style.INK
+        )
+        style.tidy(aside)
         for view in own:
-            style: Any = {"color": look[view.board].color, "marker": look[view.board].marker}
-            aside.plot(np.degrees(view.tilt), view.distance, linestyle="", markersize=4.5, **style)
+            own_look: Any = {"color": look[view.board].color, "marker": look[view.board].marker}
+            aside.plot(
+                np.degrees(view.tilt), view.distance, linestyle="", markersize=4.5, **own_look
+            )
             span = [
                 *np.degrees(np.quantile(view.tilt, [0, 1])),
                 *np.quantile(view.distance, [0, 1]),
             ]
-            rows.append((camera, view.board, len(view.tilt), cell(100 * covered), *map(cell, span)))
+            rows.append(
+                (
+                    camera,
+                    view.board,
+                    len(view.tilt),
+                    style.cell(100 * covered),
+                    *map(style.cell, span),
+                )
+            )
         aside.set(xlabel="tilt [deg]", ylabel="distance [m]", xlim=(0.0, 90.0))
         aside.set_ylim(bottom=0.0)
-    legend_below(figure, [key_of(own, linestyle="") for own in look.values()])
-    return Picture(
+    style.legend_below(figure, [style.key_of(own, linestyle="") for own in look.values()])
+    return style.Picture(
         "coverage",
         "Where the boards were seen",
         "Left: points in each field of the image; a lens is known where it was tried, so its corners "
@@ -99,4 +100,4 @@ def _over_image(panel: Axes, size: Array, fields: Array) -> None:
     panel.set_aspect("equal")
     panel.set(xlim=(0.0, size[0]), ylim=(size[1], 0.0), xlabel="u [px]", ylabel="v [px]")
     for spine in panel.spines.values():
-        spine.set(visible=True, color=SOFT)
+        spine.set(visible=True, color=style.SOFT)

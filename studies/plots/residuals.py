@@ -9,30 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
-from studies.plots.style import (
-    BLUE,
-    DASHED,
-    FAINT,
-    INK,
-    PANEL,
-    SOFT,
-    VERMILLION,
-    Cell,
-    Look,
-    Picture,
-    cell,
-    dots,
-    key_of,
-    legend_below,
-    line_key,
-    looks,
-    patch_key,
-    pose_ticks,
-    sheet,
-    small_panels,
-    styled,
-    tidy,
-)
+from studies.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,10 +17,10 @@ if TYPE_CHECKING:
 
 _MM = 1e3
 _A_POSE = 0.14  # inch
-_RING: Any = {"color": INK, "linestyle": "", "markerfacecolor": "none"}
+_RING: Any = {"color": style.INK, "linestyle": "", "markerfacecolor": "none"}
 
 
-@styled
+@style.styled
 def by_pose_and_axis(
     pose_names: Sequence[str],
     residuals: Array,
@@ -54,7 +31,7 @@ def by_pose_and_axis(
     *,
     name: str = "residuals",
     title: str = "Residuals of each pose",
-) -> Picture:
+) -> style.Picture:
     """Residuals in x, y, z by pose with the band of the noise; three panels of equal limits.
 
     residuals : ndarray, shape (m, M, 3), m, measured minus predicted
@@ -67,38 +44,40 @@ def by_pose_and_axis(
     values[~seen] = np.nan
     limit = _limit(values, flagged, sigma * _MM)
     m = len(pose_names)
-    figure = sheet(min(10.5, max(PANEL, _A_POSE * m)), 4.6)
+    figure = style.sheet(min(10.5, max(style.PANEL, _A_POSE * m)), 4.6)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    look = looks(marker_names)
+    look = style.looks(marker_names)
     for axis, panel in zip("xyz", panels, strict=True):
-        tidy(panel, "y")
-        panel.axhspan(-2.0 * sigma * _MM, 2.0 * sigma * _MM, color=FAINT, linewidth=0, zorder=0)
-        panel.axhline(0.0, color=SOFT, linewidth=0.8)
+        style.tidy(panel, "y")
+        panel.axhspan(
+            -2.0 * sigma * _MM, 2.0 * sigma * _MM, color=style.FAINT, linewidth=0, zorder=0
+        )
+        panel.axhline(0.0, color=style.SOFT, linewidth=0.8)
         panel.set(ylabel=f"{axis} [mm]", ylim=(-limit, limit), xlim=(-0.7, m - 0.3))
         of_axis: Array = values[:, :, "xyz".index(axis)]
         for place, marker in enumerate(marker_names):
             aside = 0.55 * ((place + 0.5) / len(marker_names) - 0.5)
             at: Array = np.arange(m, dtype=np.float64) + aside
             mark: Any = {"color": look[marker].color, "marker": look[marker].marker}
-            dots(
+            style.dots(
                 panel, pose_names, at, of_axis[:, place], markersize=4.5 if m <= 40 else 3.0, **mark
             )
             _flag(panel, at, of_axis[:, place], flagged[:, place], limit)
-    pose_ticks(panels[-1], pose_names)
+    style.pose_ticks(panels[-1], pose_names)
     panels[-1].set_xlabel("pose")
-    handles = [key_of(look[marker], linestyle="") for marker in marker_names]
+    handles = [style.key_of(look[marker], linestyle="") for marker in marker_names]
     band = f"\N{PLUS-MINUS SIGN}2 sigma, sigma = {sigma * _MM:.3g} mm"
-    handles.append(patch_key(band, facecolor=FAINT))
+    handles.append(style.patch_key(band, facecolor=style.FAINT))
     if flagged.any():
-        handles.append(line_key("outlier", marker="o", markersize=9.0, **_RING))
-    legend_below(figure, handles)
+        handles.append(style.line_key("outlier", marker="o", markersize=9.0, **_RING))
+    style.legend_below(figure, handles)
     caption = _caption(values, flagged, sigma * _MM, limit)
     header = ("pose", "RMS [mm]", "largest [mm]", "axis", "marker", "outlier")
     rows = tuple(
         _row(label, values[i], flagged[i], marker_names) for i, label in enumerate(pose_names)
     )
     title = f"{title}: {_inside(values, flagged, sigma * _MM):.0f} % are within the noise"
-    return Picture(name, title, caption, figure, header, rows)
+    return style.Picture(name, title, caption, figure, header, rows)
 
 
 def _inside(values: Array, flagged: NDArray[np.bool_], sigma: float) -> float:
@@ -142,7 +121,7 @@ def _flag(panel: Axes, at: Array, values: Array, flagged: NDArray[np.bool_], lim
 
 def _row(
     label: str, values: Array, flagged: NDArray[np.bool_], markers: Sequence[str]
-) -> tuple[Cell, ...]:
+) -> tuple[style.Cell, ...]:
     """RMS over markers of the distances, and the largest coordinate with where it stands."""
     squares = (values**2).sum(axis=-1)
     known = np.isfinite(squares)
@@ -151,8 +130,8 @@ def _row(
     marker, axis = np.unravel_index(np.nanargmax(np.abs(values)), values.shape)
     return (
         label,
-        cell(np.sqrt(squares[known].mean())),
-        cell(values[marker, axis]),
+        style.cell(np.sqrt(squares[known].mean())),
+        style.cell(values[marker, axis]),
         "xyz"[axis],
         markers[int(marker)],
         "yes" if flagged.any() else "",
@@ -162,56 +141,65 @@ def _row(
 _COLUMNS = 4
 _BINS = 6
 _FEWEST = 3  # poses of a bin worth a median
-_FITTED = Look("fitted poses", BLUE, "o")
-_HELD = Look("held-out poses", VERMILLION, "^")
-_MEDIAN = Look("median of a sixth", SOFT, "_", "-")
-_NOISE = Look("noise alone", INK, "", DASHED)
+_FITTED = style.Look("fitted poses", style.BLUE, "o")
+_HELD = style.Look("held-out poses", style.VERMILLION, "^")
+_MEDIAN = style.Look("median of a sixth", style.SOFT, "_", "-")
+_NOISE = style.Look("noise alone", style.INK, "", style.DASHED)
 
 
-@styled
+@style.styled
 def against(
     pose_names: Sequence[str],
     error: Array,
     variables: Mapping[str, Array],
     sigma: float,
     heldout: NDArray[np.bool_],
-) -> Picture:
+) -> style.Picture:
     """The error of each pose over each variable, one panel a variable, with medians of sixths.
 
     error : ndarray, shape (m,), m, RMS over the markers of the pose
     variables : label with unit -> ndarray, shape (m,); sigma : of one coordinate [m]
     heldout : ndarray of bool, shape (m,), poses that took no part in the fit
     """
-    figure, panels = small_panels(
+    figure, panels = style.small_panels(
         len(variables), _COLUMNS, lambda a, b: (2.6 * a + 0.4, 2.1 * b + 0.7), sharey=True
     )
     shown = error * _MM
     looks = [_FITTED, *([_HELD] if heldout.any() else [])]
     size = 4.0 if len(error) <= 100 else 2.2
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[style.Cell, ...]] = []
     for panel, (label, values) in zip(panels, variables.items(), strict=True):
-        tidy(panel, "y")
-        panel.axhline(np.sqrt(3.0) * sigma * _MM, color=INK, linewidth=1.0, linestyle=DASHED)
+        style.tidy(panel, "y")
+        panel.axhline(
+            np.sqrt(3.0) * sigma * _MM, color=style.INK, linewidth=1.0, linestyle=style.DASHED
+        )
         for look, mask in zip(looks, (~heldout, heldout), strict=False):
             own = [name for name, chosen in zip(pose_names, mask, strict=True) if chosen]
-            dots(
+            style.dots(
                 panel, own, values[mask], shown[mask], color=look.color, marker=look.marker,
                 markersize=size, markeredgewidth=0.0, alpha=0.75,
             )  # fmt: skip
         centre, median = _medians(values, shown)
-        panel.plot(centre, median, color=SOFT, linewidth=1.6, marker="_", markersize=9.0)
+        panel.plot(centre, median, color=style.SOFT, linewidth=1.6, marker="_", markersize=9.0)
         panel.set(xlabel=label, ylim=(0.0, 1.08 * float(np.nanmax(shown))))
-        rows.append((label, cell(_trend(values, shown)), cell(median.max()), cell(median.min())))
+        rows.append(
+            (
+                label,
+                style.cell(_trend(values, shown)),
+                style.cell(median.max()),
+                style.cell(median.min()),
+            )
+        )
     for panel in panels[::_COLUMNS]:
         panel.set_ylabel("error of a pose [mm]")
-    legend_below(figure, [key_of(look) for look in (*looks, _MEDIAN, _NOISE)])
+    style.legend_below(figure, [style.key_of(look) for look in (*looks, _MEDIAN, _NOISE)])
     caption = (
         "RMS distance between measured and predicted markers of each pose. Where the model holds, the "
         "medians lie level near the dashed line; a slope or a bow points to what is not modelled."
     )
     header = ("against", "rank correlation [-]", "highest median [mm]", "lowest median [mm]")
     title = "The error that is left, over what it may depend on"
-    return Picture("against", title, caption, figure, header, tuple(rows))
+    return style.Picture("against", title, caption, figure, header, tuple(rows))
 
 
 def _medians(values: Array, shown: Array) -> tuple[Array, Array]:
@@ -237,13 +225,13 @@ def _trend(values: Array, shown: Array) -> float:
 _SHARE = 0.05  # of the image: the length of an arrow of the 95th percentile
 
 
-@styled
-def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Picture:
+@style.styled
+def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> style.Picture:
     """Measured minus predicted over the image, one panel a camera, all arrows magnified alike.
 
     fields : camera -> where, off (n, 2), px, and the names of the readings
     """
-    figure = sheet(min(10.5, 1.2 + 4.6 * len(fields)), 4.9)
+    figure = style.sheet(min(10.5, 1.2 + 4.6 * len(fields)), 4.9)
     axes = np.atleast_1d(figure.subplots(1, len(fields), squeeze=False)[0])
     size = np.concatenate([np.linalg.norm(off, axis=1) for _, off, _ in fields.values()])
     span = max(float(np.ptp(at, axis=0).max()) for at, _, _ in fields.values()) or 1.0
@@ -253,15 +241,15 @@ def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Pi
         _field(panel, at, off, times)
         rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         panel.set_title(
-            f"{name}: {rms:.3g} px RMS, arrows {times:g} times as long", fontsize=9, color=INK
+            f"{name}: {rms:.3g} px RMS, arrows {times:g} times as long", fontsize=9, color=style.INK
         )
     axes[0].set_ylabel("v [px]")
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
         (name, reading, float(at[i, 0]), float(at[i, 1]), float(off[i, 0]), float(off[i, 1]))
         for name, (at, off, readings) in fields.items()
         for i, reading in enumerate(readings)
     )
-    return Picture(
+    return style.Picture(
         "image",
         "Measured minus predicted over the image of each camera",
         f"Measured minus predicted, arrows {times:g} times as long as they are. A pattern that follows "
@@ -275,12 +263,12 @@ def over_image(fields: Mapping[str, tuple[Array, Array, tuple[str, ...]]]) -> Pi
 def _field(panel: Axes, at: Array, off: Array, times: float) -> None:
     moved = off * times
     panel.quiver(
-        *at.T, *moved.T, angles="xy", scale_units="xy", scale=1.0, color=BLUE, width=0.0025,
+        *at.T, *moved.T, angles="xy", scale_units="xy", scale=1.0, color=style.BLUE, width=0.0025,
         headwidth=4.0, headlength=5.0,
     )  # fmt: skip
-    panel.plot(*at.T, ".", markersize=2.0, color=FAINT, zorder=0)
+    panel.plot(*at.T, ".", markersize=2.0, color=style.FAINT, zorder=0)
     panel.set_aspect("equal", adjustable="datalim")
     panel.invert_yaxis()
     panel.set_xlabel("u [px]")
     panel.margins(0.08)
-    tidy(panel)
+    style.tidy(panel)

@@ -322,11 +322,5 @@ def errors_at_targets(record: ChangesRecord) -> style.Picture:
         for t in targets
     )  # fmt: skip
     header = ("target", "kept [mm]", "from [mm]", "to [mm]", "moved [mm]", "from [mm]", "to [mm]")
-    return style.Picture(
-        "changes_at_targets",
-        f"Error at each target today, with {record.before} and by the robot itself",
-        caption,
-        figure,
-        header,
-        rows,
-    )
+    title = f"Error at each target today, with {record.before} and by the robot itself"
+    return style.Picture("changes_at_targets", title, caption, figure, header, rows)

@@ -206,14 +206,8 @@ def errors_by_robot(record: FleetRecord) -> style.Picture:
         for own in group
     )
     header = ("type", "robot", "nominal [mm]", "identified [mm]", "held out [mm]")
-    return style.Picture(
-        "errors_by_robot",
-        "Error of each robot before and after identification",
-        caption,
-        figure,
-        header,
-        rows,
-    )
+    title = "Error of each robot before and after identification"
+    return style.Picture("errors_by_robot", title, caption, figure, header, rows)
 
 
 @style.styled
@@ -244,14 +238,8 @@ def over_days(record: FleetRecord) -> style.Picture:
         )
     )
     header = ("robot", "table", x, "nominal [mm]", "identified [mm]")
-    return style.Picture(
-        "over_days",
-        "Error of each robot from day to day, before and after identification",
-        caption,
-        figure,
-        header,
-        rows,
-    )
+    title = "Error of each robot from day to day, before and after identification"
+    return style.Picture("over_days", title, caption, figure, header, rows)
 
 
 def _at(own: RobotTrend, dated: bool) -> Sequence[int]:

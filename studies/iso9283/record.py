@@ -343,11 +343,5 @@ def accuracy_and_repeatability(record: Iso9283Record) -> style.Picture:
         for pose in record.poses
     )
     header = ("pose", "from", "how", "AP [mm]", "low", "high", "RP [mm]", "low", "high")
-    return style.Picture(
-        "iso9283",
-        "Accuracy (AP) and repeatability (RP) of each pose, by ISO 9283",
-        caption,
-        figure,
-        header,
-        rows,
-    )
+    title = "Accuracy (AP) and repeatability (RP) of each pose, by ISO 9283"
+    return style.Picture("iso9283", title, caption, figure, header, rows)

@@ -77,14 +77,8 @@ def ellipses(
         for i, pair in enumerate(pairs)
         for key, covariance in covariances.items()
     )
-    return style.Picture(
-        "ellipses",
-        "Parameters that are hardest to tell apart: 95 % error ellipses",
-        caption,
-        figure,
-        header,
-        rows,
-    )
+    title = "Parameters that are hardest to tell apart: 95 % error ellipses"
+    return style.Picture("ellipses", title, caption, figure, header, rows)
 
 
 def _prepare(panel: Axes, pair: Pair) -> None:

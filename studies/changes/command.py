@@ -53,6 +53,6 @@ def changes(
     check_outputs([output_file(json_path)], inputs, folder)
     tolerance = None if tolerance_mm is None else tolerance_mm * 1e-3
     with faults_in(after_path), working("comparing the days"):
-        found = compared(*days.compared, tolerance)
+        found = compared(days.cell, days.before, days.after, days.estimate, tolerance)
     record = changes_record(found, days, envelope(days.cell.name, inputs))
     deliver(record, json_path, folder)

@@ -39,11 +39,6 @@ class ComparedDays:
     estimate: Estimate
     notes: tuple[str, ...]
 
-    @property
-    def compared(self) -> tuple[Cell, DayEstimate, DayEstimate, Estimate]:
-        """What :func:`calib.change.comparison` asks for."""
-        return self.cell, self.before, self.after, self.estimate
-
 
 def days_of(before_path: Path, after_path: Path, cell_path: Path | None) -> ComparedDays:
     """Read both results and the cell of the later one.

@@ -39,10 +39,6 @@ class Viewpoint:
         out: Array = np.asarray(points, dtype=float) @ self.axes[:2].T
         return out
 
-    def order(self, points: Array) -> float:
-        """Drawing order of what stands at these points: nearer is higher."""
-        return 10.0 + float(np.mean(np.asarray(points, dtype=float) @ self.axes[2]))
-
 
 Run: TypeAlias = tuple[int, ...]
 """Points by their numbers, one after the other; ``~c`` is what lies on the floor below point c."""

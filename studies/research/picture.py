@@ -87,10 +87,15 @@ def _arms(panel: Axes, cell: Cell, q: Array) -> None:
             ]
             cloud = np.concatenate(discs)
             outline = cloud[ConvexHull(cloud).vertices]
-            _fill(panel, outline, 30.0 + _VIEW.order(ends), "0.86", INK)
+            _fill(panel, outline, 30.0 + _order(ends), "0.86", INK)
     tip = _VIEW.flat(origins[0][-1])
-    _fill(panel, tip + 0.013 * reach * _DISC, 40.0 + _VIEW.order(origins[0][-1]), BLUE, INK)
+    _fill(panel, tip + 0.013 * reach * _DISC, 40.0 + _order(origins[0][-1]), BLUE, INK)
     panel.set_title("which poses to measure", loc="left")
+
+
+def _order(points: Array) -> float:
+    """Drawing order of what stands at these points: nearer is higher."""
+    return 10.0 + float(np.mean(np.asarray(points, dtype=float) @ _VIEW.axes[2]))
 
 
 def _fill(panel: Axes, corners: Array, order: float, face: str, edge: str) -> None:

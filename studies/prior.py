@@ -5,8 +5,8 @@ It is read by :func:`calib.files.estimate.load_prior`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -17,16 +17,12 @@ from studies.record import (
     OWN_UNIT,
     Count,
     Entry,
-    Envelope,
     From,
     NotNegative,
     Number,
     Positive,
     Record,
 )
-
-if TYPE_CHECKING:
-    from studies.fleet.make import TypeEstimate
 
 _MOST = 20  # lines of a table that a terminal shows
 _FEW = 10  # robots below which plausible sizes still count
@@ -70,9 +66,9 @@ class TypePrior(Entry):
     """
 
     type: str
-    nominal_sha256: Annotated[tuple[str, ...], From("nominal")]
+    nominal_sha256: tuple[str, ...]
     robots: Count
-    aside: Annotated[tuple[RobotAside, ...], From("found.aside")]
+    aside: tuple[RobotAside, ...]
     unlike: tuple[str, ...]
     leaning: tuple[str, ...]
     parameters: tuple[ParameterOfPrior, ...] = Field(min_length=1)
@@ -93,23 +89,6 @@ class PriorRecord(Record):
     command: Literal["prior"] = "prior"
     folder: str
     types: tuple[TypePrior, ...] = Field(min_length=1)
-
-
-def prior_record(types: Sequence[TypeEstimate], folder: str, made_from: Envelope) -> PriorRecord:
-    """The record of what was learnt."""
-    return PriorRecord(**made_from, folder=folder, types=tuple(map(_type, types)))
-
-
-def _type(own: TypeEstimate) -> TypePrior:
-    prior, found = own.found.prior, own.found
-    parameters = ParameterOfPrior.from_each(
-        own.parameters,
-        mean=prior.mean,
-        spread=found.spread,
-        std=prior.std,
-        shrunk=prior.std / [p.size for p in own.parameters],
-    )
-    return TypePrior.from_result(own, prior, parameters=parameters)
 
 
 def told(record: PriorRecord) -> doc.Document:

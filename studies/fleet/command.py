@@ -113,11 +113,11 @@ def fleet(
 def _prior(done: Sequence[TableOutcome], fleet_folder: Path, seed: int) -> PriorRecord:
     """What the types know. Raises InputError where no robot says anything."""
     from calib.errors import InputError
-    from studies.fleet.make import latest, results_of, type_estimates
-    from studies.prior import prior_record
+    from studies.fleet.make import latest, results_of, type_priors
+    from studies.prior import PriorRecord
     from studies.record import envelope
 
-    types = list(type_estimates(latest(done)))
+    types = tuple(type_priors(latest(done)))
     if not types:
         raise InputError(
             fleet_folder, "", "no robot could be identified by itself, so no type is learnt",
@@ -127,7 +127,7 @@ def _prior(done: Sequence[TableOutcome], fleet_folder: Path, seed: int) -> Prior
     made_from["inputs"] = tuple(
         file for file in results_of(done) if file.file.endswith(".identify.json")
     )
-    return prior_record(types, str(fleet_folder), made_from)
+    return PriorRecord(**made_from, folder=str(fleet_folder), types=types)
 
 
 def _done(

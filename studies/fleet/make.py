@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -22,7 +22,7 @@ from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.model.build import build, is_constant, parse_effect
 from calib.model.reduction import carried_over
-from calib.population import Key, Population, population
+from calib.population import Key, population
 from calib.population.hierarchy import RobotEstimate
 from studies.changes.days import known_of_record
 from studies.fleet.record import (
@@ -36,6 +36,7 @@ from studies.fleet.record import (
 )
 from studies.fleet.tables import FleetTask, TableOutcome
 from studies.identify.record import IdentifyRecord
+from studies.prior import ParameterOfPrior, TypePrior
 from studies.record import Envelope, InputFile
 from studies.results import read_as
 
@@ -275,22 +276,7 @@ MOST = 1000
 """Robots of a type from which it is learnt: more of them change no digit that counts."""
 
 
-@dataclass(frozen=True, eq=False)
-class TypeEstimate:
-    """A type and what its robots have in common.
-
-    nominal : hashes of the nominal model's files; parameters : tuple of Parameter, in the prior's order
-    unlike : robots whose model has other parameters; leaning : robots identified beside a type already
-    """
-
-    nominal: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    found: Population
-    unlike: tuple[str, ...]
-    leaning: tuple[str, ...]
-
-
-def type_estimates(robots: Sequence[TableOutcome]) -> Iterator[TypeEstimate]:
+def type_priors(robots: Sequence[TableOutcome]) -> Iterator[TypePrior]:
     """What each nominal model's robots have in common, by the last table of each.
 
     Raises InputError where a result or a cell is gone.
@@ -308,7 +294,7 @@ def type_estimates(robots: Sequence[TableOutcome]) -> Iterator[TypeEstimate]:
 
 def _learnt(
     name: str, nominal: tuple[str, ...], members: Sequence[TableOutcome]
-) -> TypeEstimate | None:
+) -> TypePrior | None:
     known, leaning = dict[str, DayEstimate](), list[str]()
     for own in members:
         record = read_as(_result(own), IdentifyRecord)
@@ -326,9 +312,18 @@ def _learnt(
     parameters = _of_prior(same, keys)
     sizes = np.array([p.size for p in parameters])
     robots = [_robot(robot, one, B) for robot, (one, B) in counted.items()]
-    unlike = tuple(robot for robot in known if robot not in counted)
-    return TypeEstimate(
-        nominal, parameters, population(name, keys, sizes, robots), unlike, tuple(leaning)
+    found = population(name, keys, sizes, robots)
+    prior = found.prior
+    entries = ParameterOfPrior.from_each(
+        parameters, mean=prior.mean, spread=found.spread, std=prior.std, shrunk=prior.std / sizes
+    )
+    return TypePrior.from_result(
+        prior,
+        found,
+        nominal_sha256=nominal,
+        unlike=[robot for robot in known if robot not in counted],
+        leaning=leaning,
+        parameters=entries,
     )
 
 

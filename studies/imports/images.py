@@ -47,19 +47,6 @@ class Batch:
     joints: JointTable
 
 
-@dataclass(frozen=True, eq=False)
-class Images:
-    """What came of images: lists of points and the table that they make with the joints.
-
-    seen : what each image shows, by camera
-    """
-
-    lists: list[PointList]
-    joints: JointTable
-    joined: Joined
-    seen: dict[str, list[Sighting]]
-
-
 def image_files(paths: Iterable[Path]) -> list[Path]:
     """Images as given, and all of a folder in the order of their names. Raises InputError."""
     found: list[Path] = []
@@ -168,15 +155,15 @@ def joined_images(
     cell: Cell,
     partial: bool,
     seen: Callable[[Sighting, Any], None],
-) -> Images:
+) -> tuple[list[PointList], Joined, dict[str, list[Sighting]]]:
     """Find the boards in all images, and join them with their joints.
 
     partial : leave out images without joints, and joints without images; seen : told of each image
 
-    Raises InputError.
+    Returns lists of points, the table, and what each image shows, by camera. Raises InputError.
     """
     cameras, several = cameras_of(cell), len(cell.instruments) > 1
-    lists, tables, sightings, joined = [], [], {}, []
+    lists, sightings, joined = [], {}, []
     for own in batches:
         camera = cameras.get(own.camera)
         found = look(own.shots, patterns, None if camera is None else camera.image, seen)
@@ -189,13 +176,13 @@ def joined_images(
         points = point_list(own.path, found, patterns)
         bad = {one.shot.pose for one in found if one.reason}
         rows = [row for row in own.joints.rows if row.pose not in bad]
-        tables.append(replace(own.joints, rows=rows or own.joints.rows))
+        table = replace(own.joints, rows=rows or own.joints.rows)
         name = own.camera if several else None
         read = cell.read_names
-        joined.append(join([points], tables[-1], partial=partial, markers=read, instrument=name))
+        joined.append(join([points], table, partial=partial, markers=read, instrument=name))
         lists.append(points)
         sightings[own.camera] = found
-    return Images(lists, batches[0].joints, together(joined), sightings)
+    return lists, together(joined), sightings
 
 
 def together(joined: Sequence[Joined]) -> Joined:
@@ -262,17 +249,16 @@ class BoardImport:
                 if gallery is not None:
                     gallery.add(own, pixels)
 
-            images = joined_images(batches, patterns, cell, self.partial, seen)
-        table = csv_text(images.joined.columns, images.joined.rows)
+            lists, joined, shown = joined_images(batches, patterns, cell, self.partial, seen)
+        table = csv_text(joined.columns, joined.rows)
         every = len(cell.instruments) == 1 and not self.partial
         warnings = read_back(cell, table, table_path, every)
         record = import_record(
-            images.lists, images.joints, images.joined, warnings,
-            envelope(cell.name, inputs), images.seen, notes,
+            lists, batches[0].joints, joined, warnings, envelope(cell.name, inputs), shown, notes,
         )  # fmt: skip
         texts: dict[Path, str | bytes] = {table_path: table}
         if page_path is not None and gallery is not None:
-            texts[page_path] = gallery.page(record, images.seen)
+            texts[page_path] = gallery.page(record, shown)
         return record, texts
 
     def _batches(

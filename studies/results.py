@@ -33,27 +33,24 @@ class _Head(BaseModel):
 
     @property
     def kind(self) -> str:
+        """Its command, or ``plan`` for ``diagnose --plan-only``."""
         return "plan" if self.command == "diagnose" and self.plan_only else self.command
 
 
-def kind_of(path: Path) -> str:
-    """The kind of a result: its command, or ``plan`` for ``diagnose --plan-only``.
+def read(path: Path) -> Record:
+    """The record in a file.
 
-    Raises InputError where the file is no result, or of another version of the format.
+    Raises InputError naming the file and the place in it, also for another version of the format.
     """
+    text = read_text(path, _MOST_BYTES)
     try:
-        head = _Head.model_validate_json(read_text(path, _MOST_BYTES))
+        head = _Head.model_validate_json(text)
     except ValidationError:
         remedy = "write one with --json of a command"
         raise InputError(path, "", "is no result of posecal", remedy) from None
     if head.format != 1:
         raise InputError(path, "schema", "is not 1", "write the result anew with this version")
-    return head.kind
-
-
-def read(path: Path) -> Record:
-    """The record in a file. Raises InputError naming the file and the place in it."""
-    text, kind = read_text(path, _MOST_BYTES), kind_of(path)
+    kind = head.kind
     if kind not in KINDS:
         raise InputError(
             path, "command", f"{kind[:40]!r} is no kind of result", f"known are {', '.join(KINDS)}"

@@ -273,15 +273,10 @@ def instruments() -> Rows:
     return ("kind", "reads", "columns", "keys"), rows
 
 
-def cell_table(table: str) -> Rows:
-    """Every key of one table of the cell."""
-    return ("key", "is", "means"), rows(table)
-
-
 def made(name: str) -> Rows:
     """The table that ``{name}`` stands for in a topic; ``{cell.robot}`` for keys of ``[robot]``."""
     kind, _, table = name.partition(".")
-    return cell_table(table) if kind == "cell" else _MADE[kind]()
+    return (("key", "is", "means"), rows(table)) if kind == "cell" else _MADE[kind]()
 
 
 _MADE: dict[str, Callable[[], Rows]] = {

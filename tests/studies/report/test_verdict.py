@@ -12,8 +12,7 @@ import pytest
 
 import calib
 from studies.document import Raw
-from studies.plots.coverage import seen_where
-from studies.report.page import board_views
+from studies.report.page import board_views, seen_where
 from studies.report.summary import Bar, bars
 from studies.results import read
 from tests.calib.files.test_images import SQUARES

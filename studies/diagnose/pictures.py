@@ -48,13 +48,8 @@ def waterfall(steps: ErrorSteps, floor_mm: float) -> style.Picture:
         beside = low if end <= low < end + _TEXT * most else end
         place: Any = {"textcoords": "offset points", "va": "center", "ha": "left"}
         panel.annotate(text, (beside, at), (5.0, -0.5), color=style.INK, **place)
-    line = panel.axvline(
-        low,
-        color=style.INK,
-        linewidth=1.4,
-        linestyle=style.DASHED,
-        label=f"floor: noise alone, {style.short(low)} {steps.unit}",
-    )
+    floor = f"floor: noise alone, {style.short(low)} {steps.unit}"
+    line = panel.axvline(low, color=style.INK, linewidth=1.4, linestyle=style.DASHED, label=floor)
     panel.set_yticks(range(len(labels)), labels)
     panel.tick_params(axis="y", length=0)
     panel.set(xlim=(0.0, (1.0 + _TEXT) * most), ylim=(len(labels) - 0.4, -0.6))

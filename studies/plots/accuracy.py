@@ -126,25 +126,20 @@ def workspace(tips: Array, expected: Array) -> style.Picture:
     )
     if not known.all():
         caption += " A cross marks a target whose error cannot be told: a parameter is open there."
+    title = "Expected error over the workspace"
     if known.any():
-        caption += (
-            f" Smallest {style.short(shown.min())} mm, largest {style.short(shown.max())} mm."
-        )
+        least, most = shown.min(), shown.max()
+        caption += f" Smallest {style.short(least)} mm, largest {style.short(most)} mm."
+        title += f": {style.short(least, 2)} to {style.short(most, 2)} mm"
         _coloured(figure, panels, tips[known], shown)
     header = ("", "expected [mm]", "x [m]", "y [m]", "z [m]")
     ranks = np.argsort(expected)
-    rows: list[tuple[style.Cell, ...]] = [
-        (label, style.cell(expected[i] * 1e3), *map(style.cell, tips[i]))
-        for label, i in (
-            ("best", ranks[0]),
-            ("median", ranks[len(ranks) // 2]),
-            ("worst", ranks[-1]),
-        )
-    ]
-    title = "Expected error over the workspace"
-    if known.any():
-        title += f": {style.short(shown.min(), 2)} to {style.short(shown.max(), 2)} mm"
-    return style.Picture("workspace", title, caption, figure, header, tuple(rows))
+    shares = {"best": 0, "median": len(ranks) // 2, "worst": -1}
+    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
+        (label, *map(style.cell, (expected[ranks[k]] * 1e3, *tips[ranks[k]])))
+        for label, k in shares.items()
+    )
+    return style.Picture("workspace", title, caption, figure, header, rows)
 
 
 def _coloured(figure: Figure, panels: Any, tips: Array, shown: Array) -> None:

@@ -192,13 +192,8 @@ def _spans(panel: Axes, values: Mapping[str, Array]) -> None:
     stack = np.array(list(values.values()))
     for row, of_row in enumerate(stack.T):
         if np.isfinite(of_row).any():
-            panel.plot(
-                [np.nanmin(of_row), np.nanmax(of_row)],
-                [row, row],
-                color="0.7",
-                linewidth=1.0,
-                zorder=1,
-            )
+            ends = [np.nanmin(of_row), np.nanmax(of_row)]
+            panel.plot(ends, [row, row], color="0.7", linewidth=1.0, zorder=1)
 
 
 def _dots(panel: Axes, values: Mapping[str, Array], look: Mapping[str, style.Look]) -> None:
@@ -209,14 +204,8 @@ def _dots(panel: Axes, values: Mapping[str, Array], look: Mapping[str, style.Loo
         mark: dict[str, Any] = {"color": look[key].color, "linestyle": ""}
         panel.plot(array, rows, marker=look[key].marker, markersize=4.5, **mark)
         missing = rows[np.isnan(array)]
-        panel.plot(
-            np.full(len(missing), 0.985),
-            missing,
-            marker="x",
-            markersize=4.0,
-            transform=panel.get_yaxis_transform(),
-            **mark,
-        )
+        mark |= {"marker": "x", "markersize": 4.0, "transform": panel.get_yaxis_transform()}
+        panel.plot(np.full(len(missing), 0.985), missing, **mark)
 
 
 def _numbers(
@@ -224,25 +213,15 @@ def _numbers(
 ) -> None:
     """The values in columns right of the panel, headed by the sign of the approach."""
     place: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+    place |= {"ha": "right", "va": "center"}
     for column, (key, array) in enumerate(values.items()):
         shift = 8.0 + _NUMBER_PT * (column + 1)
         for row, value in enumerate(array):
             text = style.short(value) or "absent"
-            panel.annotate(
-                text,
-                (1.0, row),
-                (shift, 0.0),
-                ha="right",
-                va="center",
-                fontsize=9,
-                color=style.INK,
-                **place,
-            )
+            panel.annotate(text, (1.0, row), (shift, 0.0), fontsize=9, color=style.INK, **place)
         if head:
-            panel.annotate(
-                look[key].sign, (1.0, -0.85), (shift, 0.0), ha="right", va="center",
-                color=look[key].color, annotation_clip=False, **place,
-            )  # fmt: skip
+            sign: Any = {"color": look[key].color, "annotation_clip": False}
+            panel.annotate(look[key].sign, (1.0, -0.85), (shift, 0.0), **sign, **place)
 
 
 # -- tables ------------------------------------------------------------------------------------

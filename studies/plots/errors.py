@@ -180,10 +180,5 @@ def figures(distances: Array) -> tuple[style.Cell, ...]:
         return (None,) * 5
     spread = float(distances.std(ddof=1)) if len(distances) > 1 else 0.0
     mean = float(distances.mean())
-    return (
-        style.cell(np.sqrt(np.mean(distances**2))),
-        style.cell(mean),
-        style.cell(np.quantile(distances, 0.95)),
-        style.cell(distances.max()),
-        style.cell(mean + 3.0 * spread),
-    )
+    rms, p95 = np.sqrt(np.mean(distances**2)), np.quantile(distances, 0.95)
+    return tuple(map(style.cell, (rms, mean, p95, distances.max(), mean + 3.0 * spread)))

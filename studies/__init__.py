@@ -14,9 +14,9 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
     ``told(record) -> Document``, by attributes alone: the headline (the answer: the terminal begins
     with it, "At a glance" of a page collects it), and sections of sentences, tables and figures, each
     written once. The terminal leaves out figures, ``Detail`` and columns of ``detail``. Every rounding
-    is a rule of ``document``, for columns and sentences alike.
-``pictures.py``
-    Figures of the record, named in ``telling`` and drawn when they are wanted.
+    is a rule of ``document``, for columns and sentences alike. Figures of the record are drawn when
+    they are wanted; where they are many they stand in ``pictures.py``. Of a kind with little to tell
+    it stands in ``record.py``.
 ``command.py``
     Read, call, ``deliver(record, ..)``; only click is imported at its head.
 
@@ -27,5 +27,5 @@ To add a kind: its folder, its line in ``kinds.py``, its command in ``cli.py``; 
 the page by themselves. To add a field: one line in the record, named as in the result or with its
 ``From``; a default only where files of earlier versions are to be read. ``posecal schema`` follows by
 itself. To add a section: a :class:`studies.document.Section` in ``told``; one that needs the inputs of
-a result again (the arm, errors against joints) is a function in ``report/sections.py``.
+a result again (the arm, errors against joints) is a function in ``report/page.py``.
 """

@@ -1,4 +1,4 @@
-"""From a session to its diagnosis, to the record of that, and to a cell with what was found."""
+"""From a session to its diagnosis, to the record of that with its figures, and to a better cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a diagnosis beside the spectra: how the error falls, and its curve at each place."""
+"""The figures of a diagnosis: how the error falls, its curve at each place, the spectra of joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``posecal import`` joined, and how it is told."""
+"""What ``posecal import`` joined, how it is told, and that a written table can be read again."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class Certificate:
 class Landscape:
     """How much each candidate would bring: the proof of the plan, candidate by candidate.
 
-    q : ndarray, shape (n, dof); the plan's own poses and the best of the others
+    q : ndarray, shape (n, dof); the plan's own poses, then the best of the others
     share : ndarray, shape (n,), directional derivative of the criterion towards each, over what a
         candidate of its level must reach to enter the weighted plan at which the bound was found
     chosen : ndarray of bool, shape (n,)

@@ -32,7 +32,7 @@ from doe.run_order import in_run_order
 _LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
 _NODES_TOLD = 200  # nodes between two lines on the way
 _ROUNDING = 1e-6
-_SHOWN = 20_000  # candidates of the landscape
+_SHOWN = 2000  # candidates of the landscape; more only darken its cloud
 _LOOKED_AT = 100  # candidates of each level, at least, by which a number of poses is judged
 _TRIES = 24  # neighbours of each pose in one round
 _ROUNDS = 30
@@ -174,8 +174,9 @@ def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landsc
     posed = problem.posed(pool)
     scores, rules = posed.blocks.scores(found.relaxed.G), posed.allowed
     share = scores / rules.thresholds(scores)[rules.group]
-    shown = np.union1d(np.argsort(-share, kind="stable")[:_SHOWN], found.plan)
-    view = Landscape(pool.q[shown], share[shown], np.isin(shown, found.plan))
+    chosen = np.isin(np.arange(len(share)), found.plan)
+    shown = np.lexsort((-share, ~chosen))[:_SHOWN]
+    view = Landscape(pool.q[shown], share[shown], chosen[shown])
     return view, len(posed.survivors(found.relaxed.G, found.value))
 
 

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from doe import Design
 
 _MM = 1e3
-_CANDIDATES = 2000  # of the landscape that are kept; more only darken its cloud
 
 
 class BeforePolish(Entry):
@@ -420,15 +419,13 @@ def _reapproaches(found: Design) -> ReapproachesEntry | None:
 
 
 def _landscape(found: Design) -> LandscapeEntry:
-    """The plan's own poses and the best of the others."""
     robot, view = found.problem.cell.robot, found.landscape
     joint = found.levels.joint if found.levels is not None else min(1, robot.dof - 1)
-    order = np.argsort(~view.chosen, kind="stable")[:_CANDIDATES]
     return LandscapeEntry(
         joint=robot.joints[joint],
         levels_rad=None if found.levels is None else tuple(found.levels.values.tolist()),
-        value_rad=tuple(view.q[order, joint].round(6).tolist()),
-        share=tuple(view.share[order].round(6).tolist()),
+        value_rad=tuple(view.q[:, joint].round(6).tolist()),
+        share=tuple(view.share.round(6).tolist()),
         chosen=int(view.chosen.sum()),
     )
 

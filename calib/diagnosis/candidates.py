@@ -12,7 +12,6 @@ from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
-from calib.effects.context import ARM
 from calib.effects.protocol import Parameter
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError
@@ -90,11 +89,6 @@ class Candidate:
     def eliminate(self) -> bool:
         """Whether it is a family of parameters of which those count that pay."""
         return self.named and len(self.amounts) > _MANY
-
-    @property
-    def unit_of_arm(self) -> bool:
-        """Whether it stands for all joints or links at once."""
-        return self.where == ARM
 
     @cached_property
     def limits(self) -> Array:

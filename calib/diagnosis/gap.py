@@ -76,7 +76,8 @@ def gap_of(
     if heldout is None:
         return Gap(floor, *fitted, None, None, None, None)
     first, second = (squared_errors(fit, heldout) for fit in (before, after))
-    closed = share_closed(first, second, floor)
+    mean, rest = float(np.nanmean(first)), float(np.nanmean(second))
+    closed = (mean - rest) / (mean - floor**2) if mean > floor**2 else None
     poses = heldout.poses
     group = (
         blocks_of_time(poses, max(2, round(len(poses) ** 0.5))) if by_time else poses.configuration
@@ -107,12 +108,6 @@ def beyond_noise(after: Fit, heldout: Measurements, expected: float) -> float | 
         return None
     more = float(np.nanmean(squares) - promised[heldout.seen].mean())
     return float(np.sqrt(more / channels.numbers_each(heldout.seen)))
-
-
-def share_closed(before: Array, after: Array, floor: float) -> float | None:
-    """``(before^2 - after^2) / (before^2 - floor^2)``; None where before is not above the floor."""
-    first, second = float(np.nanmean(before)), float(np.nanmean(after))
-    return (first - second) / (first - floor**2) if first > floor**2 else None
 
 
 def blocks_of_time(poses: Poses, count: int) -> IntArray:

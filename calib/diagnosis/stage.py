@@ -194,8 +194,7 @@ class Stage:
         if like is None:
             fit = self._fitted(model, values, span, full, {})
         else:
-            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like.prior_weight)
-            fit = replace(fit, levels=like.levels)
+            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like)
         for _ in range(_TURNS):
             fit = self._settled(fit)
             prior_weight, fit = fit.prior_weight, self._under_levels(fit)
@@ -206,9 +205,8 @@ class Stage:
 
     def along(self, fit: Fit) -> Fit:
         """The same fit once more, along the directions that it has now."""
-        span, amplitudes = fit.span, fit.amplitudes
-        found = self._fitted(fit.model, fit.values, span, fit.weight, amplitudes, fit.prior_weight)
-        return self._under_levels(replace(found, levels=fit.levels))
+        found = self._fitted(fit.model, fit.values, fit.span, fit.weight, fit.amplitudes, fit)
+        return self._under_levels(found)
 
     def exact(self, fit: Fit) -> Fit:
         """A fit to first order, gone on with in full: same directions, weights and amplitudes.
@@ -219,14 +217,13 @@ class Stage:
             return fit
         model = fit.model.exact
         span = self._with_tunings(model, fit)
-        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.prior_weight)
+        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit)
         small = np.abs(full.values) <= _ABSURD * np.maximum(model.sizes, np.abs(fit.values))
         if not (small.all() and np.isfinite(full.r).all() and np.isfinite(full.J).all()):
             raise Unsolvable
         # A payload moves nothing where nothing that was found is elastic.
         moving = (full.J @ span).any(axis=tuple(range(full.J.ndim - 1)))
-        full = replace(full, span=span[:, moving], levels=fit.levels)
-        return self._under_levels(full)
+        return self._under_levels(replace(full, span=span[:, moving]))
 
     def _with_tunings(self, model: Model, fit: Fit) -> Array:
         """Directions (p, k) of a fit, and of the tunings that its amplitudes make visible."""
@@ -257,11 +254,7 @@ class Stage:
             amplitudes, same = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
             if same and np.allclose(weight, fit.weight, atol=_SETTLED):
                 break
-            last = fit
-            fit = self._fitted(
-                fit.model, fit.values, fit.span, weight, amplitudes, fit.prior_weight
-            )
-            fit = replace(fit, levels=last.levels)
+            fit = self._fitted(fit.model, fit.values, fit.span, weight, amplitudes, fit)
         return fit
 
     def _fitted(
@@ -271,13 +264,12 @@ class Stage:
         span: Array,
         weight: Array,
         amplitudes: Amplitudes,
-        prior_weight: float = 1.0,
+        like: Fit | None = None,
     ) -> Fit:
-        observation = replace(
-            self.observation(model, weight),
-            prior=prior_rows(model, amplitudes),
-            prior_weight=prior_weight,
-        )
+        """A fit from a start (p,) on, under the levels of noise of another."""
+        observation = replace(self.observation(model, weight), prior=prior_rows(model, amplitudes))
+        if like is not None:
+            observation = replace(observation, prior_weight=like.prior_weight)
         if isinstance(model, LinearModel):
             r, J = observation.flat(start)
             step = span @ least_squares(r, J @ span)
@@ -287,7 +279,8 @@ class Stage:
             found = levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
             values, converged = found.values, bool(found.converged)
             r, J = observation.linearise(values)
-        return Fit(observation, values, span, weight, amplitudes, r, J, converged)
+        levels = None if like is None else like.levels
+        return Fit(observation, values, span, weight, amplitudes, r, J, converged, levels)
 
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""

@@ -16,6 +16,7 @@ from calib.diagnosis.profile import likelihood_problem
 from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, score, scored
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.subsets import names_for_curve
+from calib.effects.context import ARM
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
@@ -78,7 +79,7 @@ class Round:
             members = [
                 c
                 for c in self.view.suspects
-                if c.effect.kind == kind and not (c.unit_of_arm or c.echo or c in self.active)
+                if c.effect.kind == kind and not (c.where == ARM or c.echo or c in self.active)
             ]
             if len(members) < _A_FAMILY or any(c.tried > 1 for c in members):
                 continue

@@ -47,7 +47,7 @@ class Prior:
     def in_terms_of(self, theirs: Sequence[Key], own: Sequence[Key], B: Array) -> Prior:
         """With some parameters replaced by others, ``own = B theirs``; B of shape (own, theirs)."""
         rest = [key for key in self.keys if key not in theirs]
-        order = self.positions_of([*theirs, *rest])
+        order = [self.keys.index(key) for key in (*theirs, *rest)]
         T = np.zeros((len(own) + len(rest), len(self.keys)))
         T[: len(own), order[: len(theirs)]] = B
         T[np.arange(len(own), len(T)), order[len(theirs) :]] = 1.0
@@ -98,8 +98,3 @@ class Prior:
         """Where its parameters stand among some keys, shape (k,); all of them must be there."""
         order = {key: i for i, key in enumerate(keys)}
         return np.array([order[key] for key in self.keys], dtype=int)
-
-    def positions_of(self, keys: Sequence[Key]) -> IntArray:
-        """Where some parameters stand among its own."""
-        order = {key: i for i, key in enumerate(self.keys)}
-        return np.array([order[key] for key in keys], dtype=int)

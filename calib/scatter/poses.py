@@ -49,11 +49,6 @@ class Variances:
         return bool(self.approach.any() or self.configuration.any())
 
 
-def lever_of(joints: int) -> IntArray:
-    """Which variance each of the n + 6 levers has, shape (n + 6,)."""
-    return np.concatenate([np.arange(joints), np.repeat([joints, joints + 1], 3)])
-
-
 @dataclass(frozen=True, eq=False)
 class Scatter:
     """How m poses err as a whole.
@@ -81,7 +76,9 @@ class Scatter:
     @property
     def kinds(self) -> IntArray:
         """Which variance each lever has, shape (n + 6,)."""
-        return lever_of(self.joints)
+        return np.concatenate(
+            [np.arange(self.joints), np.repeat([self.joints, self.joints + 1], 3)]
+        )
 
     def at(self, variances: Variances) -> Scatter:
         """The scatter of the same poses under other variances."""

@@ -53,12 +53,7 @@ class VarianceEstimate:
     @property
     def instrument_only(self) -> bool:
         """Whether the readings say that the instrument, and nothing else, errs more than it should."""
-        return self.instrument_seen and self.instrument_alone and 0 in self.free
-
-    @property
-    def instrument_alone(self) -> bool:
-        """Whether nothing was found to scatter as a whole."""
-        return not (self.free > 0).any()
+        return self.instrument_seen and self.free.tolist() == [0]
 
 
 def problem_of(

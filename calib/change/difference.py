@@ -146,6 +146,8 @@ class Difference:
 
 def difference(before: DayEstimate, after: DayEstimate) -> Difference:
     """What lies between two results. Raises CalibError where they have nothing in common."""
+    from scipy.special import fdtrc
+
     alone = {key: z for known, other in ((before, after), (after, before))
              for key, z in _alone(known, other).items()}  # fmt: skip
     before, after = (known.restricted(_alone(known, other))
@@ -165,6 +167,10 @@ def difference(before: DayEstimate, after: DayEstimate) -> Difference:
             effect == "tool" and marker in after.markers
         ):  # values count from guesses that may differ
             change[i] = (after.markers[marker] - before.markers[marker])["xyz".index(name)]
+    grown = 1.0  # poses err independently
+    if before.left > 0.0 and after.left > 0.0:
+        ratio = (after.left / before.left) ** 2
+        grown = float(fdtrc(after.approaches, before.approaches, ratio))
     return Difference(
         keys,
         change,
@@ -175,7 +181,7 @@ def difference(before: DayEstimate, after: DayEstimate) -> Difference:
         apart,
         alone,
         (before.left, after.left),
-        _grown(before, after),
+        grown,
     )
 
 
@@ -218,16 +224,6 @@ def _compared(key: Key, apart: tuple[str, ...]) -> bool:
     if key[0] in _PLACES:
         return f"{key[0]}:{key[1]}" not in apart
     return lasting(key)
-
-
-def _grown(before: DayEstimate, after: DayEstimate) -> float:
-    """P value of the ratio of what the fits leave, poses erring independently."""
-    from scipy.special import fdtrc
-
-    if before.left <= 0.0 or after.left <= 0.0:
-        return 1.0
-    ratio = (after.left / before.left) ** 2
-    return float(fdtrc(after.approaches, before.approaches, ratio))
 
 
 def _unseen(before: DayEstimate, after: DayEstimate, rows: list[Array]) -> Array:

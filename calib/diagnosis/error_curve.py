@@ -186,6 +186,11 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     grid = np.append(np.concatenate(parts), knots[-1])
     value, std = _evaluated(function.at(grid), g, cov)
     at_poses, std_at_poses = _evaluated(hats, g, cov)
+    # What each pose's residual says of the line there.
+    seen: Mask = np.logical_and(result.data.seen, ~result.outlier[:, None])
+    residual = fit.model.off(fit.values, result.data)
+    single = _as_error(fit.model, fit.values, line, poses, residual, seen)
+    single[~np.any(seen, axis=1)] = np.nan
     lost: Array = h - fit.projection @ h
     absorbed, _ = _evaluated(hats, lost, cov)
     return ErrorCurve(
@@ -200,7 +205,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
         std=std,
         at_poses=at_poses,
         std_at_poses=std_at_poses,
-        single=at_poses + _by_itself(result, fit, line),
+        single=at_poses + single,
         effect=effect - absorbed,
         function=tuple(_is_function(variable, column) for column in effect.T),
         absorbed=fit.absorbed,
@@ -271,15 +276,6 @@ def _alike(result: Diagnosis, candidate: Candidate, line: TwistCurve) -> Array:
     shift = after.model.predict(after.values, poses) - after.model.predict(without, poses)
     model, values = after.model.extended(after.values, [line])
     return _as_error(model, values, line, poses, shift, np.ones(shift.shape[:2], dtype=bool))
-
-
-def _by_itself(result: Diagnosis, fit: _LineFit, line: TwistCurve) -> Array:
-    """What each pose's residual says of the line there, shape (m, c), NaN where it says nothing."""
-    data = result.data
-    residual = fit.model.off(fit.values, data)
-    seen: Mask = np.logical_and(data.seen, ~result.outlier[:, None])
-    found = _as_error(fit.model, fit.values, line, data.poses, residual, seen)
-    return np.where(np.any(seen, axis=1)[:, None], found, np.nan)
 
 
 def _as_error(

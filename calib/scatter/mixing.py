@@ -22,7 +22,6 @@ root in its place, which the levers make: rows of the group are then independent
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -177,16 +176,15 @@ class Mixing:
 
         Groups (B, r) and their G (B, r, R, k), of levers without leading axes.
         """
-        return tuple(self._taken())
-
-    def _taken(self) -> Iterator[tuple[IntArray, Array]]:
+        found = []
         for i, level in enumerate(self.levels):
             before = Mixing(self.levels[:i], 1.0)
             W = before.back(before(level.K))
             for index in by_size(level.group):
                 own = W[index]
                 M = np.eye(own.shape[-1]) + (_t(level.K[index]) @ own).sum(axis=1)
-                yield index, own @ _t(inverse_factor(M))[:, None]
+                found.append((index, own @ _t(inverse_factor(M))[:, None]))
+        return tuple(found)
 
 
 def _block(index: IntArray, K: Array) -> ReadingBlock:

@@ -18,7 +18,7 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView, Lineup, lineup
-from calib.diagnosis.screen import Field, Score
+from calib.diagnosis.screen import Score
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.stepwise import (
     Round,
@@ -57,22 +57,22 @@ class Entrant:
 class Outcome:
     """Where the contest ended.
 
-    before, fit : Fit, without and with all that entered; active : tuple of Candidate, what entered
-    view : FitView, of all suspects from the fit; lineup : Lineup, the same with all their tunings
+    before : Fit, without all that entered; active : tuple of Candidate, what entered
+    view : FitView, of all suspects from the fit with that
+    lineup : Lineup, the same with all their tunings
     proved : dict, key of a member -> gain with which it last defended its place
     """
 
     before: Fit
-    fit: Fit
     active: tuple[Candidate, ...]
     view: FitView
     lineup: Lineup
     proved: dict[str, float]
 
     @property
-    def last(self) -> Field:
-        """Candidates with everything modelled projected out."""
-        return self.view.complement
+    def fit(self) -> Fit:
+        """With all that entered."""
+        return self.view.fit
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
@@ -109,7 +109,7 @@ def contest(
     for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
         found = next_selection(state)
         if found == state.active and fresh:
-            return Outcome(before, fit, found, view, lineup, state.proved)
+            return Outcome(before, found, view, lineup, state.proved)
         fresh = found == state.active
         found = _numbered(found)
         grown += len(set(found) - set(state.active))
@@ -124,7 +124,7 @@ def contest(
         grown = 0 if fresh else grown
         view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
         state = replace(state, active=found, view=view, fresh=fresh)
-    return Outcome(before, fit, state.active, view, lineup, state.proved)
+    return Outcome(before, state.active, view, lineup, state.proved)
 
 
 def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -142,7 +142,7 @@ def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> 
     """The outcome with a part of its members alone, no candidate tried again."""
     fit = stage.fit([c.effect for c in rest], outcome.fit)
     view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
-    return replace(outcome, fit=fit, active=tuple(rest), view=view)
+    return replace(outcome, active=tuple(rest), view=view)
 
 
 def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Entrant:

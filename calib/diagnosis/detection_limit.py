@@ -165,11 +165,11 @@ def _error(outcome: Outcome, candidate: Candidate) -> _HiddenError:
     """The parameter of a cause that is found best, against the size of such errors."""
     columns, parameters = outcome.view.where[candidate.key], candidate.amounts
     asked = len(outcome.suspects) * candidate.tried
-    sizes = detectable(outcome.last, columns, asked, ALPHA).smallest.tolist()
+    sizes = detectable(outcome.view.complement, columns, asked, ALPHA).smallest.tolist()
     number = min(range(len(sizes)), key=lambda k: sizes[k] / parameters[k].size)
     size, parameter = sizes[number], parameters[number]
     size = size if size < _NEVER * parameter.size else np.inf
-    rows = outcome.last.columns[:, columns[number]]
+    rows = outcome.view.columns[:, columns[number]]
     return _HiddenError(candidate, number, parameter, size, rows)
 
 

@@ -16,7 +16,6 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.contest import Entrant, Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.tuned import Tuned
-from calib.poses import Poses
 
 _EXACT = 2e-4  # of a signal that a twin may leave: columns are those of the fit, to first order
 _MORE = 3  # directions beyond those of a cause from which on anything can be imitated
@@ -130,7 +129,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     """
     chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
-    direction = float(np.log(max(2, outcome.last.rows)))
+    direction = float(np.log(max(2, outcome.view.complement.rows)))
     for entry in sorted(outcome.entries, key=lambda e: e.score.gain):
         if not entry.candidate.named:
             continue
@@ -147,9 +146,16 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.score.gain)
     effects = [c.effect for c in chosen.values()]
-    same = effects == [c.effect for c in outcome.active]
-    fit = outcome.fit if same else stage.fit(effects, outcome.fit)
-    return tuple(_as_fitted(named, fit, stage.data.poses) for named in found), fit
+    fit, poses = outcome.fit, stage.data.poses
+    if effects != [c.effect for c in outcome.active]:
+        fit = stage.fit(effects, fit)
+    for i, named in enumerate(found):
+        (first, share), *further = named.members
+        values, effect = fit.values[fit.positions(first.effect)], first.effect
+        first = replace(first, depends_on=effect.driven_by(values, poses))
+        aliased = isinstance(effect, Tuned) and len(effect.aliases(poses, values)) > 0
+        found[i] = replace(named, members=((first, share), *further), aliased=aliased)
+    return tuple(found), fit
 
 
 def _close(entry: Entrant, others: Sequence[Imitation]) -> list[Candidate]:
@@ -159,15 +165,6 @@ def _close(entry: Entrant, others: Sequence[Imitation]) -> list[Candidate]:
     alike = [t.candidate for t in others if t.exact]
     alike += [t.candidate for t in others if t.left < SAME and not t.exact][:_ALIKE]
     return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
-
-
-def _as_fitted(named: Named, fit: Fit, poses: Poses) -> Named:
-    first, share = named.members[0]
-    values, effect = fit.values[fit.positions(first.effect)], first.effect
-    aliased = isinstance(effect, Tuned) and len(effect.aliases(poses, values)) > 0
-    first = replace(first, depends_on=effect.driven_by(values, poses))
-    members = ((first, share), *named.members[1:])
-    return replace(named, members=members, aliased=aliased)
 
 
 def _members(

@@ -176,7 +176,7 @@ def finding_of(search: Search) -> Finding:
         else:
             outcome = restricted_to(linear, replace(outcome, lineup=lineup), rest)
     view = replace(outcome.view, fit=outcome.before)
-    nothing = replace(outcome, fit=outcome.before, active=(), view=view)
+    nothing = replace(outcome, active=(), view=view)
     return believed(nothing, (), before)
 
 

@@ -101,10 +101,11 @@ def _lacks_fit(finding: Finding) -> bool:
     kept = ~stage.dropped
     data, weights = stage.data.take(kept), stage.weights[kept]
     spread, repeats = replicate_spread(data, weights)
-    rest = outcome.last.dof - repeats
+    last = outcome.view.complement
+    rest = last.dof - repeats
     if repeats < REPLICATES or rest <= 0:
         return False
-    left = max(outcome.last.cost - spread, 0.0) / rest
+    left = max(last.cost - spread, 0.0) / rest
     each = replicate_spreads(data, weights, data.poses.repeated)
     sums, dof = each[each[:, 1] > 0].T
     places = len(dof)
@@ -148,7 +149,10 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
             large = large or arm > _BROKEN * usual_repeatability(stage.model.robot.reach).worst
         case "assumed":
             arm = usual_repeatability(stage.model.robot.reach).worst
-            size = size or _widened(stage, fit, noise)
+            if not size and noise.source == "residual" and noise.factor > 1.0:
+                # Beyond the instrument, where nothing tells both apart.
+                beyond = noise.believed * float(np.sqrt(noise.factor**2 - 1.0))
+                size = beyond * fit.model.footprint(fit.values, stage.data)
             large = size > _NO_LARGER * arm
     if structure or large:
         return Rest(size, "structure" if structure else "too_large", "model", arm, source)
@@ -181,11 +185,3 @@ def _at_most(stage: Stage, fit: Fit, again: float, noise: NoiseLevel) -> float:
     read = noise.sigma * fit.model.footprint(fit.values, stage.data) / np.sqrt(points)
     most = (again**2 + read**2) * dof / float(chdtri(dof, 0.95)) - read**2
     return float(np.sqrt(max(most, again**2)))
-
-
-def _widened(stage: Stage, fit: Fit, noise: NoiseLevel) -> float:
-    """What a residual errs by beyond the instrument, m, where nothing tells both apart."""
-    if noise.source != "residual" or noise.factor <= 1.0:
-        return 0.0
-    size = noise.believed * float(np.sqrt(noise.factor**2 - 1.0))
-    return size * fit.model.footprint(fit.values, stage.data)

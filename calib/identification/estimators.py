@@ -97,7 +97,7 @@ class Differences(Estimator):
         self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
     ) -> Minimum:
         del most  # each of its turns takes few
-        soft = _soft(observation.model, span)
+        soft = elastic_directions(observation.model, span)
         values, iterations, settled = start, 0, False
         for _ in range(_TURNS):
             rigid = levenberg_marquardt(observation.flat, values, span[:, ~soft])
@@ -117,7 +117,7 @@ class Differences(Estimator):
         self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
     ) -> LinearProblem:
         del kept  # differences are weighted by their noise: their minimum is the points' own
-        soft = span[:, _soft(observation.model, span)]
+        soft = span[:, elastic_directions(observation.model, span)]
         return by_instrument(observation, values, soft, centred=True)
 
     def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
@@ -138,7 +138,7 @@ class Differences(Estimator):
 
     def _gains(self, observation: Observation, values: Array, span: Array) -> tuple[Array, Array]:
         """How values follow weighted readings and their differences, both (p, N)."""
-        soft = _soft(observation.model, span)
+        soft = elastic_directions(observation.model, span)
         rigid, elastic = span[:, ~soft], span[:, soft]
         _, J = observation.flat(values)
         _, J_centred = points_of(observation, centred=True).flat(values)
@@ -154,7 +154,7 @@ class Differences(Estimator):
         numbers = observation.numbers
         groups = (numbers[index] for index in by_size(observation.data.poses.configuration))
         spare = sum(int((own.sum(axis=1) - own.max(axis=1)).sum()) for own in groups)
-        soft = int(_soft(observation.model, span).sum())
+        soft = int(elastic_directions(observation.model, span).sum())
         return spare - soft if soft else -1
 
 
@@ -172,12 +172,8 @@ def steps(model: Model, span: Array) -> tuple[Array, Array]:
     return span[:, first], span[:, ~first]
 
 
-def rigid_directions(model: Model, span: Array) -> Array:
-    """The directions (columns of span, shape (p, k)) that move nothing elastic."""
-    return span[:, ~_soft(model, span)]
-
-
-def _soft(model: Model, span: Array) -> Mask:
+def elastic_directions(model: Model, span: Array) -> Mask:
+    """Which directions, columns of span (p, k), move something elastic, shape (k,)."""
     soft = model.where(ElasticEffect, LoadEffect)
     return np.asarray(np.abs(span[soft]).sum(axis=0) > 0.0)
 

@@ -22,7 +22,7 @@ from calib.identification.estimators import (
     Differences,
     Estimator,
     choose_directions,
-    rigid_directions,
+    elastic_directions,
 )
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.noise_scales import noise_scales
@@ -351,7 +351,7 @@ def _stiffly_kept(
 ) -> Mask:
     """Poses to keep by a fit in which nothing yields, all where nothing can."""
     every = np.ones(len(observation.data), dtype=bool)
-    rigid = rigid_directions(observation.model, span)
+    rigid = span[:, ~elastic_directions(observation.model, span)]
     if not 0 < rigid.shape[1] < span.shape[1]:
         return every
     stiff = estimator.fit(observation, start, rigid)

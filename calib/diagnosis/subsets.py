@@ -23,7 +23,7 @@ _FOLLOWED = 8  # sets that are extended, the best of each size
 
 
 @dataclass(frozen=True, eq=False)
-class Subset:
+class CauseSubset:
     """A set of named causes.
 
     members : tuple of int, positions among the named, in the order in which they were added
@@ -53,7 +53,7 @@ def names_for_curve(
     field = field.condensed(np.concatenate([curve, *named]))
     curve, *named = (np.arange(a, b) for a, b in pairwise(ends))
     least = score(field, curve, spread).gain
-    followed = [Subset((), 0.0, field)]
+    followed = [CauseSubset((), 0.0, field)]
     for _ in range(_MOST):
         sets = sorted(_extended(followed, named, pays), key=lambda found: -found.gain)
         for found in sets:
@@ -68,8 +68,8 @@ def names_for_curve(
 
 
 def _extended(
-    sets: Sequence[Subset], named: Sequence[IntArray], pays: Callable[[Score], bool]
-) -> Iterator[Subset]:
+    sets: Sequence[CauseSubset], named: Sequence[IntArray], pays: Callable[[Score], bool]
+) -> Iterator[CauseSubset]:
     """Each set with one cause more that pays beside it; sets of equal members once."""
     known: set[frozenset[int]] = set()
     for names in sets:
@@ -83,11 +83,11 @@ def _extended(
             if frozenset(members) not in known:
                 known.add(frozenset(members))
                 gain = names.gain + scores[i].gain
-                yield Subset(members, gain, names.complement.without(named[i]))
+                yield CauseSubset(members, gain, names.complement.without(named[i]))
 
 
 def _all_pay(
-    field: Field, names: Subset, named: Sequence[IntArray], pays: Callable[[Score], bool]
+    field: Field, names: CauseSubset, named: Sequence[IntArray], pays: Callable[[Score], bool]
 ) -> bool:
     """Whether each cause pays beside the others."""
     for member in names.members:

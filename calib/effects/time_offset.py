@@ -36,6 +36,7 @@ class TimeOffset(PoseEffect):
     axes: Array
     clock: str
     kind: ClassVar[str] = "time_offset"
+    lasting: ClassVar[bool] = False
     uses: ClassVar[tuple[str, ...]] = ("velocity",)
 
     @classmethod

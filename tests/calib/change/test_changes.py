@@ -17,8 +17,9 @@ from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.change import Changes, DayEstimate, changes, known_of
 from calib.change.comparison import at_targets, verdict
-from calib.change.difference import difference, holm
+from calib.change.difference import difference, holm, lasting
 from calib.compensation.estimate import estimate_of
+from calib.effects import EFFECTS
 from calib.errors import CalibError
 from calib.poses import poses_at
 from tests.helpers import all_seen, cell_of, light_chain
@@ -297,3 +298,14 @@ def test_intervals_hold_the_truth() -> None:
 def test_holm_steps_down() -> None:
     p = np.array([0.01, np.nan, 0.04, 0.03])
     np.testing.assert_allclose(holm(p), [0.03, np.nan, 0.06, 0.06])
+
+
+def test_what_is_the_robots_own_on_any_day() -> None:
+    """No place, instrument, board or clock of a day, and no tuning by which others change meaning."""
+    of_a_day = {"base", "tool", "base_drift", "warm_up", "step", "moved", "gear_ripple"}
+    read = {"tracker_scale", "tracker_drift", "instrument_drift", "wire_scale", "socket_seat"}
+    cameras = {"focal", "principal_point", "distortion", "focal_scale", "focal_drift"}
+    cameras |= {"focal_expansion", "board_scale", "board_bend", "time_offset"}
+    own = {kind for kind in EFFECTS if lasting((kind, "here", "value"))}
+    assert EFFECTS.keys() - own == of_a_day | read | cameras
+    assert not lasting(("nobody_knows", "here", "value"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -44,9 +45,9 @@ class CameraEffect(ReadingEffect):
         return cls.made(context, where, next(i for i in cameras if _CAMERA + i.name == where))
 
     @classmethod
+    @abstractmethod
     def made(cls, context: Context, where: str, camera: Camera) -> Self:
         """The effect at a camera."""
-        raise NotImplementedError
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:

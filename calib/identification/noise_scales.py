@@ -31,15 +31,17 @@ def noise_scales(points: Points, scatter: Scatter, r: Array, J: Array) -> Mappin
     """Actual over stated noise of those of several instruments that err by more or less than stated.
 
     points : Points, what was read; scatter : Scatter, of the same poses: how rows follow the tip
-    r : ndarray, shape (m, R), whitened residuals of what was read, zero for what does not count; J :
-    (m, R, k), what was fitted
+    r : ndarray, shape (m, R), whitened residuals of what was read, zero for what does not count
+    J : ndarray, shape (m, R, k), what was fitted
+
     An instrument is judged where its rows have ten degrees of freedom beside all that, two-sided at one
     per cent. A single one is not asked: its noise has a level of its own.
     """
     channels, data = points.model.readout.channels, points.data
-    count, levers = len(channels.instruments), points.rows(scatter.levers[..., -6:])
+    count = len(channels.instruments)
     if count < 2:
         return {}
+    levers = points.rows(scatter.levers[..., -6:])
     of_channel = np.repeat(np.arange(count), [p.stop - p.start for _, p in channels.blocks])
     of_row = np.repeat(of_channel[data.read], data.readings.shape[-1], axis=-1)
     counts: Mask = np.any(J, axis=-1)

@@ -91,7 +91,10 @@ class Poses(Result):
         return replace(self, **changed)
 
     def then(self, later: Poses) -> Poses:
-        """These poses and others of the same session; what these do not tell is told of none."""
+        """These poses and others of the same session; what these do not tell is told of none.
+
+        later : Poses, which tell all that these tell
+        """
         changed: dict[str, Any] = {"names": self.names + later.names}
         for field in fields(self):
             own = getattr(self, field.name)

@@ -10,6 +10,8 @@ from typing import NoReturn
 
 import click
 
+from studies.struck import remedy
+
 COMMANDS = {
     "demo": (
         "demo.command:demo",
@@ -123,9 +125,8 @@ def run() -> None:
         sys.exit(status)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
-        click.echo(
-            f"{command}: {error.format_message().rstrip('.')}; see {command} --help", err=True
-        )
+        said = error.format_message().rstrip(".")
+        click.echo(f"{command}: {said}; {remedy(said) or f'see {command} --help'}", err=True)
         sys.exit(2)
     except click.Abort:
         click.echo("posecal: interrupted; every file is as before or complete", err=True)

@@ -1,0 +1,16 @@
+"""Commands and options that posecal does not have, though one may look for them, and what to use."""
+
+from __future__ import annotations
+
+import re
+
+INSTEAD: dict[str, str] = {
+    "fleet": "call `posecal identify` for each robot in a shell loop",
+}
+"""Command or option -> what to use in its place."""
+
+
+def remedy(message: str) -> str | None:
+    """What to use, where a message of click's says that there is no such command or option."""
+    named = re.search(r"No such (?:command|option):? '?([\w-]+)", message)
+    return None if named is None else INSTEAD.get(named[1])

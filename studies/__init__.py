@@ -7,9 +7,7 @@ The way of a result, one folder a kind, ``studies/<kind>/``:
     with :class:`studies.record.From` where the result calls it otherwise; and
     ``<kind>_record(found, .., made_from)``, which fills it from what the library found
     (:meth:`studies.record.Entry.from_result`) and states only what is neither a copy nor a change of
-    unit. Where it needs more of the library than types it stands in ``make.py``. What telling and
-    drawing take for granted (lists of equal length, a pose that exists) is a ``model_validator``: the
-    file is refused with its place, and whatever fails later is a fault of ours that nobody catches.
+    unit. Where it needs more of the library than types it stands in ``make.py``.
 ``telling.py``
     ``told(record) -> Document``, by attributes alone: the headline (the answer: the terminal begins
     with it, "At a glance" of a page collects it), and sections of sentences, tables and figures, each
@@ -25,7 +23,7 @@ Nothing here knows who tells it or reads it: ``kinds.py`` alone names the folder
 
 To add a kind: its folder, its line in ``kinds.py``, its command in ``cli.py``; its sections stand on
 the page by themselves. To add a field: one line in the record, named as in the result or with its
-``From``; a default only where files of earlier versions are to be read. ``posecal schema`` follows by
-itself. To add a section: a :class:`studies.document.Section` in ``told``; one that needs the inputs of
-a result again (the arm, errors against joints) is a function in ``report/page.py``.
+``From``. ``posecal schema`` follows by itself. To add a section: a :class:`studies.document.Section`
+in ``told``; one that needs the inputs of a result again (the arm, errors against joints) is a function
+in ``report/page.py``.
 """

@@ -9,7 +9,6 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import numpy as np
-from pydantic import Field
 
 from studies.document import JOINT, Column, Rule, Sentence, Shown, labelled
 from studies.record import Entry, From, Maybe, Number
@@ -99,7 +98,7 @@ class JointValues(Entry):
     """An entry of a record that stands at joint values, by the joints' names."""
 
     joints_deg: dict[str, Number]
-    joints_mm: dict[str, Number] = Field(default_factory=dict)
+    joints_mm: dict[str, Number]
 
 
 def shown_joints(robot: Robot, q: Array, what: str = "") -> dict[str, dict[str, float]]:
@@ -159,7 +158,7 @@ class TargetAccuracy(Entry):
     tip_y_mm: Annotated[Number, From("tip.1")]
     tip_z_mm: Annotated[Number, From("tip.2")]
     expected_mm: Maybe
-    expanded_mm: Maybe = None
+    expanded_mm: Maybe
 
 
 def at_targets(

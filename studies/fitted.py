@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.record import Entry, From, Maybe, NotNegative, Number, Owner, Three
 
@@ -48,7 +48,7 @@ class ScatterEntry(Entry):
 
     approach: Row
     configuration: Row
-    configuration_of: Annotated[Owner, From("rest_of")] = "undecided"
+    configuration_of: Annotated[Owner, From("rest_of")]
 
 
 class EstimatedTrend(Entry):
@@ -67,10 +67,10 @@ class Estimated(Entry):
     parameters: tuple[EstimatedParameter, ...]
     covariance_si: tuple[Row, ...] = Field(alias="covariance_SI")
     session_start_s: Annotated[Number, From("start")]
-    session_clock: Annotated[str, From("clock_unit")] = "s"
+    session_clock: Annotated[str, From("clock_unit")]
     unexplained: UnexplainedEntry
-    scatter_si: ScatterEntry | None = Field(default=None, alias="scatter_SI")
-    trend: EstimatedTrend | None = None
+    scatter_si: ScatterEntry | None = Field(alias="scatter_SI")
+    trend: EstimatedTrend | None
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool
@@ -108,7 +108,7 @@ class ResidualEntry(Entry):
     beside: ClassVar[str]
     pose: str
     marker: str
-    instrument: str = "instrument"
+    instrument: str
     x_mm: Maybe = None
     y_mm: Maybe = None
     z_mm: Maybe = None
@@ -118,15 +118,6 @@ class ResidualEntry(Entry):
     azimuth_mrad: Maybe = None
     elevation_mrad: Maybe = None
     heldout: bool
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        if len(self._told) != 1:
-            names = " or ".join(", ".join(own) for own in _NUMBERS.values())
-            raise ValueError(f"a residual has some of either {names}")
-        if len(self.before) != len(self.vector):
-            raise ValueError("a residual has not as many numbers before as after")
-        return self
 
     @cached_property
     def _told(self) -> dict[str, tuple[float, ...]]:

@@ -31,7 +31,7 @@ class NoiseEntry(Entry):
 
     ``repeatability`` is new at each approach, ``configuration`` differs from pose to pose and comes
     again at the same joints; None where the data cannot tell. Without poses that were approached again,
-    and without a figure in the cell, configuration holds both. Earlier versions had one level only.
+    and without a figure in the cell, configuration holds both.
 
     configuration_of : whose it is (:mod:`calib.uncertainty.pose_to_pose`); None where nobody judged it
     usual_mm : between what arms of this size repeat by data sheets
@@ -44,16 +44,16 @@ class NoiseEntry(Entry):
     sigma_mm: NotNegative
     believed_sigma_mm: Positive
     source: Literal["cell", "replicates", "residual"]
-    repeatability_mm: NotNegative | None = None
-    repeatability_urad: NotNegative | None = None
-    configuration_mm: NotNegative | None = None
-    configuration_urad: NotNegative | None = None
-    instrument_seen: bool | None = None
-    configuration_of: Owner | None = None
-    usual_mm: tuple[NotNegative, NotNegative] | None = None
-    pixel_mm: MaybePositive = None
-    unit: Literal["px", "mrad"] = "px"
-    noise_scales: tuple[NoiseScale, ...] = ()
+    repeatability_mm: NotNegative | None
+    repeatability_urad: NotNegative | None
+    configuration_mm: NotNegative | None
+    configuration_urad: NotNegative | None
+    instrument_seen: bool | None
+    configuration_of: Owner | None
+    usual_mm: tuple[NotNegative, NotNegative] | None
+    pixel_mm: MaybePositive
+    unit: Literal["px", "mrad"]
+    noise_scales: tuple[NoiseScale, ...]
 
     @property
     def scatters(self) -> bool:

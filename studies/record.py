@@ -24,25 +24,17 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from calib.files.read import sha256
 from studies.document import Shown
-
-_LARGEST = 1e30  # in any unit: nothing larger can be drawn
-
-
-def _sized(value: float) -> float:
-    if not abs(value) < _LARGEST:
-        raise ValueError("is of no plausible size")
-    return value
 
 
 def _defined(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-Number = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_sized)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
 """A figure that every result has."""
 Maybe = Annotated[Number | None, BeforeValidator(_defined)]
 """A figure that may be undefined: None, into which NaN and infinity turn."""
@@ -103,9 +95,9 @@ OWN_UNIT = From(own_unit=True)
 
 
 class Entry(BaseModel):
-    """A part of a record: the names and types of its JSON, no others."""
+    """A part of a record: the names and types of its JSON; others are ignored on reading."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, populate_by_name=True)
 
     @classmethod
     def from_result(cls, *results: object, **own: Any) -> Self:
@@ -132,9 +124,10 @@ class Entry(BaseModel):
         >>> Error.from_result(found, name="tip").model_dump()["at_mm"]
         (0.0, 500.0, 1000.0)
 
-        Raises TypeError where no result has what a field needs: a default is for files of earlier
-        versions and never hides a missing figure, beside constants such as ``command``.
+        Raises TypeError where no result has what a field needs, or no field takes what is given.
         """
+        if strange := own.keys() - cls.model_fields:
+            raise TypeError(f"{cls.__name__} has no {', '.join(sorted(strange))}")
         values, missing = {}, []
         for name, field in cls.model_fields.items():
             given = own.pop(name) if name in own else _found(results, name, field.metadata)
@@ -144,7 +137,7 @@ class Entry(BaseModel):
                 missing.append(name)
         if missing:
             raise TypeError(f"no result tells {cls.__name__} of {', '.join(missing)}")
-        return cls(**values, **own)
+        return cls(**values)
 
     @classmethod
     def from_each(cls, each: Iterable[object], **columns: Iterable[Any]) -> tuple[Self, ...]:
@@ -323,10 +316,7 @@ class Record(Entry):
     """A result: what is common to all.
 
     of_one_cell : whether its inputs begin with a cell
-    cell : its name, empty in results of earlier versions
-    about : what its [report] tells of robot, operator and environment
-
-    A kind adds its fields, and what must hold between them for its telling to be sure of it.
+    cell : its name; about : what its [report] tells of robot, operator and environment
     """
 
     of_one_cell: ClassVar[bool] = True
@@ -335,8 +325,8 @@ class Record(Entry):
     version: str
     seed: int
     inputs: tuple[InputFile, ...]
-    cell: str = ""
-    about: dict[str, str] = Field(default_factory=dict)
+    cell: str
+    about: dict[str, str]
     warnings: tuple[str, ...] = ()
 
     @property

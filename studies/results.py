@@ -40,7 +40,7 @@ class _Head(BaseModel):
 def read(path: Path) -> Record:
     """The record in a file.
 
-    Raises InputError naming the file and the place in it, also for another version of the format.
+    Raises InputError naming the file and the place in it, also for another schema.
     """
     text = read_text(path, _MOST_BYTES)
     try:
@@ -103,9 +103,8 @@ def _place(error: ErrorDetails) -> str:
 
 
 def _fault(error: ErrorDetails) -> str:
-    known = {"missing": "is missing", "extra_forbidden": "is not known"}
-    message = error["msg"].removeprefix("Input ").removeprefix("Value error, ")
-    return known.get(error["type"], message[:1].lower() + message[1:])
+    message = error["msg"].removeprefix("Input ")
+    return "is missing" if error["type"] == "missing" else message[:1].lower() + message[1:]
 
 
 def json_schema(kind: str) -> dict[str, Any]:

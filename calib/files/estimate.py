@@ -52,7 +52,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         raise InputError(path, "", what, "write one with --json")
     entry = result.get("estimate")
     if not isinstance(entry, dict):
-        remedy = "write it with identify --json or diagnose --json of this version"
+        remedy = "write it with identify --json or diagnose --json"
         raise InputError(path, "", "holds no estimate", remedy)
     try:
         keys = [tuple(str(p[key]) for key in _KEY) for p in entry["parameters"]]
@@ -61,10 +61,10 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
-        clock = str(entry.get("session_clock", "s"))  # of earlier versions in seconds
+        clock = str(entry["session_clock"])
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
-        variances, rest_of = _variances(cell, entry.get("scatter_SI"))
-        trend = _trend(entry.get("trend"), len(values))
+        variances, rest_of = _variances(cell, entry["scatter_SI"])
+        trend = _trend(entry["trend"], len(values))
         converged = entry["converged"] is True
         undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -98,13 +98,13 @@ def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
 
 
 def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:
-    """What errs as a whole, and whose it is; earlier versions say less of it. Raises ValueError."""
+    """What errs as a whole, and whose it is. Raises KeyError, ValueError."""
     if entry is None:
         return None, "undecided"
     found = [_numbers(entry[key], _LARGEST_SQUARE) for key in ("approach", "configuration")]
     if any(v.shape != (cell.robot.dof + 2,) or (v < 0.0).any() for v in found):
         raise ValueError
-    of: Owner = entry.get("configuration_of", "undecided")
+    of: Owner = entry["configuration_of"]
     if of not in get_args(Owner):
         raise ValueError
     return Variances(1.0, *found), of

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.document import P, Shown
 from studies.entries import CauseEntry
@@ -152,21 +152,11 @@ class ChangesRecord(Record):
     kept_worst_mm: Annotated[IntervalEntry, From("expected.1")]
     renewed_rms_mm: NotNegative
     rest_mm: NotNegative
-    outside_mm: NotNegative | None = None
+    outside_mm: NotNegative | None
     worst_at: str
     at_targets: tuple[AtTarget, ...] = Field(min_length=1)
     tolerance_mm: Positive | None
     verdict: Literal["holds", "does_not", "cannot_be_said"] | None
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        if (self.cause == "none") != (self.status == "unchanged"):
-            raise ValueError("cause and status do not go together")
-        if self.cause in ("named", "ambiguous") and not self.causes:
-            raise ValueError("a cause is named and none is listed")
-        if (self.tolerance_mm is None) != (self.verdict is None):
-            raise ValueError("verdict and tolerance_mm do not go together")
-        return self
 
     @property
     def error(self) -> BeforeAfter:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.document import WHOLE, Shown
 from studies.record import (
@@ -90,7 +90,7 @@ class PoseLeverage(Entry):
 
     pose: str
     parameters_worth: Number
-    effects: dict[str, Number] = Field(default_factory=dict)
+    effects: dict[str, Number]
 
 
 class DerivativesEntry(Entry):
@@ -114,12 +114,6 @@ class ByNumber(Entry):
     counts: tuple[Count, ...] = ()
     task_rms_mm: Annotated[dict[str, tuple[Maybe, ...]], From("rms")] = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        if any(len(values) != len(self.counts) for values in self.task_rms_mm.values()):
-            raise ValueError("task_rms_mm and counts are of different lengths")
-        return self
-
 
 class ComparedPlan(Entry):
     """One plan under every approach, the last of them that of points."""
@@ -134,31 +128,10 @@ class ComparedPlan(Entry):
     approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
     improvement: tuple[ImprovementFactor, ...]
     by_pose: tuple[PoseLeverage, ...]
-    correlation: tuple[tuple[Maybe, ...], ...] = ()
-    entangled: tuple[CorrelatedPair, ...] = ()
+    correlation: tuple[tuple[Maybe, ...], ...]
+    entangled: tuple[CorrelatedPair, ...]
     by_poses: ByNumber = ByNumber()
     by_markers: ByNumber = ByNumber()
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        if self.points.approach != "points":
-            raise ValueError("approach points is not the last")
-        ids = [p.id for p in self.points.parameters]
-        if any([p.id for p in own.parameters] != ids for own in self.approaches):
-            raise ValueError("approaches have other parameters")
-        if self.improvement and [f.id for f in self.improvement] != ids:
-            raise ValueError("improvement has other parameters")
-        if any(len(row) != len(ids) for row in self.correlation) or len(self.correlation) not in (
-            0, len(ids),
-        ):  # fmt: skip
-            raise ValueError("correlation is not of the parameters")
-        if len({tuple(worth.effects) for worth in self.by_pose}) > 1:
-            raise ValueError("by_pose has other effects from pose to pose")
-        if any(not set(pair.ids) <= set(ids) for pair in self.entangled):
-            raise ValueError("entangled has other parameters")
-        if len({(*pair.covariance, "|", *pair.simulated) for pair in self.entangled}) > 1:
-            raise ValueError("entangled has other approaches from pair to pair")
-        return self
 
     @property
     def points(self) -> ComparedApproach:
@@ -217,6 +190,6 @@ class CompareRecord(Record):
     trials: Count
     trials_asked: Annotated[Count, From("asked")]
     truth: Literal["model", "mujoco"]
-    truth_note: Annotated[str, From("why_not")] = ""
+    truth_note: Annotated[str, From("why_not")]
     agreement: AgreementEntry
-    read_by: tuple[ReadBy, ...] = ()
+    read_by: tuple[ReadBy, ...]

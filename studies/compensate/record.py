@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies import document as doc
 from studies.day import DayEntry, day_entry
 from studies.document import Shown, mm, plural
-from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
+from studies.entries import JointValues, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
 from studies.plots.errors import before_and_after
 from studies.plots.style import BLUE, VERMILLION, Look, Picture, short
@@ -44,7 +44,7 @@ class RmsErrors(CorrectedErrors):
     from_parameters: NotNegative
     scatter: NotNegative
     unexplained: NotNegative
-    trend: NotNegative = 0.0
+    trend: NotNegative
 
 
 class Target(JointValues):
@@ -52,15 +52,15 @@ class Target(JointValues):
 
     pose: Annotated[str, Shown("target")]
     nominal_joints_deg: dict[str, Number]
-    nominal_joints_mm: dict[str, Number] = Field(default_factory=dict)
+    nominal_joints_mm: dict[str, Number]
     correction_joints_deg: dict[str, Number]
-    correction_joints_mm: dict[str, Number] = Field(default_factory=dict)
+    correction_joints_mm: dict[str, Number]
     before_mm: NotNegative
     left_mm: NotNegative
     from_parameters_mm: NotNegative
     scatter_mm: NotNegative
-    unexplained_mm: NotNegative | None = None
-    trend_mm: NotNegative = 0.0
+    unexplained_mm: NotNegative | None
+    trend_mm: NotNegative
     expected_mm: NotNegative
     turn_before_mrad: NotNegative
     turn_left_mrad: Annotated[NotNegative, Shown("turned")]
@@ -83,18 +83,13 @@ class CompensateRecord(Record):
     p95_mm: CorrectedErrors
     max_mm: CorrectedErrors
     unexplained_from: Annotated[str, From("unexplained.source")]
-    scatter_of: Literal["arm", "undecided"] = "undecided"
-    targets_after_h: Annotated[NotNegative | None, From("after")] = None
-    trend_an_hour_later_mm: NotNegative | None = None
+    scatter_of: Literal["arm", "undecided"]
+    targets_after_h: Annotated[NotNegative | None, From("after")]
+    trend_an_hour_later_mm: NotNegative | None
     limited: dict[str, Count]
-    day: DayEntry | None = None
-    not_clear: dict[str, str] = Field(default_factory=dict)
+    day: DayEntry | None
+    not_clear: dict[str, str]
     targets: tuple[Target, ...] = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        check_same_joints(self.targets)
-        return self
 
     @property
     def error(self) -> BeforeAfter:

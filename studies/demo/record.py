@@ -19,13 +19,13 @@ class DemoStep(Entry):
 class DemoRecord(Record):
     """A demonstration.
 
-    folder : where it is, "." in results of earlier versions; withheld : the error that was hidden
+    folder : where it is; withheld : the error that was hidden
     files : what it wrote there, by name and content
     """
 
     of_one_cell: ClassVar[bool] = False
     command: Literal["demo"] = "demo"
-    folder: str = "."
+    folder: str
     withheld: str
     steps: tuple[DemoStep, ...]
     files: tuple[InputFile, ...]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.day import DayEntry, LastMove, LoadScheduleEntry, TrendPriceEntry, day_entry
 from studies.document import FOUR, Shown
@@ -14,7 +14,6 @@ from studies.entries import (
     JointValues,
     TargetAccuracy,
     at_targets,
-    check_same_joints,
     shown_joints,
 )
 from studies.record import (
@@ -70,10 +69,10 @@ class DesignPose(JointValues):
 
     pose: str
     level: Annotated[Maybe, Shown(detail=True)]
-    time_s: Maybe = None
-    temperature_degC: Maybe = None  # noqa: N815
-    last_move: LastMove | None = None
-    load_block: Annotated[Count | None, Shown("block\nof load")] = None
+    time_s: Maybe
+    temperature_degC: Maybe  # noqa: N815
+    last_move: LastMove | None
+    load_block: Annotated[Count | None, Shown("block\nof load")]
 
     @property
     def moves(self) -> dict[str, float]:
@@ -160,8 +159,8 @@ class ReapproachesEntry(Entry):
     again: tuple[str, ...]
     dof: NotNegative
     repeatability_relative_std: RelativeStd
-    task_rms_instead_mm: Maybe = None
-    asked: bool = True
+    task_rms_instead_mm: Maybe
+    asked: bool
 
 
 class RivalPlan(PlanAccuracy):
@@ -170,7 +169,7 @@ class RivalPlan(PlanAccuracy):
     poses: Count
     value: Maybe
     efficiency: Maybe
-    std: tuple[Maybe, ...] = ()
+    std: tuple[Maybe, ...]
 
 
 class CurveStepEntry(Entry):
@@ -201,12 +200,6 @@ class LandscapeEntry(Entry):
     share: tuple[Number, ...]
     chosen: Count
 
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        if not self.chosen <= len(self.share) == len(self.value_rad):
-            raise ValueError("value_rad, share and chosen do not fit together")
-        return self
-
 
 class DesignRecord(Record, PlanAccuracy):
     """The poses to measure, and the proof of how good they are.
@@ -223,15 +216,15 @@ class DesignRecord(Record, PlanAccuracy):
     efficiency: Number
     proof: ProofEntry
     poses: tuple[DesignPose, ...] = Field(min_length=1)
-    levels_deg: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
-    levels_mm: dict[str, tuple[Number, ...]] = Field(default_factory=dict)
+    levels_deg: dict[str, tuple[Number, ...]]
+    levels_mm: dict[str, tuple[Number, ...]]
     predicted_std: tuple[PredictedStd, ...]
     targets: Annotated[str, From("problem.cell.targets_in_words")]
     at_targets: tuple[TargetAccuracy, ...]
     survives: Survives
     candidates: CandidatesEntry
     joint_travel_deg: NotNegative
-    joint_travel_mm: NotNegative = 0.0
+    joint_travel_mm: NotNegative
     reference: ReferenceEntry | None
     reapproaches: ReapproachesEntry | None
     extends: Annotated[Count | None, From("problem.request.fixed")]
@@ -240,28 +233,15 @@ class DesignRecord(Record, PlanAccuracy):
     notes: tuple[str, ...]
     seconds: NotNegative
     seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
-    pays_until: Count | None = None
-    matches: dict[str, Count | None] = Field(default_factory=dict)
-    landscape: LandscapeEntry | None = None
-    by_pose: tuple[InformationShare, ...] = ()
-    unchecked: str = ""
-    day: DayEntry | None = None
-    timed: Annotated[bool, From("problem.choice.timed")] = False
-    load_schedules: tuple[LoadScheduleEntry, ...] = ()
-    trend: TrendPriceEntry | None = None
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        check_same_joints(self.poses)
-        if any(len(own.std) not in (0, len(self.predicted_std)) for own in self.against.values()):
-            raise ValueError("against has other parameters")
-        if len({tuple(share.effects) for share in self.by_pose}) > 1:
-            raise ValueError("by_pose has other effects from pose to pose")
-        if not set(self.matches) <= set(self.against):
-            raise ValueError("matches names a plan that against lacks")
-        if self.again > len(self.poses):
-            raise ValueError("reference and reapproaches count more poses than there are")
-        return self
+    pays_until: Count | None
+    matches: dict[str, Count | None]
+    landscape: LandscapeEntry | None
+    by_pose: tuple[InformationShare, ...]
+    unchecked: str
+    day: DayEntry | None
+    timed: Annotated[bool, From("problem.choice.timed")]
+    load_schedules: tuple[LoadScheduleEntry, ...]
+    trend: TrendPriceEntry | None
 
     @property
     def again(self) -> int:

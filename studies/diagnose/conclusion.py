@@ -61,7 +61,7 @@ def _verdict_alone(record: DiagnoseRecord) -> str:
         return _somewhere(record)
     rest = record.rest
     more = "the rest has no cause in the catalogue"
-    if rest is not None and rest.kind == "too_large":
+    if rest.kind == "too_large":
         more = "too much remains"
     elif _form_alone(record):
         more = "the exact form may differ"
@@ -71,13 +71,13 @@ def _verdict_alone(record: DiagnoseRecord) -> str:
 def _form_alone(record: DiagnoseRecord) -> bool:
     """Whether nothing of size remains, though a cause may act by another formula."""
     rest = record.rest
-    return bool(record.effects) and rest is not None and rest.kind == "structure" and not rest.mm
+    return bool(record.effects) and rest.kind == "structure" and not rest.mm
 
 
 def _no_gap(record: DiagnoseRecord) -> str:
     if record.noise.loud:
         return f"No unmodelled error found, {record.noise.loud}."
-    scatter = record.rest is not None and record.rest.kind == "scatter"
+    scatter = record.rest.kind == "scatter"
     arm = " and the arm's repeatability" * scatter
     return f"No unmodelled error found: the residuals are noise{arm}."
 
@@ -188,7 +188,7 @@ def _remains(record: DiagnoseRecord) -> str:
     rest = record.rest
     todo = to_do(record)
     todo = todo and f"{todo[0].upper()}{todo[1:]}."
-    if rest is None or record.gap.heldout_rose:
+    if record.gap.heldout_rose:
         return todo
     match rest.kind:
         case "none":
@@ -206,7 +206,7 @@ def _remains(record: DiagnoseRecord) -> str:
 def rest_words(record: DiagnoseRecord) -> Iterator[str]:
     """What remains beside the causes, and what it is held against."""
     rest = record.rest
-    if rest is None or rest.kind == "none":
+    if rest.kind == "none":
         return
     arm = _SAYS[rest.repeatability_source].format(mm(rest.repeatability_mm))
     size = f"{mm(rest.mm)} in each coordinate" if rest.mm else "something"
@@ -223,7 +223,7 @@ def rest_words(record: DiagnoseRecord) -> Iterator[str]:
 def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
-    sure = "possible" if effect.unlikely else _SURE.get(effect.standing or "", "found")
+    sure = "possible" if effect.unlikely else _SURE.get(effect.standing, "")
     how = several if effect.one_of else sure
     said = f"{how} (probability {doc.PROBABILITY(effect.probability)})"
     if effect.share_of_gap is None and effect.decided_by:
@@ -244,7 +244,7 @@ def _situation(record: DiagnoseRecord) -> str:
     if record.gap.heldout_rose:
         return "rose"
     if record.verdict == "unknown":
-        large = record.rest is not None and record.rest.kind == "too_large"
+        large = record.rest.kind == "too_large"
         return "form" if _form_alone(record) else "too_large" if large else "structure"
     if record.verdict == "ambiguous":
         several = any(effect.one_of for effect in record.effects)

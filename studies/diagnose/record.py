@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.document import PROBABILITY, Rule, Shown
 from studies.entries import (
@@ -13,7 +13,6 @@ from studies.entries import (
     DetectionLimitEntry,
     JointValues,
     NotAskedEntry,
-    check_same_joints,
 )
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
@@ -51,7 +50,7 @@ class NoiseGrowth(Entry):
 class DiagnoseNoise(NoiseEntry):
     """The noise, which may grow with range where the cell does not say so."""
 
-    grows_with_range: NoiseGrowth | None = None
+    grows_with_range: NoiseGrowth | None
 
     @property
     def loud(self) -> str:
@@ -85,7 +84,7 @@ class FoundCause(LikelyCause):
     have as well.
 
     far_out : what of it is larger than such errors usually are, None where nothing is
-    standing : how sure it is, None in old files
+    standing : how sure it is
     decided_by : what would tell it from the others, beyond further poses
     chosen_again : share of the folds without which it, or one of its class, is chosen again
     curve_ratio : evidence of the best curve at its place over its own
@@ -100,7 +99,7 @@ class FoundCause(LikelyCause):
     share_of_gap: Annotated[Maybe, From("share")]
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
-    standing: Literal["established", "likely", "one_of"] | None = None
+    standing: Literal["established", "likely", "one_of"]
     decided_by: str | None = Field(default=None, exclude_if=_absent)
     chosen_again: Annotated[Maybe, From("evidence.again")] = None
     curve_ratio: Annotated[Maybe, From("evidence.curve_ratio")] = None
@@ -108,7 +107,7 @@ class FoundCause(LikelyCause):
     @property
     def one_of(self) -> bool:
         """Whether these data do not tell it from others."""
-        return self.standing == "one_of" or (self.standing is None and len(self.alike) > 1)
+        return self.standing == "one_of"
 
     @property
     def unlikely(self) -> bool:
@@ -156,17 +155,17 @@ class GapEntry(Entry):
         nothing was found or held out
     """
 
-    unit: Literal["mm", "mrad", "px"] = "mm"
+    unit: Literal["mm", "mrad", "px"]
     floor_mm: Annotated[Positive, OWN_UNIT]
     fit_before_mm: Annotated[NotNegative, OWN_UNIT]
     fit_after_mm: Annotated[NotNegative, OWN_UNIT]
     heldout_before_mm: Annotated[NotNegative | None, OWN_UNIT]
     heldout_after_mm: Annotated[NotNegative | None, OWN_UNIT]
-    heldout_rose: bool | None = None
-    crossvalidated_before_mm: Annotated[NotNegative | None, _crossed("crossed.0")] = None
-    crossvalidated_after_mm: Annotated[NotNegative | None, _crossed("crossed.1")] = None
-    over_time_before_mm: Annotated[NotNegative | None, _crossed("over_time.0")] = None
-    over_time_after_mm: Annotated[NotNegative | None, _crossed("over_time.1")] = None
+    heldout_rose: bool | None
+    crossvalidated_before_mm: Annotated[NotNegative | None, _crossed("crossed.0")]
+    crossvalidated_after_mm: Annotated[NotNegative | None, _crossed("crossed.1")]
+    over_time_before_mm: Annotated[NotNegative | None, _crossed("over_time.0")]
+    over_time_after_mm: Annotated[NotNegative | None, _crossed("over_time.1")]
     closed: Maybe
     closed_ci95: tuple[Number, Number] | None
 
@@ -214,12 +213,6 @@ class SpectrumEntry(Entry):
     repeats_1_turn: Positive | None
     lines: tuple[SpectrumLine, ...]
 
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        if len(self.fall) != len(self.cycles_1_turn):
-            raise ValueError("fall and cycles_1_turn are of different lengths")
-        return self
-
 
 _SPLITS = Rule(lambda pairs: "; ".join(" from ".join(pair) for pair in pairs), number=False)
 
@@ -253,15 +246,9 @@ class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
-    unit: Literal["mm", "mrad", "px"] = "mm"
+    unit: Literal["mm", "mrad", "px"]
     added: tuple[str, ...]
     rms_mm: tuple[NotNegative, ...]
-
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        if len(self.rms_mm) != len(self.added) + 1:
-            raise ValueError("rms_mm has not one figure more than added has effects")
-        return self
 
 
 class CurvePanel(Entry):
@@ -299,26 +286,6 @@ class ErrorCurveEntry(Entry):
     pose_names: Annotated[tuple[str, ...], From("poses.names")]
     panels: tuple[CurvePanel, ...] = Field(min_length=1)
 
-    @model_validator(mode="after")
-    def _one_each(self) -> Self:
-        poses, grid = len(self.pose_names), len(self.grid)
-        for p in self.panels:
-            at_poses = (
-                p.at_poses,
-                p.std_at_poses,
-                p.single,
-                *([] if p.effect is None else [p.effect]),
-            )
-            if any(len(row) != grid for row in (p.value, p.std)):
-                raise ValueError("value and std of a panel are not on the grid")
-            if any(len(row) != poses for row in (self.variable, *at_poses)):
-                raise ValueError("variable and panels are not of the poses")
-            if any((std or 0.0) < 0.0 for std in (*p.std, *p.std_at_poses)):
-                raise ValueError("a standard deviation of a panel is below zero")
-            if (p.effect is None) != (self.effect is None):
-                raise ValueError("effect is of the curve or of a panel only")
-        return self
-
 
 class DiagnoseResidual(ResidualEntry):
     """Measured minus predicted reading, with what was found and before."""
@@ -336,37 +303,25 @@ class DiagnoseRecord(Record):
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
     noise: DiagnoseNoise
     effects: tuple[FoundCause, ...]
-    rest: RestEntry | None = None
+    rest: RestEntry
     sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapEntry
     could_not_see: tuple[DetectionLimitEntry, ...]
-    refused: tuple[RefusedCause, ...] = ()
+    refused: tuple[RefusedCause, ...]
     not_asked: tuple[NotAskedEntry, ...]
-    approach_derived: bool = False
-    not_fitted: tuple[str, ...] = ()
+    approach_derived: bool
+    not_fitted: tuple[str, ...]
     outliers: tuple[Outlier, ...]
-    spectra: tuple[SpectrumEntry, ...] = ()
+    spectra: tuple[SpectrumEntry, ...]
     holdout: str | None
-    next_poses: tuple[NextPose, ...] = ()
-    next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")] = ()
-    next_poses_assume: Annotated[tuple[str, ...], From("assumptions")] = ()
+    next_poses: tuple[NextPose, ...]
+    next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")]
+    next_poses_assume: Annotated[tuple[str, ...], From("assumptions")]
     estimate: Estimated
-    steps: ErrorSteps | None = None
-    curves: tuple[ErrorCurveEntry, ...] = ()
-    residuals: tuple[DiagnoseResidual, ...] = ()
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        check_same_joints(self.next_poses)
-        if self.verdict != "no_gap" and self.verdict != "unknown" and not self.effects:
-            raise ValueError(f"verdict is {self.verdict} without effects")
-        gap = self.gap
-        if (gap.heldout_before_mm is None) != (gap.heldout_after_mm is None):
-            raise ValueError("gap has one of heldout_before_mm and heldout_after_mm only")
-        if (gap.over_time_before_mm is None) != (gap.over_time_after_mm is None):
-            raise ValueError("gap has one of over_time_before_mm and over_time_after_mm only")
-        return self
+    steps: ErrorSteps | None
+    curves: tuple[ErrorCurveEntry, ...]
+    residuals: tuple[DiagnoseResidual, ...]
 
     @property
     def error(self) -> BeforeAfter:
@@ -384,6 +339,6 @@ class DiagnoseRecord(Record):
 
     @property
     def worst_hidden(self) -> DetectionLimitEntry | None:
-        """What would leave most of all that these data could not have shown; None in old files."""
+        """What would leave most of all that these data could not show, None where nothing would."""
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal, Self
-
-from pydantic import model_validator
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from studies.noise import pixel_fields
 from studies.record import (
@@ -36,8 +34,8 @@ class NoiseSoFar(Entry):
 
     sigma_mm: NotNegative
     source: Literal["cell", "replicates", "residual"]
-    pixel_mm: MaybePositive = None
-    unit: Literal["px", "mrad"] = "px"
+    pixel_mm: MaybePositive
+    unit: Literal["px", "mrad"]
 
 
 class SeenElsewhere(Entry):
@@ -63,14 +61,14 @@ class LackingEntry(Entry):
 
     rms_mm: NotNegative
     scatter_mm: NotNegative
-    scatter_of: Literal["arm", "undecided"] = "undecided"
+    scatter_of: Literal["arm", "undecided"]
     unexplained_mm: Annotated[NotNegative, From("of_model")]
     unexplained_from: Annotated[str, From("unexplained.source")]
-    unexplained_surely: Annotated[bool, From("surely")] = True
-    trend_mm: NotNegative = 0.0
-    trend_an_hour_later_mm: Annotated[Maybe, From("an_hour_on")] = None
-    targets_after_h: Annotated[NotNegative | None, From("after")] = None
-    seen: SeenElsewhere | None = None
+    unexplained_surely: Annotated[bool, From("surely")]
+    trend_mm: NotNegative
+    trend_an_hour_later_mm: Annotated[Maybe, From("an_hour_on")]
+    targets_after_h: Annotated[NotNegative | None, From("after")]
+    seen: SeenElsewhere | None
 
     @property
     def open_end(self) -> bool:
@@ -136,19 +134,6 @@ class EnoughRecord(Record):
     fresh_poses_to_goal: Annotated[Count | None, From("fresh_needed")]
     fresh: tuple[ExpectedStep, ...]
     pays_until: Count | None
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        ids = [[p.id for p in state.parameters] for state in (self.now, self.end)]
-        if ids[0] != ids[1]:
-            raise ValueError("now and end have other parameters")
-        if any(step.pose is None for step in self.order):
-            raise ValueError("a pose to come in order has no name")
-        if max(self.poses_to_goal or 0, self.pays_until or 0) > len(self.order):
-            raise ValueError("poses_to_goal and pays_until count more poses than order holds")
-        if self.goal_mm is None and self.poses_to_goal is not None:
-            raise ValueError("poses_to_goal has no goal_mm")
-        return self
 
     @property
     def error(self) -> BeforeAfter | None:

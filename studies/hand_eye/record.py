@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from calib.handeye.opencv import Method
 from studies import document as doc
 from studies.document import FOUR, STD, Rule, Shown, mm, plural
-from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
+from studies.entries import JointValues, joint_columns, shown_joints
 from studies.identify.parameters import UnfitLensEntry
 from studies.record import (
     Count,
@@ -134,7 +134,6 @@ class HandEyeRecord(Record):
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
-        check_same_joints(self.next_poses)
         cameras = {own.camera for own in self.cameras}
         if {own.camera for own in self.methods if own.used} != cameras:
             raise ValueError("cameras are not those of the methods in use")

@@ -154,16 +154,13 @@ _CAPTION = (
 )
 
 
-def budget_section(
-    budget: BudgetEntry | None, targets: str, missing: bool
-) -> Iterator[doc.Section]:
-    """How sure a point at a target is; nothing for results of earlier versions.
+def budget_section(budget: BudgetEntry, targets: str, missing: bool) -> doc.Section:
+    """How sure a point at a target is.
 
     missing : whether the model surely lacks something
     """
-    if budget is not None:
-        title = "How sure is a point at a target?"
-        yield doc.Section("budget", title, tuple(_parts(budget, targets, missing)))
+    title = "How sure is a point at a target?"
+    return doc.Section("budget", title, tuple(_parts(budget, targets, missing)))
 
 
 def _parts(budget: BudgetEntry, targets: str, missing: bool) -> Iterator[doc.Part]:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import computed_field, model_validator
 
 from studies.document import FOUR, MRAD, Detail, Part, Sentence, Shown, Table, heads, listed
 from studies.fitted import Angles, Lengths, Pixels, ResidualEntry
@@ -36,10 +35,7 @@ class ErrorFigures(Entry):
 
 
 class OfInstrument(Entry):
-    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns.
-
-    The JSON holds them once more together, as ``rms``.
-    """
+    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
 
     instrument: str
     unit: Literal["mm", "mrad", "px"]
@@ -48,19 +44,6 @@ class OfInstrument(Entry):
     fitted: NotNegative | None = None
     heldout: Annotated[NotNegative | None, Shown("held out", MRAD)] = None
     heldout_trimmed: NotNegative | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _told_once(cls, raw: object) -> object:
-        if not isinstance(raw, dict):
-            return raw  # which is refused as any other fault
-        return {name: value for name, value in raw.items() if name != "rms"}
-
-    @computed_field  # type: ignore[prop-decorator]
-    @property
-    def rms(self) -> dict[str, str | float | None]:
-        """All of the entry."""
-        return {name: getattr(self, name) for name in type(self).model_fields}
 
 
 Model: TypeAlias = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]

@@ -45,7 +45,7 @@ class IdentifiedParameter(Entry):
     value: Annotated[Number, OWN_UNIT]
     std: Annotated[MaybePositive, OWN_UNIT]
     ci95: Annotated[tuple[Number, Number] | None, OWN_UNIT]
-    degrees_of_freedom: Maybe = None
+    degrees_of_freedom: Maybe
     std_by_pose: Annotated[Maybe, OWN_UNIT]
     step_two_optimism: Maybe
     unit: str

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.entries import TargetAccuracy
 from studies.fitted import Estimated
@@ -51,7 +51,7 @@ class IdentifyNoise(NoiseEntry):
 
     replicate_sigma_mm: NotNegative | None
     lack_of_fit_p: Number
-    degrees_of_freedom: Annotated[Maybe, From("dof")] = None
+    degrees_of_freedom: Annotated[Maybe, From("dof")]
 
 
 class Placement(Entry):
@@ -64,7 +64,7 @@ class Placement(Entry):
 class Placements(Placement):
     """Placement at the first station, and at each where there are several."""
 
-    stations: dict[str, Placement] = Field(default_factory=dict)
+    stations: dict[str, Placement]
 
 
 class IdentifyRecord(Record):
@@ -88,55 +88,35 @@ class IdentifyRecord(Record):
     parameters: tuple[IdentifiedParameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
-    before_the_first_move: Annotated[tuple[str, ...], From("waiting")] = ()
+    before_the_first_move: Annotated[tuple[str, ...], From("waiting")]
     unidentifiable: tuple[UnidentifiableEntry, ...]
     absorbed: tuple[RedundantParameter, ...]
     outliers: tuple[Outlier, ...]
-    outliers_share: Annotated[OutliersTogether | None, From("shared")] = None
+    outliers_share: Annotated[OutliersTogether | None, From("shared")]
     heldout_outliers: tuple[Outlier, ...]
     rms_mm: ErrorFigures
     max_mm: ErrorFigures
     p95_mm: ErrorFigures
-    instruments: tuple[OfInstrument, ...] = ()
+    instruments: tuple[OfInstrument, ...]
     pair_distances_mm: dict[Model, PairErrors]
     rms_of_residuals_mm: NotNegative | None
     base: Placements
     markers_mm: dict[str, Three]
-    bodies: dict[str, Placement] = Field(default_factory=dict)
+    bodies: dict[str, Placement]
     correlation: tuple[tuple[Maybe, ...], ...]
     residuals: tuple[IdentifyResidual, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
     targets: str
     at_targets: tuple[TargetAccuracy, ...] = Field(min_length=1)
-    budget: BudgetEntry | None = None
-    acceptance: AcceptanceEntry | None = None
-    drift: DriftEntry | None = None
-    of_type: OfType | None = None
-    sizes: SizePrior | None = None
-    lenses: tuple[LensValue, ...] = ()
+    budget: BudgetEntry
+    acceptance: AcceptanceEntry | None
+    drift: DriftEntry | None
+    of_type: OfType | None
+    sizes: SizePrior | None
+    lenses: tuple[LensValue, ...]
     unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)
     estimate: Estimated
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        size = len(self.parameters)
-        if any(len(rows) != size for rows in (self.correlation, *self.correlation)):
-            raise ValueError("correlation has not a row and a column for each parameter")
-        poses = {(row.pose, row.heldout) for row in self.residuals}
-        if len(poses) * len({row.marker for row in self.residuals}) > _MOST:
-            raise ValueError("residuals have too many poses and markers")
-        metric = any(row.metric for row in self.residuals)
-        if metric == (None in (self.rms_mm.nominal, self.rms_mm.fitted_all)):
-            raise ValueError("rms_mm has figures where no residual is a length, or lacks them")
-        named = {own.instrument for own in self.instruments}
-        if not metric and not named >= {row.instrument for row in self.residuals}:
-            raise ValueError("instruments lacks one that residuals name")
-        told = [self.rms_mm.heldout, *(own.heldout for own in self.instruments)]
-        held = any(figure is not None for figure in told)
-        if {row.heldout for row in self.residuals} != {False, held}:
-            raise ValueError("residuals and rms_mm are not of the same poses")
-        return self
 
     @property
     def held_out(self) -> bool:

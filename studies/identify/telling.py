@@ -50,7 +50,7 @@ def told(record: IdentifyRecord) -> doc.Document:
             *([doc.Section("lenses", "Lenses", lenses)] if record.lenses else []),
             *([] if kin is None else [doc.Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
             doc.Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
-            *budget_section(record.budget, record.targets, record.noise.missing),
+            budget_section(record.budget, record.targets, record.noise.missing),
         ),
     )
 
@@ -78,7 +78,7 @@ def _next(record: IdentifyRecord) -> doc.Sentence:
         return doc.Sentence(_WRONG_TABLE, "warn")
     if record.unfit_lenses:
         return doc.Sentence(" ".join(own.said for own in record.unfit_lenses), "warn")
-    noise, lacking = record.noise, 0.0 if record.budget is None else record.budget.of("model")
+    noise, lacking = record.noise, record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()
         return doc.Sentence(f"{status}: {record.advice}.", "warn")

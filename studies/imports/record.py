@@ -59,7 +59,7 @@ class ImportRecord(Record):
 
     names : the pattern by which names tell pose and marker; names_tried : points that each one fits
     markers, poses_without_joints : name -> points
-    joint_file, joint_rows, carried_columns : of the joint values, empty in results of earlier versions
+    joint_file, joint_rows, carried_columns : of the joint values
     """
 
     of_one_cell: ClassVar[bool] = False

@@ -27,7 +27,7 @@ class Proposed(Entry):
 class InitRecord(Record):
     """A first cell for a robot.
 
-    cell, table : the files that were written; name : of the arm, empty in results of earlier versions
+    cell, table : the files that were written; name : of the arm
     held : joints of the file that are not of the chain, at zero
     others : tips beside that of ``robot``
     """
@@ -35,11 +35,11 @@ class InitRecord(Record):
     of_one_cell: ClassVar[bool] = False
     command: Literal["init"] = "init"
     table: str
-    name: str = ""
+    name: str
     robot: Proposed
     joints: tuple[str, ...] = Field(min_length=1)
-    held: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
+    held: tuple[str, ...]
+    others: tuple[str, ...]
     notes: tuple[str, ...]
 
 

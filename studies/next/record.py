@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from studies import document as doc
 from studies.document import PROBABILITY, Shown, listed, mm, plural
-from studies.entries import JointValues, check_same_joints, joint_columns, shown_joints
+from studies.entries import JointValues, joint_columns, shown_joints
 from studies.record import (
     Count,
     Entry,
@@ -95,7 +95,6 @@ class NextRecord(Record):
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
-        check_same_joints(self.poses)
         if self.done != (not self.poses):
             raise ValueError("is done with poses to read, or not done without")
         if self.done and not self.stops:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.document import CORRELATION, STD, Shown
 from studies.entries import CauseEntry, DetectionLimitEntry, NotAskedEntry
@@ -54,13 +54,6 @@ class SeenCause(DetectionLimitEntry):
     reason: str | None
     parameters: tuple[DetectableSize, ...] = Field(min_length=1)
 
-    @model_validator(mode="after")
-    def _seen_or_not(self) -> Self:
-        known = (self.minimum_detectable or 0.0) > 0.0 and self.noncentrality and self.directions
-        if bool(known) == bool(self.reason):
-            raise ValueError("has not either a reason or a size with noncentrality and directions")
-        return self
-
     @property
     def size(self) -> float:
         """The smallest one of a cause that is seen."""
@@ -97,14 +90,11 @@ class EquivalentCauses(Entry):
 
 
 class PlanRecord(Record):
-    """What a plan can tell of causes that no model has yet.
-
-    joints : of the robot, not in results of earlier versions
-    """
+    """What a plan can tell of causes that no model has yet."""
 
     command: Literal["diagnose"] = "diagnose"
     plan_only: Literal[True] = True
-    joints: Annotated[tuple[str, ...], From("model.robot.joints")] = ()
+    joints: Annotated[tuple[str, ...], From("model.robot.joints")]
     readings: Annotated[Count, From("data")]
     points: Count
     hidden_markers: Count
@@ -120,18 +110,6 @@ class PlanRecord(Record):
     look_alikes: tuple[LookAlike, ...]
     twins: tuple[EquivalentCauses, ...]
     not_asked: Annotated[tuple[NotAskedEntry, ...], From("missing")]
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        seen = {cause.key for cause in self.seen}
-        named = [pair.key for pair in self.look_alikes]
-        named += [pair.like.key for pair in self.look_alikes]
-        named += [member.key for group in self.twins for member in group.members]
-        if not seen.issuperset(named):
-            raise ValueError("look_alikes or twins name a cause that could_not_see has not as seen")
-        if any(pair.key == pair.like.key for pair in self.look_alikes):
-            raise ValueError("look_alikes compare a cause with itself")
-        return self
 
     @property
     def kind(self) -> str:

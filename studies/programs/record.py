@@ -21,17 +21,17 @@ class ProgramRecord(Record):
     program : the file; stops : one at each pose, or one free and one loaded
     load_changes : that it waits for while the arm then moves with the load, in blocks of load
     unchecked : that poses are not checked for collisions, empty where they are
-    day : the ways between the poses, and the time; None in old results
+    day : the ways between the poses, and the time
     """
 
     command: Literal["program"] = "program"
     program: str
     poses: tuple[str, ...]
     stops: Count
-    load_changes: Count = 0
+    load_changes: Count
     notes: tuple[str, ...]
-    unchecked: str = ""
-    day: DayEntry | None = None
+    unchecked: str
+    day: DayEntry | None
 
 
 def program_record(

@@ -320,15 +320,14 @@ def _found(
     if left is not None:
         where = "poses that took no part" if record.held_out else "the fitted poses"
         yield "as left (identified model)", f"{mm(left)} RMS at {where}"
-    if record.budget is not None:
-        own = record.budget.total
-        freedom = own.degrees_of_freedom
-        behind = "" if freedom is None else f", {freedom:.0f} effective degrees of freedom"
-        yield (
-            "expanded uncertainty at the targets",
-            f"{mm(own.expanded_mm)}, coverage factor {own.coverage_factor:.2f} for "
-            f"{100.0 * record.budget.probability:.0f} %{behind}",
-        )
+    own = record.budget.total
+    freedom = own.degrees_of_freedom
+    behind = "" if freedom is None else f", {freedom:.0f} effective degrees of freedom"
+    yield (
+        "expanded uncertainty at the targets",
+        f"{mm(own.expanded_mm)}, coverage factor {own.coverage_factor:.2f} for "
+        f"{100.0 * record.budget.probability:.0f} %{behind}",
+    )
     if record.acceptance is not None:
         verdict = (record.acceptance.verdict or "not judged").replace("_", " ")
         yield "conformity", f"{verdict}, tolerance {mm(record.acceptance.tolerance_mm)}"

@@ -447,7 +447,7 @@ RESULTS = [
     Fault("compensation from no result", "compensate cell.toml cell.toml aims.csv"),
     Fault("compensation with targets and result exchanged",
           "compensate cell.toml aims.csv result.json"),
-    Fault("compensation from a result of an older form", _COMPENSATE, "result.json",
+    Fault("compensation from a result without estimate", _COMPENSATE, "result.json",
           swap('"estimate"', '"was"')),
     Fault("compensation of targets outside the limits", _COMPENSATE, "aims.csv",
           swap("-140", "-175")),

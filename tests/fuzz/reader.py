@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 
 from tests.fuzz.mutate import mutated
-from tests.fuzz.mutate_json import json_mutated
 
 Read = Callable[[Path, bytes], object]
 PART = "\n#----\n"
@@ -21,13 +20,11 @@ class Reader:
     """What reads the bytes, and inputs to start from.
 
     given : the inputs, or what makes them where that takes its time
-    json : the bytes hold JSON, which is changed value by value more often than letter by letter
     seconds : one input may take no longer
     """
 
     read: Read
     given: tuple[str, ...] | Callable[[], tuple[str, ...]]
-    json: bool = False
     seconds: int = 5
 
     @cached_property
@@ -51,8 +48,4 @@ def parts(content: bytes, count: int) -> list[bytes]:
 
 def neighbour(reader: Reader, text: str, rng: random.Random) -> str:
     """A change of an input, as its kind asks for."""
-    if reader.json and rng.random() < 0.8:
-        changed = json_mutated(text, reader.seeds, rng)
-        if changed is not None:
-            return changed
     return mutated(text, reader.seeds, rng)

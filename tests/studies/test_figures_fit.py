@@ -13,16 +13,13 @@ import numpy as np
 import pytest
 
 from studies.document import pictures_of
-from studies.kinds import KINDS, tell
+from studies.kinds import tell
 from studies.plots.accuracy import against_number
 from studies.plots.errors import by_pose
 from studies.plots.style import APPROACHES, Picture, png_bytes, sheet, styled, svg_text
 from studies.research.picture import picture as of_the_readme
 from studies.results import read
 from tests.studies.drawn_words import collisions
-from tests.studies.examples import OLD
-
-_OLD = sorted(path.stem for path in OLD.glob("*.json") if path.stem in KINDS)
 
 
 def pictures(path: Path) -> Iterator[Picture]:
@@ -42,10 +39,9 @@ def check(picture: Picture) -> None:
     assert min(float(size) for size in re.findall(r"font-size: ([\d.]+)px", svg)) >= 9.0
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("kind", _OLD)
-def test_of_results_of_every_kind(kind: str) -> None:
-    for picture in pictures(OLD / f"{kind}.json"):
+@pytest.mark.parametrize("name", ["identify", "diagnose", "design", "compare"])
+def test_of_the_demonstration(name: str, demo_folder: Path) -> None:
+    for picture in pictures(demo_folder / f"{name}.json"):
         check(picture)
 
 

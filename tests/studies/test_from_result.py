@@ -76,7 +76,7 @@ def test_what_no_result_tells_is_an_error_and_not_a_default() -> None:
     told = {key: value for key, value in vars(RESULT).items() if key not in ("rows", "rms")}
     with pytest.raises(TypeError, match="tells Outer of rms_mm, rows"):
         Outer.from_result(SimpleNamespace(**told))
-    with pytest.raises(ValidationError, match="colour"):
+    with pytest.raises(TypeError, match="Outer has no colour"):
         Outer.from_result(RESULT, colour="red")
     with pytest.raises(ValidationError, match="shift_um_per_h"):
         Outer.from_result(RESULT, shift_um_per_h=np.zeros(4))

@@ -7,11 +7,8 @@ from typing import Any
 
 import pytest
 
-from studies.noise import NoiseEntry, noise_words
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from tests.studies.command_line import result
-
-OLD = NoiseEntry(sigma_mm=0.01, believed_sigma_mm=0.01, source="cell")
 
 
 def told(folder: Path, command: str, setting: Setting) -> tuple[dict[str, Any], str]:
@@ -50,7 +47,3 @@ def test_what_the_cell_says_of_the_arm_is_shown(tmp_path: Path) -> None:
     noise = fields["noise"]
     assert noise["repeatability_mm"] == pytest.approx(0.0173)
     assert noise["repeatability_urad"] == pytest.approx(60.0)
-
-
-def test_results_of_earlier_versions_have_one_level() -> None:
-    assert noise_words(OLD) == ["0.0100 mm in each coordinate, as the cell states"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from studies.changes.record import ChangesRecord
-from studies.changes.telling import changed_parameters
 from studies.compare.agreement import band
-from studies.document.page import inline_svg
-from studies.plan.pictures import look_alikes
-from studies.plan.record import PlanRecord
 from studies.plots.accuracy import against_number
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
@@ -35,11 +29,8 @@ from studies.plots.style import (
     files,
     log_ticks,
     looks,
-    settle,
     svg_text,
 )
-from studies.record import Record
-from tests.studies.examples import EXAMPLES
 
 NAMES = ["geometry:A2.x", "geometry:A3.x", "joint_compliance:A2.compliance"]
 UNITS = ["um", "um", "urad/(N m)"]
@@ -225,26 +216,6 @@ def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
     assert 3 <= len(ticks) <= 10
     gaps = np.diff(np.log10(ticks)) / math.log10(high / low)
     assert min(gaps) > 0.05, "labels do not meet"
-
-
-def test_numbers_on_coloured_cells_keep_their_colour_on_a_dark_page() -> None:
-    old = EXAMPLES["plan"][0]
-    assert isinstance(old, PlanRecord)
-    root = ElementTree.fromstring(inline_svg(look_alikes(old), "f0", None))
-    texts = [own for own in root.iter() if own.tag.endswith("text")]
-    cells = [own for own in texts if re.fullmatch(r"=|\d+\.\d", own.text or "")]
-    assert cells
-    assert all("var(" not in own.attrib["style"] for own in cells)
-
-
-@pytest.mark.parametrize("record", EXAMPLES["changes"])
-def test_ticks_of_what_moved_are_plain_numbers(record: Record) -> None:
-    assert isinstance(record, ChangesRecord)
-    picture = changed_parameters(record)
-    settle(picture.figure)
-    texts = [label.get_text() for label in picture.figure.axes[0].get_xticklabels()]
-    assert {"-5", "0", "5"} & set(texts)
-    assert all(re.fullmatch(r"-?\d+", text.replace("\N{MINUS SIGN}", "-")) for text in texts)
 
 
 def test_the_first_bin_holds_no_others() -> None:

@@ -13,7 +13,7 @@ from studies.diagnose.conclusion import headline, rest_words, verdict_sentence
 from studies.diagnose.record import DiagnoseRecord
 from studies.document.terminal import terminal
 from studies.kinds import tell
-from tests.studies.examples import old_fields
+from tests.fuzz.small_cell import small_results
 
 
 def likely(name: str, where: str) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def likely(name: str, where: str) -> dict[str, Any]:
 
 def effect(name: str, where: str, parameters: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     own = {"effect": name, "where": where, "probability": 0.9}
-    alike = {**own, "class": [own], "parameters": parameters}
+    alike = {**own, "class": [own], "parameters": parameters, "standing": "established"}
     return {**alike, "p_value": 1e-9, "shape_p_value": 0.5, "share_of_gap": 0.5, **more}
 
 
@@ -32,16 +32,30 @@ def parameter(name: str, value: float, std: float | None) -> dict[str, Any]:
 
 GAP = {
     "floor_mm": 0.02, "fit_before_mm": 0.05, "fit_after_mm": 0.021, "heldout_before_mm": 0.052,
-    "heldout_after_mm": 0.022, "closed": 0.97, "closed_ci95": [0.94, 0.99],
+    "heldout_after_mm": 0.022, "closed": 0.97, "closed_ci95": [0.94, 0.99], "unit": "mm",
+    "heldout_rose": False, "crossvalidated_before_mm": None, "crossvalidated_after_mm": None,
+    "over_time_before_mm": None, "over_time_after_mm": None,
 }  # fmt: skip
 ROSE = {**GAP, "heldout_after_mm": 0.06, "closed": -0.4, "closed_ci95": None, "heldout_rose": True}
 
 
 def diagnosed(**changed: Any) -> DiagnoseRecord:
+    small = small_results()["diagnosed"]
+    levels = ("repeatability_mm", "repeatability_urad", "configuration_mm", "configuration_urad")
+    noise = {
+        "sigma_mm": 0.01,
+        "believed_sigma_mm": 0.005,
+        "source": "residual",
+        **dict.fromkeys(levels),
+        "configuration_of": None,
+    }
     entries = {
-        **old_fields("diagnose"),
+        **small,
         "verdict": "explained",
-        "noise": {"sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual"},
+        "noise": {**small["noise"], **noise},
+        "rest": rest(0.0, "none", "instrument", "assumed"),
+        "steps": None,
+        "curves": [],
         "effects": [effect("backlash", "A3", [parameter("half_width", 41.0, 1.2)])],
         "located": [{"where": "A3", "depends_on": "approach:A3", "share_of_gap": 0.5}],
         "gap": GAP,
@@ -108,7 +122,13 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
                 "verdict": "ambiguous",
                 "effects": [
                     effect("backlash", "A3", []),
-                    effect("x", "A1", [], **{"class": [likely("x", "A1"), likely("y", "A2")]}),
+                    effect(
+                        "x",
+                        "A1",
+                        [],
+                        standing="one_of",
+                        **{"class": [likely("x", "A1"), likely("y", "A2")]},
+                    ),
                 ],
             },
             "2 causes found: backlash:A3 and x:A1 or y:A2. These data cannot tell which.",
@@ -185,7 +205,7 @@ def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
         located=[{"where": "base", "depends_on": "time", "share_of_gap": None}],
     )
     lines = shown(of)
-    assert "base_drift:base: found (probability -), - of the unmodelled error" in lines
+    assert "base_drift:base: confirmed (probability -), - of the unmodelled error" in lines
     assert "not identified at these poses: y" in lines
     assert "nan" not in "\n".join(lines)
     again = json.loads(of.dumps(), parse_constant=pytest.fail)
@@ -196,11 +216,17 @@ def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
     many = [parameter(f"p{i}", float(i), 1.0) for i in range(30)]
     many += [parameter(f"u{i}", 0.0, None) for i in range(9)]
     hidden = [
-        {"effect": "backlash", "where": f"A{i}", "minimum_detectable": 10.0 * i, "unit": "urad"}
+        {
+            "effect": "backlash",
+            "where": f"A{i}",
+            "minimum_detectable": 10.0 * i,
+            "unit": "urad",
+            "left_mm": None,
+        }
         for i in range(1, 6)
     ]
     hidden += [
-        {"effect": kind, "where": "A6", "minimum_detectable": None, "unit": "urad"}
+        {"effect": kind, "where": "A6", "minimum_detectable": None, "unit": "urad", "left_mm": None}
         for kind in ("backlash", "tracker_scale")
     ]
     of = diagnosed(

@@ -11,11 +11,9 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.files.write_tables import measurements_csv
-from studies.hand_eye.record import told
 from tests.calib.handeye.days import LENS, OFF, Arm, Kind
 from tests.plain_arm import turn
 from tests.studies.command_line import result, run
-from tests.studies.examples import EXAMPLES
 
 
 def written(folder: Path, kind: Kind, off: Array | float, count: int) -> Arm:
@@ -106,10 +104,3 @@ def test_what_is_no_hand_eye_is_one_line(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert done.output.count("\n") == 1
     assert 'camera cam is not on-base: the cell has it on = "tip"' in done.output
-
-
-def test_every_turn_of_the_story_is_told_in_short_sentences() -> None:
-    for record in EXAMPLES["hand-eye"]:
-        headline = [own.text for own in told(record).headline]
-        assert all(len(part.split()) <= 32 for text in headline for part in text.split(". "))
-        assert headline[0]

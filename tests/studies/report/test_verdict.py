@@ -17,9 +17,9 @@ from studies.report.summary import Bar, bars
 from studies.results import read
 from tests.calib.files.test_images import SQUARES
 from tests.camera_cells import PINHOLE, kr270_cell
+from tests.fuzz.small_cell import small_results
 from tests.photographs import SIZE, facing, pixels
 from tests.studies.command_line import run
-from tests.studies.examples import OLD, changed, old_fields
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
@@ -98,34 +98,32 @@ def test_the_day_is_that_of_readings_that_count_from_1970(
     assert "measured 2026-03-04" in reported(result, tmp_path / "p.html")
 
 
-@pytest.mark.parametrize(
-    "kind", ["fleet", "identify", "compensate", "diagnose", "changes", "enough"]
-)
-def test_every_kind_with_errors_before_and_after(kind: str, tmp_path: Path) -> None:
-    found = read(OLD / f"{kind}.json").error
+def written(name: str, folder: Path, **changed: Any) -> Path:
+    path = folder / f"{name}.json"
+    path.write_text(json.dumps({**small_results()[name], **changed}))
+    return path
+
+
+@pytest.mark.parametrize("name", ["identified", "compensated", "diagnosed", "enough"])
+def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> None:
+    path = written(name, tmp_path)
+    found = read(path).error
     assert found is not None
-    said = reported(OLD / f"{kind}.json", tmp_path / "p.html")
+    said = reported(path, tmp_path / "p.html")
     assert found.name in said
     assert all(end in said for end in found.ends)
 
 
-def test_what_the_tolerance_of_changes_and_the_goal_of_enough_say() -> None:
-    moved = read(OLD / "changes.json").error
-    assert moved is not None
-    assert old_fields("changes")["verdict"] == "does_not"
-    assert moved.judged is not None
-    assert moved.judged.outcome == "fail"
-    assert moved.before == old_fields("changes")["kept_rms_mm"]["value"]
-    enough = read(OLD / "enough.json").error
-    short = changed("enough", poses_to_goal=3).error
-    for found, outcome in ((enough, "pass"), (short, "fail")):
-        assert found is not None
-        assert found.judged is not None
-        assert found.judged.outcome == outcome
+@pytest.mark.parametrize(("more", "outcome"), [(0, "pass"), (1, "fail")])
+def test_what_the_goal_of_enough_says(more: int, outcome: str, tmp_path: Path) -> None:
+    found = read(written("enough", tmp_path, poses_to_goal=more)).error
+    assert found is not None
+    assert found.judged is not None
+    assert found.judged.outcome == outcome
 
 
 def test_without_a_measurement_there_is_no_box(tmp_path: Path) -> None:
-    assert reported(OLD / "design.json", tmp_path / "p.html") == ""
+    assert reported(written("designed", tmp_path), tmp_path / "p.html") == ""
 
 
 # -- Bars on a log scale ---------------------------------------------------------------------------

@@ -6,6 +6,8 @@ import re
 
 INSTEAD: dict[str, str] = {
     "fleet": "call `posecal identify` for each robot in a shell loop",
+    "--truth": "leave it out: readings are simulated by the model",
+    "--with": "call `posecal compare` once for each cell",
 }
 """Command or option -> what to use in its place."""
 

@@ -1,13 +1,9 @@
-"""Chi-square tests of a prediction by simulated trials, and a test of its derivatives.
+"""Chi-square tests of a prediction by simulated trials.
 
 With errors e of T trials, their mean m and the predicted covariance C of rank k, chi-square are: the
 scatter ``sum (e - m)^T C^-1 (e - m)`` with (T - 1) k degrees of freedom, the same for each parameter
 alone with T - 1, and the bias ``T m^T C^-1 m`` with k. What the fits leave over, weighted by the noise,
 is chi-square too: a model that the readings do not come from leaves more.
-
-A derivative that is off by a factor leaves every minimum where it is; it spoils the covariance alone.
-Simulation shows the difference, and so does noise that is too large for a linear fit: central
-differences tell them apart.
 """
 
 from __future__ import annotations
@@ -17,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array
-from calib.model import Model
-from calib.poses import Poses
 
 _RANK = 1e-9  # eigenvalue of the correlation matrix below which a direction is fixed
 BELIEVED = 0.01
@@ -92,17 +86,17 @@ def agreement(
     whitened = scaled @ vectors[:, free] / np.sqrt(values[free])
     mean, k = whitened.mean(axis=0), whitened.shape[1]
     scatter, dof = float(((whitened - mean) ** 2).sum()), (trials - 1) * k
-    alone = [two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
+    alone = [_two_sided((trials - 1) * v, trials - 1) for v in scaled.var(axis=0, ddof=1)]
     bias = float(chdtrc(k, trials * (mean**2).sum()))
     tests = {
-        "scatter": two_sided(scatter, dof),
+        "scatter": _two_sided(scatter, dof),
         "bias": bias,
         "parameter": len(alone) * min(alone),
     }
     left = float("nan")
     if cost is not None and spare > 0:
         left = float(cost.sum()) / (trials * spare)
-        tests["left"] = two_sided(float(cost.sum()), trials * spare)
+        tests["left"] = _two_sided(float(cost.sum()), trials * spare)
     return Agreement(
         trials,
         std,
@@ -125,50 +119,8 @@ def band(trials: int, level: float = 0.95) -> tuple[float, float]:
     return low, high
 
 
-def two_sided(value: float, dof: int) -> float:
+def _two_sided(value: float, dof: int) -> float:
     """Probability of a chi-square as far from its expectation, on either side."""
     from scipy.special import chdtr, chdtrc
 
     return 2.0 * min(float(chdtr(dof, value)), float(chdtrc(dof, value)))
-
-
-_MOVED_M = 1e-5  # by a step: far above where equilibria settle, far below where arms bend
-_SEEN_M = 1e-6  # all points together: what moves them less is lost in how equilibria settle
-WRONG = 1e-3
-"""Share of a column beyond which it is no derivative; right ones keep to a few millionths."""
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """The column of the Jacobian that is farthest from the model's own slope.
-
-    off : float, length of the difference over that of the longer one; parameter : str, its id
-    """
-
-    off: float
-    parameter: str
-
-    @property
-    def wrong(self) -> bool:
-        """Whether the column is no derivative."""
-        return not self.off < WRONG
-
-
-def derivatives(model: Model, poses: Poses, *at: Array) -> Derivatives:
-    """Compare the Jacobian at some values, each (p,), SI, with differences of the prediction."""
-    worst = Derivatives(0.0, "")
-    for values in at:
-        _, J = model.jacobian(values, poses)
-        moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
-        step = np.asarray(np.minimum(model.sizes, _MOVED_M / np.maximum(moved, 1e-300)))
-        ahead, back = (values + sign * np.diag(step) for sign in (1.0, -1.0))
-        slope = np.moveaxis(model.predict(ahead, poses) - model.predict(back, poses), 0, -1)
-        slope = (slope / (2.0 * step)).reshape(-1, len(step))
-        columns = J.reshape(-1, len(step))
-        size = np.maximum(np.linalg.norm(slope, axis=0), np.linalg.norm(columns, axis=0))
-        moves = size * step > _SEEN_M
-        off = np.linalg.norm(columns - slope, axis=0) / np.where(moves, size, np.inf)
-        first = int(off.argmax())
-        if not off[first] <= worst.off:
-            worst = Derivatives(float(off[first]), model.parameters[first].id)
-    return worst

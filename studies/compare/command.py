@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -18,9 +17,6 @@ from studies.command.options import (
     processes,
     result_options,
 )
-
-if TYPE_CHECKING:
-    from studies.compare.compare import Truth
 
 
 @click.command()
@@ -51,15 +47,8 @@ if TYPE_CHECKING:
     help="Length that converts rotations to mm in the plain weighting: about the size of the "
     "marker set.",
 )
-@click.option("--with", "with_paths", metavar="CELL", multiple=True, type=PATH,
-              help="Another cell of this robot, with other instruments, to compare at the same poses. "
-              "Can be given several times.")  # fmt: skip
 @click.option("--values", "values_path", metavar="RESULT", type=PATH,
               help="Predict and simulate at the values of this result of identify.")  # fmt: skip
-@click.option("--truth", type=click.Choice(["model", "mujoco"]),
-              help="Simulate readings by the model itself, or by an arm in MuJoCo. MuJoCo also shows "
-              "faults in the program's kinematics and torques. Default: mujoco where it is installed "
-              "and can simulate the cell's effects.")  # fmt: skip
 @result_options()
 def compare(
     cell_path: Path,
@@ -68,23 +57,20 @@ def compare(
     workers: int | None,
     scheduler: str | None,
     length_mm: float,
-    with_paths: tuple[Path, ...],
     values_path: Path | None,
-    truth: Truth | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
     """Predict and simulate the accuracy of each PLAN, for the marker-points and full-pose methods.
 
-    Each simulated experiment takes readings of an arm in MuJoCo, or of the full model. Every method is
-    fitted to them. One experiment in twenty is treated as real data. The noise is that of CELL, not the
-    weights of the fits. If simulation and prediction disagree, the command says by how much and why.
+    Each simulated experiment takes readings of the full model of a robot that has plausible errors,
+    with the noise of CELL. Every method is fitted to them. If simulation and prediction disagree, the
+    command says by how much.
 
     \b
     Example:
       posecal compare cell.toml plan_a.csv plan_b.csv --monte-carlo 1000
-      posecal compare tracker.toml plan.csv --with camera.toml --monte-carlo 0
     """
     import calib
     from calib.errors import InputError
@@ -93,15 +79,12 @@ def compare(
     from studies.compare.compare import compare as compare_plans
     from studies.compare.make import compare_record
     from studies.compare.montecarlo import MOST_TRIALS
-    from studies.compare.prediction import read_by_each
-    from studies.compare.stated_noise import stated_noise
     from studies.engines import engine
     from studies.record import envelope
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, *plan_paths, *cell.named_files]
-    others = {path: calib.load_cell(path) for path in with_paths}
-    inputs += [*others, *([values_path] if values_path is not None else [])]
+    inputs += [values_path] if values_path is not None else []
     check_outputs([output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
     names = plan_names(plan_paths)
@@ -122,15 +105,10 @@ def compare(
                 plans,
                 trials=trials,
                 values=values,
-                truth=truth,
-                stated=stated_noise(cell_path, cell.instruments),
                 length=length_mm / 1e3,
                 seed=seed,
                 executor=executor,
                 progress=progress,
             )
-    files = dict(zip(names, plan_paths, strict=True))
-    read_by = list(read_by_each({cell_path: cell, **others}, files)) if others else []
-    made_from = envelope(cell.name, inputs, seed)
-    record = compare_record(result, made_from, curves=folder is not None, read_by=read_by)
+    record = compare_record(result, envelope(cell.name, inputs, seed))
     deliver(record, json_path, folder)

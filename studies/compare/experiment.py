@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,6 @@ from calib.effects.tool import Tool
 from calib.errors import CalibError
 from calib.identification.identify import uncounted
 from calib.instruments import Tracker
-from calib.instruments.riding import frame_of
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import working_points
@@ -34,10 +33,9 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import visits
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.simulation import whitening
+from calib.simulation import approached, draw, whitening
 from doe.constraints import scene_of, visible
 from doe.problem.request import refuse_unplaced
-from studies.compare.stated_noise import StatedNoise, displaced_at_visits, noise_of
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 
@@ -71,13 +69,8 @@ class SimulatedExperiment:
         the first move, where that does not count
     nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
     truth : ndarray, shape (p,), SI, what simulated readings come from
-    stated : StatedNoise, how simulated readings err, whatever they are weighted by
     length : float, m, characteristic length of the plain weighting
-    cell : Cell, as a fit from nothing but the readings knows it, or None
-    exact : ndarray, shape (m, C, r), readings without noise where they are not the model's own, such
-        as MuJoCo's; else None
     arm : Repeatability, known of the arm that comes to each pose anew; None for one that always returns
-    quiet : float, simulated readings err so many times less than is stated
     """
 
     model: Model
@@ -86,12 +79,8 @@ class SimulatedExperiment:
     weights: Array
     nominal: Array
     truth: Array
-    stated: StatedNoise
     length: float = 1.0
-    cell: Cell | None = None
-    exact: Array | None = None
     arm: Repeatability | None = None
-    quiet: float = 1.0
 
     @property
     def ways(self) -> tuple[Way, ...]:
@@ -100,10 +89,6 @@ class SimulatedExperiment:
             return (POINTS,)
         usable = orientable(self.model.marker_positions(self.nominal), self.seen)
         return WAYS if usable.any() else (POINTS,)
-
-    def readings(self) -> Array:
-        """What would be read without noise, shape (m, C, r)."""
-        return self.model.predict(self.truth, self.poses) if self.exact is None else self.exact
 
     @cached_property
     def scatter(self) -> Scatter | None:
@@ -115,55 +100,22 @@ class SimulatedExperiment:
 
     def drawn(self, trials: int, rng: np.random.Generator) -> Array:
         """Noisy readings of so many experiments, shape (trials, m, C, r)."""
-        return self.readings() + self._by_arm(trials, rng) + self.noise(trials, rng)
+        readings = self._at_visits(trials, rng)
+        noise = np.broadcast_to(self.weights, (trials, *self.weights.shape))
+        return np.asarray(readings + draw(noise, rng))
 
-    def noise(self, trials: int, rng: np.random.Generator) -> Array:
-        """Errors of the instruments, shape (trials, m, C, r)."""
-        exact = self.readings()
-        white = rng.standard_normal((trials, *exact.shape)) / self.quiet
-        found = np.zeros(white.shape)
-        for instrument, part in self.model.readout.channels.blocks:
-            own = np.s_[..., part, : instrument.rows]
-            start = self._start(instrument.name)[own]
-            errors = self.stated.of[instrument.name].errors(white[own], exact[own], start)
-            found[own] = errors
-        return found
-
-    def _start(self, name: str) -> Array:
-        """Where an instrument stands in the frame of its readings, shape (m, C, r)."""
-        stands = self.stated.stands.get(name)
-        if stands is None:
-            return np.zeros(self.weights.shape[:-1])
+    def _at_visits(self, trials: int, rng: np.random.Generator) -> Array:
+        """Readings without noise, shape ((trials,) m, C, r), of an arm that comes to each pose anew."""
+        exact = self.model.predict(self.truth, self.poses)
+        if self.arm is None:
+            return exact
         frames = self.model.state(self.truth, self.poses).frames
         points = self.model.tip_points(frames, self.truth, self.poses)
-        own = next(i for i in self.model.instruments if i.name == name)
-        if own.seat is None:
-            there = np.broadcast_to(stands, points.shape)
-        else:
-            origin, axes = frame_of(points[:, own.seat])
-            there = np.broadcast_to((origin + stands @ axes)[:, None], points.shape)
-        there = self.model.readout.channels.seats_kept(there, points)
-        return self.model.readings(self.truth, self.poses, there)
-
-    def _by_arm(self, trials: int, rng: np.random.Generator) -> Array | float:
-        """What readings err by as the arm comes to each pose anew, shape (trials, m, C, r)."""
-        if not any(self.stated.arm):
-            return 0.0
-        frames = self.model.state(self.truth, self.poses).frames
-        points = self.model.tip_points(frames, self.truth, self.poses)
-        _, visit = np.unique(visits(self.poses), return_inverse=True)
-        white = rng.standard_normal((trials, int(visit.max()) + 1, 6)) / self.quiet
         _, origins = self.model.under_markers(frames)
-        moved = displaced_at_visits(points, origins, visit, white, self.stated.arm)
+        every = np.broadcast_to(points, (trials, *points.shape))
+        moved = approached(every, origins, visits(self.poses), self.arm, rng)
         moved = self.model.readout.channels.seats_kept(moved, points)
-        still, there = (self.model.readings(self.truth, self.poses, p) for p in (points, moved))
-        return there - still
-
-    def quieter(self, factor: float) -> SimulatedExperiment:
-        """The same with all noise smaller by a factor."""
-        arm = self.arm and Repeatability(self.arm.translation / factor, self.arm.rotation / factor)
-        weights, quiet = factor * self.weights, factor * self.quiet
-        return replace(self, weights=weights, arm=arm, quiet=quiet)
+        return self.model.readings(self.truth, self.poses, moved)
 
     def measured(self, points: Array) -> Measurements:
         """Readings (..., m, C, r) as a data set; leading axes are trials."""
@@ -190,7 +142,6 @@ def experiment_of(
     plan: Poses,
     *,
     values: Array | None = None,
-    stated: StatedNoise | None = None,
     length: float = 1.0,
     seed: int = 0,
 ) -> SimulatedExperiment:
@@ -200,7 +151,6 @@ def experiment_of(
         hold at the nominal model and simulations at one that is off by plausible errors, drawn with
         the seed: each parameter by its usual size, or by what moves the markers a millimetre. A load
         effect shows through compliances only: with one in the model, predictions hold at those drawn
-    stated : how simulated readings err by the cell's text; without it by the numbers of the cell
 
     Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be foreseen.
     """
@@ -218,10 +168,7 @@ def experiment_of(
     counts = seen & ~uncounted(model, poses)[:, None]
     weights = noise_weights(model, nominal, poses, counts)
     arm = cell.repeatability if cell.scatters else None
-    stated = noise_of(cell) if stated is None else stated
-    return SimulatedExperiment(
-        model, poses, seen, weights, nominal, truth, stated, length, cell, arm=arm
-    )
+    return SimulatedExperiment(model, poses, seen, weights, nominal, truth, length, arm)
 
 
 def _refuse_no_contact(cell: Cell, plan: Poses) -> None:

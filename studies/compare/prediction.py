@@ -1,32 +1,16 @@
-"""Predicted accuracy of a plan: of each method, by its poses, markers and instruments."""
+"""Predicted accuracy of a plan, of each method."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
-from calib.cell import Cell
-from calib.cell.targets import targets_of
-from calib.errors import CalibError, InputError
-from calib.files.tables import load_plan
+from calib.arrays import Array
 from calib.identification.estimators import choose_directions
 from calib.model.covariance import accuracy, gain
 from calib.poses import Poses
-from studies.compare.experiment import (
-    FULL,
-    POINTS,
-    WAYS,
-    SimulatedExperiment,
-    Way,
-    experiment_of,
-    refuse_unseen,
-)
-from studies.compare.record import ByNumber, ReadBy
+from studies.compare.experiment import FULL, POINTS, SimulatedExperiment, Way
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +62,6 @@ def accuracy_at(
     return accuracy(experiment.model, experiment.nominal, covariance, targets, weights)
 
 
-_SUBSETS = 7  # drawn of each size
-_SIZES = 7
-
-
 def influence(
     experiment: SimulatedExperiment, prediction: Prediction, configurations: int
 ) -> Array:
@@ -109,122 +89,3 @@ def influence_by_effect(
     groups = list(dict.fromkeys(effects.tolist()))
     summed = [np.nansum(share[:, effects == group], axis=1) for group in groups]
     return np.stack(summed, axis=1), groups
-
-
-def by_poses(cell: Cell, experiment: SimulatedExperiment, configurations: int) -> ByNumber:
-    """Accuracy of random parts of a plan."""
-    targets, weights = targets_of(cell)
-    rng = np.random.default_rng(0)
-    fewest = -(-configurations // 3)
-    counts = np.unique(np.linspace(fewest, configurations, _SIZES).round().astype(int))
-    rows = []
-    for count in counts:
-        several = 1 if count == configurations else _SUBSETS
-        parts = [rng.permutation(configurations)[:count] for _ in range(several)]
-        rows.append(
-            [_task(_part(experiment, part, configurations), targets, weights) for part in parts]
-        )
-    return _curve(counts, rows)
-
-
-def by_markers(cell: Cell, plan: Poses, length: float) -> ByNumber:
-    """Accuracy with fewer markers of the cell, over the sets of each size."""
-    targets, weights = targets_of(cell)
-    whole = all(i.markers is None for i in cell.instruments)  # else they read parts of a shape
-    counts = np.arange(1, len(cell.marker_names) + 1 if whole else 1)
-    rows = []
-    for count in counts:
-        sets = itertools.combinations(range(len(cell.marker_names)), int(count))
-        cells = [_with_markers(cell, list(own)) for own in itertools.islice(sets, _SUBSETS)]
-        rows.append([_task(experiment_of(c, plan, length=length), targets, weights) for c in cells])
-    return _curve(counts, rows)
-
-
-def _task(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> dict[str, float]:
-    """Task RMS [m] of each way that can be had."""
-    ways = experiment.ways
-    return {
-        way.key: accuracy_at(experiment, predict(experiment, way).covariance, targets, weights)[0]
-        for way in ways
-    }
-
-
-def _curve(counts: IntArray, rows: list[list[dict[str, float]]]) -> ByNumber:
-    """The median over subsets of each size, without sizes at which no way determines everything."""
-    rms = {
-        way.key: np.array([np.median([one.get(way.key, np.inf) for one in row]) for row in rows])
-        for way in WAYS
-    }
-    rms = {key: own for key, own in rms.items() if np.isfinite(own).any()}
-    known = np.any([np.isfinite(own) for own in rms.values()], axis=0) if rms else []
-    known_rms = {key: own[known] for key, own in rms.items()}
-    return ByNumber.from_result({"counts": counts[known], "rms": known_rms})
-
-
-def _part(
-    experiment: SimulatedExperiment, kept: IntArray, configurations: int
-) -> SimulatedExperiment:
-    """The experiment with the other configurations out of sight."""
-    used = np.isin(np.arange(len(experiment.poses)) % configurations, kept)
-    return replace(
-        experiment,
-        seen=experiment.seen & used[:, None],
-        weights=experiment.weights * used[:, None, None, None],
-    )
-
-
-def _with_markers(cell: Cell, kept: list[int]) -> Cell:
-    return replace(
-        cell,
-        marker_names=tuple(cell.marker_names[i] for i in kept),
-        markers=cell.markers[kept],
-        marker_normals=cell.marker_normals[kept],
-        marker_acceptance=cell.marker_acceptance[kept],
-        marker_links=tuple(cell.marker_links[i] for i in kept) if cell.marker_links else (),
-    )
-
-
-_MM = 1e3
-_PERFECT = 1e4  # times as good as stated: what is left then is the arm's own scatter
-
-
-def read_by_each(cells: Mapping[Path, Cell], plans: Mapping[str, Path]) -> Iterator[ReadBy]:
-    """Every plan under every cell; the targets are those of the first.
-
-    Raises InputError for a cell of another robot, and what :func:`experiment_of` raises.
-    """
-    (first, own), *others = cells.items()
-    targets, weights = targets_of(own)
-    firsts: dict[str, float] = {}
-    for path, cell in others:
-        if cell.robot.joints != own.robot.joints:
-            raise InputError(path, "robot", f"has other joints than {first}", "compare one robot")
-    for path, cell in cells.items():
-        for name, file in plans.items():
-            try:
-                plan = load_plan(cell, file)
-                experiment = experiment_of(cell, plan)
-                refuse_unseen(experiment, name)
-            except InputError:
-                raise
-            except CalibError as error:
-                raise InputError(path, "", str(error)) from None
-            ideal = replace(experiment, weights=experiment.weights * _PERFECT)
-            rms, worst = _left(experiment, targets, weights)
-            arm, _ = _left(ideal, targets, weights)
-            least = firsts.setdefault(name, rms)
-            yield ReadBy(
-                cell=cell.name,
-                instruments=tuple(f"{i.name} ({i.kind})" for i in cell.instruments),
-                plan=name,
-                poses=len(plan),
-                task_rms_mm=rms * _MM,
-                task_worst_mm=worst * _MM,
-                arm_rms_mm=arm * _MM if cell.scatters else None,
-                poses_to_match=len(plan) * (rms / least) ** 2 if np.isfinite(least) else None,
-            )
-
-
-def _left(experiment: SimulatedExperiment, targets: Poses, weights: Array) -> tuple[float, float]:
-    found = predict(experiment, POINTS)
-    return accuracy_at(experiment, found.covariance, targets, weights)

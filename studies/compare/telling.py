@@ -6,23 +6,21 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from calib.arrays import Array
 from studies import document as doc
 from studies.compare.agreement import BELIEVED, band
-from studies.compare.record import ByNumber, ComparedApproach, ComparedPlan, CompareRecord, ReadBy
+from studies.compare.record import ComparedApproach, ComparedPlan, CompareRecord
 from studies.document import Shown, listed, mm, plural
-from studies.plots import accuracy, deviations, ellipses, information
+from studies.plots import deviations
 from studies.plots.style import APPROACHES, Picture
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _MOST_NAMES = 4
 _SAME = 1.005
-_ARM_RULES = 1.25  # times what the arm alone leaves: below, its scatter sets the limit
-_OPEN = 3  # figures that stand open
 _MOODS: dict[bool | None, doc.Mood] = {None: "", True: "good", False: "warn"}
 _TITLES = {
     "pose plain": "#1\nplain",
@@ -39,11 +37,8 @@ def told(record: CompareRecord) -> doc.Document:
         _best(record),
         doc.Sentence(f"{says[:1].upper()}{says[1:]}.", _MOODS[record.agreement.believed]),
     )
-    sections = [doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))]
-    if record.read_by:
-        parts = tuple(_instruments(record))
-        sections.insert(0, doc.Section("instruments", "Instruments side by side", parts))
-    return doc.Document(headline, tuple(sections))
+    section = doc.Section("approaches", "Both methods side by side", tuple(_parts(record)))
+    return doc.Document(headline, (section,))
 
 
 def _best(record: CompareRecord) -> doc.Sentence:
@@ -85,38 +80,8 @@ def _parts(record: CompareRecord) -> Iterator[doc.Part]:
         yield from _by_approach(record.plans[0], record.trials > 1)
     else:
         yield from _by_plan(record)
-    drawn = [doc.Figure(draw, highlight=False) for draw in pictures(record)]
-    yield from drawn[:_OPEN]
-    yield doc.Detail(tuple(drawn[_OPEN:]), "Further figures")
+    yield from (doc.Figure(draw, highlight=False) for draw in pictures(record))
     yield from (doc.Sentence(note, "note", "note") for note in record.notes)
-
-
-_READ_BY = doc.columns(
-    ReadBy,
-    "plan cell",
-    doc.Column("instruments", lambda row: ", ".join(row.instruments)),
-    "task_rms_mm task_worst_mm arm_rms_mm poses_to_match",
-)
-
-
-def _instruments(record: CompareRecord) -> Iterator[doc.Part]:
-    """What each cell's instruments leave at the same poses."""
-    for own in record.read_by:
-        if own.arm_rms_mm and own.task_rms_mm and own.task_rms_mm < _ARM_RULES * own.arm_rms_mm:
-            yield doc.Sentence(
-                f"{', '.join(own.instruments)} at {own.plan}: {mm(own.arm_rms_mm)} of "
-                f"{mm(own.task_rms_mm)} come from the arm's repeatability. A better instrument "
-                "gains little",
-                "note",
-            )
-    yield doc.Table(
-        _READ_BY,
-        record.read_by,
-        "Error expected at the targets, by instrument",
-        "Each at the points and in the frame that it reads. Arm alone: with a perfect instrument, "
-        "where the cell states a repeatability. Poses to match: poses of this plan's kind that "
-        "reach the error of the first cell's instruments.",
-    )
 
 
 def _others(record: CompareRecord) -> Iterator[doc.Sentence]:
@@ -180,13 +145,6 @@ def _belief(record: CompareRecord) -> Iterator[doc.Sentence]:
             f"({low:.2f} to {high:.2f} by chance among {found.ratios}); p = {doc.P(found.chi2_p)}, "
             f"refuted below {BELIEVED}"
         )
-    drawn = "MuJoCo's arm" if record.truth == "mujoco" else "the model that is fitted"
-    yield doc.Sentence(f"readings simulated by {drawn}; {_from_scratch(record)}")
-    if record.truth_note:
-        yield doc.Sentence(
-            f"{record.truth_note}, so faults of the program in kinematics or torques do not show",
-            "note",
-        )
     for plan in record.plans:
         for own in plan.approaches:
             if own.not_converged:
@@ -194,19 +152,6 @@ def _belief(record: CompareRecord) -> Iterator[doc.Sentence]:
                     f"{own.not_converged} of {plan.trials} fits of {_label(own)} at {plan.plan} "
                     "did not converge and are left out"
                 )
-
-
-def _from_scratch(record: CompareRecord) -> str:
-    """How many trials were identified as real data are, and where that led."""
-    tried = [own.from_scratch for plan in record.plans for own in plan.approaches]
-    done = [own for own in tried if own is not None]
-    if not done:
-        return "none identified from raw data"
-    trials, same = sum(d.trials for d in done), sum(d.same for d in done)
-    out = sum(d.with_outliers for d in done)
-    return (
-        f"{same} of {plural(trials, 'fit')} from raw data reach the same result, {out} reject poses"
-    )
 
 
 def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
@@ -358,16 +303,6 @@ def of_plan(plan: ComparedPlan) -> Iterator[Draw]:
     yield lambda: by_approach(plan)
     if any(own.agreement for own in plan.approaches):
         yield lambda: simulated(plan)
-    if plan.entangled:
-        yield lambda: entangled(plan)
-    if plan.correlation:
-        yield lambda: ellipses.correlation(plan.ids, np.array(plan.correlation, dtype=float))
-    if plan.by_pose and plan.by_pose[0].effects:
-        yield lambda: information_by_pose(plan)
-    if plan.by_poses.counts:
-        yield lambda: _against(plan.by_poses, "poses")
-    if len(plan.by_markers.counts) > 1:
-        yield lambda: _against(plan.by_markers, "markers")
 
 
 def by_approach(plan: ComparedPlan) -> Picture:
@@ -387,30 +322,6 @@ def simulated(plan: ComparedPlan) -> Picture:
     return deviations.predicted_against_simulated(
         plan.ids, _units(plan), predicted, scatter, plan.trials, band(plan.trials)
     )
-
-
-def entangled(plan: ComparedPlan) -> Picture:
-    """Error ellipses of the parameters that go together most."""
-    unit, first = dict(zip(plan.ids, _units(plan), strict=True)), plan.entangled[0]
-    return ellipses.ellipses(
-        [(a, unit[a], b, unit[b]) for a, b in (pair.ids for pair in plan.entangled)],
-        {k: np.array([pair.covariance[k] for pair in plan.entangled]) for k in first.covariance},
-        {
-            key: np.stack([np.array(pair.simulated[key]) for pair in plan.entangled], axis=1)
-            for key in first.simulated
-        },
-    )
-
-
-def information_by_pose(plan: ComparedPlan) -> Picture:
-    """What each pose counts for, by effect."""
-    poses = plan.by_pose
-    return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
-
-
-def _against(curve: ByNumber, of: Literal["poses", "markers"]) -> Picture:
-    rms = {key: np.array(v, dtype=float) / 1e3 for key, v in curve.task_rms_mm.items()}
-    return accuracy.against_number(curve.counts, rms, of, "expected error, median of subsets")
 
 
 def _units(plan: ComparedPlan) -> list[str]:

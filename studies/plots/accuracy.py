@@ -1,9 +1,9 @@
-"""Expected accuracy: by the number of poses or markers, and over the workspace."""
+"""Expected accuracy: by the number of poses, and over the workspace."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,14 +22,11 @@ _GUIDE = "1/sqrt(n), repetition"
 def against_number(
     counts: Sequence[int],
     accuracy: Mapping[str, Array],
-    of: Literal["poses", "markers"] = "poses",
-    what: str = "task RMS",
 ) -> style.Picture:
-    """Accuracy over the number of poses or markers, a line for each approach or plan.
+    """Accuracy over the number of poses, a line for each plan.
 
     counts : numbers of them, shape (k,)
-    accuracy : approach or plan -> ndarray, shape (k,), m; NaN where not estimable
-    what : the figure of accuracy
+    accuracy : plan -> ndarray, shape (k,), m; NaN where not estimable
     """
     look = style.looks(accuracy)
     n = np.asarray(counts, dtype=float)
@@ -42,8 +39,8 @@ def against_number(
     for key, values in lines.items():
         size = next(sizes)  # marks that coincide stand within each other
         panel.plot(n, values, **look[key].line, markersize=size, label=look[key].label)
-    label = f"{what.split(',')[0]} [{unit}]"  # what follows stands in the caption
-    panel.set(xscale="log", yscale="log", xlabel=f"number of {of} n", ylabel=label)
+    label = f"task RMS [{unit}]"
+    panel.set(xscale="log", yscale="log", xlabel="number of poses n", ylabel=label)
     guide = _guide(panel, n, lines)
     known = np.concatenate([v[np.isfinite(v)] for v in lines.values()])
     if len(known):
@@ -55,16 +52,16 @@ def against_number(
     handles = [*(style.key_of(look[key]) for key in accuracy), *guide]
     style.legend_below(figure, handles)
     caption = (
-        f"{what[0].upper()}{what[1:]} over the number of {of}, both on log scales; lower is better. "
+        "Task RMS over the number of poses, both on log scales; lower is better. "
         "The grey line falls as 1/sqrt(n), the gain of mere repetition."
     )
-    header = (of, *(f"{look[key].label} [{unit}]" for key in accuracy))
+    header = ("poses", *(f"{look[key].label} [{unit}]" for key in accuracy))
     rows = tuple(
         (float(count), *(style.cell(values[i]) for values in lines.values()))
         for i, count in enumerate(counts)
     )
-    title = f"Expected error by the number of {of}"
-    return style.Picture(f"accuracy_{of}", title, caption, figure, header, rows)
+    title = "Expected error by the number of poses"
+    return style.Picture("accuracy_poses", title, caption, figure, header, rows)
 
 
 def length_unit(values: Mapping[str, Array]) -> tuple[float, str]:

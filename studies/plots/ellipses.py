@@ -1,11 +1,10 @@
-"""What the parameters share: 95 % ellipses of pairs, and the map of all correlations."""
+"""What the parameters share: the map of all correlations."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,117 +14,9 @@ from studies.plots import style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Pair: TypeAlias = tuple[str, str, str, str]
-"""Name and unit of one parameter, name and unit of another."""
-
-_RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal variables
-_DRAWN = 400  # points of a cloud; more only make it darker
 _LISTED = 20
-_STEPS = 145  # of an outline
 _STRONG = 0.9  # a correlation that is told of
 _WRITTEN = 12  # parameters up to which the numbers stand in the cells
-
-
-@style.styled
-def ellipses(
-    pairs: Sequence[Pair],
-    covariances: Mapping[str, Array],
-    samples: Mapping[str, Array] | None = None,
-) -> style.Picture:
-    """95 % error ellipses of pairs of parameters, one panel a pair, about the mean.
-
-    pairs : the first parameter of each along x
-    covariances : approach -> ndarray, shape (pairs, 2, 2), in these units; NaN where not estimable
-    samples : approach -> ndarray, shape (trials, pairs, 2), simulated errors in these units
-    """
-    look = style.looks(covariances)
-    samples = samples or {}
-    figure, panels = style.small_panels(
-        len(pairs), 3, lambda a, b: (max(4.2, 3.1 * a), 0.7 + 3.0 * b)
-    )
-    for i, (pair, panel) in enumerate(zip(pairs, panels, strict=True)):
-        _prepare(panel, pair)
-        for key, covariance in covariances.items():
-            if key in samples:
-                drawn = np.asarray(samples[key])[:_DRAWN, i]
-                color = look[key].color
-                style.cloud(panel, drawn[:, 0], drawn[:, 1], 2.2, color=color, alpha=0.7, zorder=1)
-            outline = ellipse(np.asarray(covariance)[i])
-            panel.plot(
-                *outline.T, color=look[key].color, linestyle=look[key].linestyle, linewidth=1.8
-            )
-    style.legend_below(
-        figure, [style.key_of(look[key], marker="", linewidth=1.8) for key in covariances]
-    )
-    caption = (
-        "Each ellipse holds the error of both parameters in 95 % of experiments; smaller is better, "
-        "a slanted one means that the two are estimated together."
-    )
-    if samples:
-        caption += " Points are simulated experiments."
-    header = (
-        "pair", "approach", "std of first", "unit", "std of second", "unit", "correlation",
-        "simulated inside [%]",
-    )  # fmt: skip
-    rows = tuple(
-        _row(
-            pair,
-            look[key].label,
-            np.asarray(covariance, dtype=float)[i],
-            np.asarray(samples[key])[:, i] if key in samples else None,
-        )
-        for i, pair in enumerate(pairs)
-        for key, covariance in covariances.items()
-    )
-    title = "Parameters that are hardest to tell apart: 95 % error ellipses"
-    return style.Picture("ellipses", title, caption, figure, header, rows)
-
-
-def _prepare(panel: Axes, pair: Pair) -> None:
-    """Axes of a pair, with few ticks."""
-    style.tidy(panel)
-    labels = style.brief([pair[0], pair[2]])
-    panel.set_xlabel(_label(labels[0], pair[1]))
-    panel.set_ylabel(_label(labels[1], pair[3]))
-    panel.tick_params(labelsize=9)
-    panel.locator_params(axis="x", nbins=3)
-    panel.locator_params(axis="y", nbins=4)
-
-
-def _row(pair: Pair, approach: str, C: Array, samples: Array | None) -> tuple[style.Cell, ...]:
-    """Both standard deviations, the correlation, and how many samples the ellipse holds."""
-    first, unit, second, other = pair
-    a, b = (math.sqrt(max(C[k, k], 0.0)) for k in (0, 1))
-    related = style.cell(C[0, 1] / (a * b)) if a * b > 0.0 else None
-    inside = math.nan if samples is None else share_inside(C, samples)
-    return (
-        f"{first}, {second}", approach, style.cell(a), unit, style.cell(b), other, related,
-        style.cell(100.0 * inside),
-    )  # fmt: skip
-
-
-def _label(name: str, unit: str) -> str:
-    """Label of an axis; the unit on a line of its own where the name is long."""
-    return f"error of {name}{' ' if len(name) < 12 else chr(10)}[{unit}]"
-
-
-def ellipse(covariance: Array) -> Array:
-    """Outline of the 95 % ellipse of a covariance (2, 2), shape (145, 2); NaN stays NaN."""
-    turn = np.linspace(0.0, 2.0 * np.pi, _STEPS)
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    if not np.isfinite(covariance).all():
-        return np.full_like(circle, np.nan)
-    size, axes = np.linalg.eigh(covariance)
-    out: Array = _RADIUS * (circle * np.sqrt(np.clip(size, 0.0, None))) @ axes.T
-    return out
-
-
-def share_inside(covariance: Array, samples: Array) -> float:
-    """Share of the samples (trials, 2) within the 95 % ellipse about zero."""
-    if not np.isfinite(covariance).all() or np.linalg.det(covariance) <= 0.0:
-        return math.nan
-    squares = np.einsum("ti,ij,tj->t", samples, np.linalg.inv(covariance), samples)
-    return float(np.mean(squares <= _RADIUS**2))
 
 
 @style.styled

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -16,7 +15,7 @@ from studies.document import pictures_of
 from studies.kinds import tell
 from studies.plots.accuracy import against_number
 from studies.plots.errors import by_pose
-from studies.plots.style import APPROACHES, Picture, png_bytes, sheet, styled, svg_text
+from studies.plots.style import Picture, png_bytes, sheet, styled, svg_text
 from studies.research.picture import picture as of_the_readme
 from studies.results import read
 from tests.studies.drawn_words import collisions
@@ -43,12 +42,6 @@ def check(picture: Picture) -> None:
 def test_of_the_demonstration(name: str, demo_folder: Path) -> None:
     for picture in pictures(demo_folder / f"{name}.json"):
         check(picture)
-
-
-@pytest.mark.parametrize("of", ["poses", "markers"])
-def test_of_what_compare_draws_beside_its_page(of: Literal["poses", "markers"]) -> None:
-    lines = {key: np.array([9e-5, 5e-5, 2e-5]) / n for n, key in enumerate(APPROACHES, 1)}
-    check(against_number([3, 6, 12], lines, of, "expected error, median of subsets"))
 
 
 def test_of_the_readme(demo_folder: Path) -> None:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from studies.compare.agreement import band
 from studies.plots.accuracy import against_number
 from studies.plots.deviations import by_approach, predicted_against_simulated
-from studies.plots.ellipses import correlation, correlations, ellipse, ellipses, share_inside
+from studies.plots.ellipses import correlation, correlations
 from studies.plots.errors import histogram
 from studies.plots.information import derivative
 from studies.plots.residuals import by_pose_and_axis
@@ -46,15 +46,6 @@ def _deviations() -> Picture:
 def _ratios() -> Picture:
     simulated = {key: 1.05 * value for key, value in STD.items()}
     return predicted_against_simulated(NAMES, UNITS, STD, simulated, 200, band(200))
-
-
-@cache
-def _ellipses() -> Picture:
-    C = np.array([[[4.0, 1.0], [1.0, 1.0]], [[np.nan, np.nan], [np.nan, 1.0]]])
-    drawn = np.random.default_rng(5).multivariate_normal([0, 0], C[0], 500)
-    samples = {"points": drawn[:, None].repeat(2, axis=1)}
-    pairs = [("dl1", "mm", "dq1", "mdeg"), ("dl2", "mm", "dq2", "mdeg")]
-    return ellipses(pairs, {"points": C}, samples)
 
 
 @cache
@@ -141,19 +132,6 @@ def test_band_of_chance_is_that_of_samples(rng: np.random.Generator) -> None:
     std = rng.normal(size=(20000, 40)).std(axis=1, ddof=1)
     assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
     assert column(_ratios(), "#2 points: ratio") == pytest.approx([1.05] * 3)
-
-
-def test_ellipse_holds_its_share(rng: np.random.Generator) -> None:
-    C = np.array([[4.0, 1.0], [1.0, 1.0]])
-    edge = ellipse(C)
-    np.testing.assert_allclose(
-        np.einsum("ki,ij,kj->k", edge, np.linalg.inv(C), edge), -2 * np.log(0.05)
-    )
-    samples = rng.multivariate_normal([0, 0], C, 20000)
-    assert share_inside(C, samples) == pytest.approx(0.95, abs=0.006)
-    rows = table(_ellipses())
-    assert float(rows[0]["correlation"]) == pytest.approx(0.5)
-    assert rows[1]["correlation"] == ""
 
 
 def test_correlation_is_that_of_the_covariance() -> None:

@@ -178,7 +178,9 @@ def judged(cell: calib.Cell, plan: Poses, days: Array, errors: Array | None) -> 
     found = predict(experiment, POINTS)
     cov = found.covariance
     if errors is not None:
-        observation, start = experiment.observe(POINTS, experiment.readings())
+        observation, start = experiment.observe(
+            POINTS, experiment.model.predict(experiment.truth, experiment.poses)
+        )
         gains = observation.gains(start, found.span)[:, :6]
         white = np.linalg.inv(_stated(cell)) @ errors @ np.linalg.inv(_stated(cell)).T
         cov = np.einsum("mrp,mrs,msq->pq", gains, white, gains, optimize=True)

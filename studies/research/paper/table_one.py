@@ -19,7 +19,7 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects.context import Context
 from calib.effects.geometry import JointOffset, LinkGeometry
-from calib.instruments import TRACKER, Tracker
+from calib.instruments import Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -27,7 +27,6 @@ from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS, WAYS, SimulatedExperiment, noise_weights
 from studies.compare.montecarlo import Refits, refits
 from studies.compare.prediction import Prediction, predict
-from studies.compare.stated_noise import IsotropicError, StatedNoise
 from studies.research.bench import Output, Row, bench, count, table
 from studies.research.paper.arm import arm_of_equation_21
 
@@ -90,10 +89,7 @@ def experiment_at(setting: Setting) -> SimulatedExperiment:
     )
     poses, seen = poses_at(setting.q), np.ones((3, 3), dtype=bool)
     weights = noise_weights(model, TRUTH, poses, seen)
-    stated = StatedNoise({TRACKER.name: IsotropicError(SIGMA)}, {})
-    return SimulatedExperiment(
-        model, poses, seen, weights, np.zeros(6), TRUTH, stated, setting.length
-    )
+    return SimulatedExperiment(model, poses, seen, weights, np.zeros(6), TRUTH, setting.length)
 
 
 def predictions_at(experiment: SimulatedExperiment) -> dict[str, Prediction]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,13 +24,28 @@ from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of, visible
 from doe.problem.pool import drawn as drawn_poses
 from studies.compare.agreement import agreement, band
-from studies.compare.compare import compare, reason
+from studies.compare.compare import PlanComparison, compare
 from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
-from studies.compare.montecarlo import refits
-from studies.compare.prediction import by_markers, by_poses, influence, influence_by_effect, predict
-from tests.helpers import cell_of, random_poses, random_robot, read_by, with_effects
-from tests.studies.compare.fields import fields_of, one_marker
+from studies.compare.make import compare_record
+from studies.compare.prediction import influence, influence_by_effect, predict
+from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
 from tests.two_arms import EYE, PLATE, written
+
+
+def fields_of(result: PlanComparison) -> dict[str, Any]:
+    """What ``compare --json`` says of a result, without provenance."""
+    return compare_record(result, MADE_FROM).model_dump()
+
+
+def one_marker(cell: Cell) -> Cell:
+    """The cell with its first marker alone."""
+    return replace(
+        cell,
+        marker_names=("m1",),
+        markers=cell.markers[:1],
+        marker_normals=cell.marker_normals[:1],
+        marker_acceptance=cell.marker_acceptance[:1],
+    )
 
 
 def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
@@ -233,23 +249,6 @@ def calib_rows(experiment: SimulatedExperiment) -> Array:
     return np.asarray(J.reshape(len(experiment.poses), 9, -1))
 
 
-@pytest.mark.long
-def test_accuracy_by_poses_and_markers(kr270: Cell, table_two: Poses) -> None:
-    cell = with_effects(kr270, "base", "tool", "joint_offset:A2,A3")
-    experiment = experiment_of(cell, table_two)
-    curve = by_poses(cell, experiment, 15)
-    assert curve.counts[-1] == 15
-    points = curve.task_rms_mm["points"]
-    assert (np.diff(points) < 0.0).all(), "more poses, more accuracy"
-    whole = compare(cell, {"p": table_two}, trials=0).plans[0].of(POINTS)
-    assert whole is not None
-    assert points[-1] == pytest.approx(1e3 * whole.task_rms)
-    markers = by_markers(cell, table_two, 1.0)
-    assert markers.counts == (1, 2, 3)
-    assert markers.task_rms_mm["pose plain"][:2] == (None, None)
-    assert (np.diff(markers.task_rms_mm["points"]) < 0.0).all()
-
-
 def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
     """Four parallel axes and a slide along them: base and markers share a direction."""
     rng = np.random.default_rng(seed)
@@ -344,21 +343,3 @@ def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two:
     found = fields_of(worse)["agreement"]
     assert found["believed"] is False
     assert "3 of 40 fits" in found["says"]
-
-
-@pytest.mark.long
-def test_robot_whose_errors_change_the_prediction_is_recognised(
-    kr270: Cell, table_two: Poses
-) -> None:
-    """Compliances a hundred times the drawn ones: the arm hangs centimetres lower."""
-    cell = with_effects(kr270, "joint_compliance:A2,A3", "joint_offset:A2,A3")
-    experiment = experiment_of(cell, table_two)
-    truth = experiment.truth.copy()
-    truth[:2] = 4e-5
-    bent = replace(experiment, truth=truth)
-    prediction = predict(experiment, POINTS)
-    done = refits(bent, [prediction], 200)
-    judged = agreement(done.of("points"), prediction.covariance)
-    assert judged is not None
-    assert judged.p < 1e-4
-    assert reason(bent, prediction, done.of("points"), judged, 0) == "truth"

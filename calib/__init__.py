@@ -33,7 +33,6 @@ if typing.TYPE_CHECKING:
     from calib.errors import CalibError
     from calib.files.cell import load_cell
     from calib.files.tables import load_measurements, load_plan, load_targets
-    from calib.handeye.judge import HandEye, hand_eye
     from calib.identification import Identification
     from calib.identification.identify import identify
     from calib.instruments import (
@@ -62,7 +61,6 @@ _HOMES = {  # imported when first asked for: a part of the package does not wait
     "calib.errors": "CalibError",
     "calib.files.cell": "load_cell",
     "calib.files.tables": "load_measurements load_plan load_targets",
-    "calib.handeye.judge": "HandEye hand_eye",
     "calib.identification": "Identification",
     "calib.identification.identify": "identify",
     "calib.instruments": "Angle ArmCamera Distance FixedCamera Plane Pose Socket Sphere Tracker",
@@ -82,7 +80,6 @@ __all__ = [
     "Diagnosis",
     "Distance",
     "FixedCamera",
-    "HandEye",
     "Identification",
     "Load",
     "Measurements",
@@ -97,7 +94,6 @@ __all__ = [
     "Tracker",
     "compensate",
     "diagnose",
-    "hand_eye",
     "identify",
     "in_one_session",
     "load_cell",

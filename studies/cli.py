@@ -42,10 +42,6 @@ COMMANDS = {
         "compensate.command:compensate",
         "Correct commands, so that the real arm reaches its targets.",
     ),
-    "hand-eye": (
-        "hand_eye.command:hand_eye",
-        "Say where a camera sits, and whether the arm limits it.",
-    ),
     "iso9283": (
         "iso9283.command:iso9283",
         "State accuracy and repeatability to ISO 9283.",
@@ -66,7 +62,7 @@ _LESS = {
     "fleet": "take fewer --workers",
     "import": "import the files in parts",
     "compensate": "give fewer targets",
-    **dict.fromkeys(("enough", "next", "identify", "diagnose", "hand-eye", "iso9283"), _TABLE),
+    **dict.fromkeys(("enough", "next", "identify", "diagnose", "iso9283"), _TABLE),
 }
 """Command -> what to do where it needs more memory than there is."""
 

@@ -104,35 +104,6 @@ def unfit_lenses(found: Identification) -> Iterator[UnfitLens]:
         yield UnfitLens(camera.name, free, shown, freed_px, pixel, share)
 
 
-def lenses_before_arm(rigid: Identification, whole: Identification | None) -> tuple[UnfitLens, ...]:
-    """Lenses to free before the arm is calibrated; none where the arm is to be asked first.
-
-    rigid : without the arm's errors; whole : with them, None where the poses do not suffice
-    Either makes the readings likelier when it is freed, and Schwarz's criterion says which by more
-    (Ann. Statist. 6(2), 1978). A lens that does not fit beside a free arm comes first in any case.
-    """
-    first = tuple(unfit_lenses(rigid))
-    if whole is None:
-        return first
-    if first:
-        complement, columns = _complement(rigid, _asked(rigid))
-        names = {(effect.kind, effect.where) for effect in rigid.model.effects}
-        arm = [e for e in whole.model.effects if (e.kind, e.where) not in names]
-        by_arm = _complement(rigid, {"arm": arm})[1]["arm"]
-        if _schwarz(complement, np.concatenate([*columns.values()], axis=1)) < _schwarz(
-            complement, by_arm
-        ):
-            return first
-    return tuple(unfit_lenses(whole))
-
-
-def _schwarz(complement: Complement, columns: Array) -> float:
-    """Schwarz's criterion of what is left with further columns (N, k) freed, the noise unknown."""
-    freed, rows = complement.without(columns), complement.rows
-    k = freed.Q.shape[1] - complement.Q.shape[1]
-    return float(rows * np.log(_squares(freed)) + k * np.log(rows))
-
-
 def _asked(found: Identification) -> dict[Camera, list[LensEffect]]:
     """Cameras of whose lens nothing is identified, and what would free it."""
     identified = [e for e in found.model.effects if isinstance(e, LensEffect)]

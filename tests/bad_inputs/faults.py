@@ -585,7 +585,6 @@ ROBOTS = [
     Fault("criteria by a table in place of a result", "iso9283 cell.toml measurements.csv plan.csv"),
     Fault("criteria of a plan", "iso9283 cell.toml plan.csv result.json"),
     Fault("criteria with cell and table swapped", "iso9283 measurements.csv cell.toml"),
-    Fault("a hand-eye without a camera", "hand-eye cell.toml measurements.csv"),
 ]  # fmt: skip
 
 CAMERAS = [

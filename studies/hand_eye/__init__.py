@@ -1,1 +1,0 @@
-"""``posecal hand-eye``: its record, how it is told, its command."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 INSTEAD: dict[str, str] = {
+    "hand-eye": "call `posecal identify`: with a camera it gives the camera's place",
     "fleet": "call `posecal identify` for each robot in a shell loop",
     "--truth": "leave it out: readings are simulated by the model",
     "--with": "call `posecal compare` once for each cell",

@@ -13,25 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import NameEvidence
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.board import BoardScale
-from calib.effects.context import ARM
-from calib.effects.link_growth import LinkScale
 from calib.effects.protocol import Constant
-from calib.errors import CalibError
-from calib.model.build import context_of, place_effect
 
 
 @dataclass(frozen=True, eq=False)
 class Imitated:
     """A cause that the free geometry of the user's model has absorbed.
 
-    members : tuple of (Candidate, float), it and what does the same on the arm's side, and how likely
-        each is; value, std : SI; p : probability of as much by chance
+    members : tuple of (Candidate, float), it and how likely it is; value, std : SI
+    p : probability of as much by chance
     """
 
     members: tuple[tuple[Candidate, float], ...]
@@ -50,7 +45,7 @@ class Imitated:
         return self.candidate.where
 
 
-def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
+def imitated(finding: Finding) -> Iterator[Imitated]:
     """Boards whose size the geometry of the user's model stands for, the surest one."""
     from scipy.special import chdtrc
 
@@ -82,16 +77,5 @@ def imitated(cell: Cell, finding: Finding) -> Iterator[Imitated]:
         return
     length = float(column @ column)
     value, std = float(column @ without) / length, float(np.sqrt(noise / length))
-    yield Imitated(_members(cell, finding, candidate), value, std, p)
-
-
-def _members(cell: Cell, finding: Finding, board: Candidate) -> tuple[tuple[Candidate, float], ...]:
-    probability = NameEvidence(board.key, 1.0, 0.0, 1.0, False).probability
-    try:
-        context = context_of(cell, finding.stage.data.poses)
-        effect = place_effect(LinkScale.kind, ARM, context)
-    except CalibError:
-        return ((board, probability),)
-    links = Candidate(effect, True, effect.depends_on)
-    share = board.odds / (board.odds + links.odds)
-    return ((board, probability * share), (links, probability * (1.0 - share)))
+    probability = NameEvidence(candidate.key, 1.0, 0.0, 1.0, False).probability
+    yield Imitated(((candidate, probability),), value, std, p)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from calib.effects.base import Base
-from calib.effects.board import BoardBend, BoardScale
+from calib.effects.board import BoardScale
 from calib.effects.compliance import (
     BaseCompliance,
     BearingCompliance,
@@ -18,22 +18,19 @@ from calib.effects.compliance import (
     ToolCompliance,
 )
 from calib.effects.context import Context
-from calib.effects.drift import BaseDrift, InstrumentDrift, TrackerDrift
-from calib.effects.focal import FocalDrift, FocalExpansion, FocalScale
+from calib.effects.drift import BaseDrift, TrackerDrift
 from calib.effects.gear_ripple import GearRipple
 from calib.effects.geometry import Geometry, JointOffset, LinkGeometry
 from calib.effects.gravity_compensator import GravityCompensator
 from calib.effects.gravity_sag import GravitySag
-from calib.effects.instrument_scale import TrackerScale, WireScale
+from calib.effects.instrument_scale import TrackerScale
 from calib.effects.last_move import Backlash, FrictionWindup, Settling
 from calib.effects.lens import Distortion, Focal, PrincipalPoint
-from calib.effects.link_growth import LinkScale, ThermalExpansion
+from calib.effects.link_growth import ThermalExpansion
 from calib.effects.mass import LinkWeight, PayloadError
 from calib.effects.protocol import Effect, Parameter, State
-from calib.effects.socket_seat import SocketSeat
-from calib.effects.step import Moved, Step
+from calib.effects.step import Step
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
-from calib.effects.time_offset import TimeOffset
 from calib.effects.tool import Tool
 from calib.effects.transmission import JointCoupling, TransmissionHarmonic, TransmissionScale
 from calib.effects.warm_up import WarmUp
@@ -73,17 +70,7 @@ EFFECTS: dict[str, type[Effect]] = {
         Focal,
         PrincipalPoint,
         Distortion,
-        FocalScale,
-        FocalDrift,
-        FocalExpansion,
-        LinkScale,
         BoardScale,
-        BoardBend,
-        Moved,
-        TimeOffset,
-        SocketSeat,
-        InstrumentDrift,
-        WireScale,
     )
 }
 """Every cause by the name that a cell gives it, in the order in which they are shown."""

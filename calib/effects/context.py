@@ -14,7 +14,7 @@ from calib.arrays import Array
 from calib.errors import EffectCannotAct
 from calib.instruments import TRACKER, Camera, Instrument
 from calib.instruments.detection import Board
-from calib.instruments.protocol import MOTION
+from calib.instruments.protocol import MOTION, SCALE
 
 ARM = "arm"
 """The place that stands for all links, or all joints, at once."""
@@ -87,7 +87,7 @@ class Context:
         for instrument in self.instruments:
             found |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
             for board in instrument.boards if isinstance(instrument, Camera) else ():
-                own = MovablePart(board.numbers, self.bodies.get(board.name), board)
+                own = MovablePart(SCALE.stop, self.bodies.get(board.name), board)
                 found[f"board:{board.name}"] = own
         return found
 

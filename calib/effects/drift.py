@@ -1,4 +1,4 @@
-"""Slow motion at constant rates, zero at the first pose: of base, tracker, or another instrument."""
+"""Slow motion at constant rates, zero at the first pose: of base or tracker."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context, motion_of
+from calib.effects.context import Context
 from calib.effects.protocol import DirectedEffect, FrameEffect, Parameter
-from calib.effects.readings import PartEffect, RigidReading
+from calib.effects.readings import RigidReading
 from calib.poses import Poses
 
 _HOUR = 3600.0  # s
@@ -31,27 +31,20 @@ class DriftingEffect(DirectedEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Rates, SI per second or per reading."""
+        timed = self.clock == "s"
+        per, one = ("h", _HOUR) if timed else (self.clock, 1.0)
+        hour = _HOUR if timed else _READINGS_AN_HOUR
         shift = [(c, "um") for c in "xyz"]
         turn = [(f"r{c}", "urad") for c in "xyz"]
-        return tuple(drift_rate(self.kind, self.where, *own, self.clock) for own in (*shift, *turn))
+        return tuple(
+            Parameter(self.kind, self.where, n, f"{u}/{per}", 1e-6 / one, 1e-4 / hour, 5e-3 / hour)
+            for n, u in (*shift, *turn)
+        )
 
     def response(self, poses: Poses, values: Array) -> Array:
-        elapsed = since_the_first(poses, self.clock)
-        return elapsed[:, None, None] * np.eye(len(self.parameters))
-
-
-def drift_rate(kind: str, where: str, name: str, unit: str, clock: str) -> Parameter:
-    """One rate, in millionths of the SI unit."""
-    timed = clock == "s"
-    per, one = ("h", _HOUR) if timed else (clock, 1.0)
-    hour = _HOUR if timed else _READINGS_AN_HOUR
-    return Parameter(kind, where, name, f"{unit}/{per}", 1e-6 / one, 1e-4 / hour, 5e-3 / hour)
-
-
-def since_the_first(poses: Poses, clock: str) -> Array:
-    """What the clock shows since the session's first reading, shape (m,); zero where it is silent."""
-    read = poses.clock_in(clock)
-    return np.zeros(len(poses)) if read is None else read
+        read = poses.clock_in(self.clock)
+        elapsed = np.zeros(len(poses)) if read is None else read  # of a clock that is silent
+        return elapsed[:, None, None] * np.eye(6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,29 +74,3 @@ class TrackerDrift(DriftingEffect, RigidReading):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         return cls(where, context.clock_unit)
-
-
-@dataclass(frozen=True, eq=False)
-class InstrumentDrift(DriftingEffect, PartEffect):
-    """Drift of an instrument: a tripod that settles, a gauge that warms up, a wire that creeps.
-
-    A gauge and a wire have one rate, that of their zero. A tracker's is ``tracker_drift``.
-    """
-
-    kind: ClassVar[str] = "instrument_drift"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        own = (i for i in context.instruments if not i.sites)  # one with sites moves at each alone
-        return tuple(w for i in own if (w := f"{i.kind}:{i.name}") in i.parts)
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        part = context.parts[where]
-        return cls(where, motion_of(part), part.body, context.clock_unit)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        if self.numbers.stop == 1:
-            return (drift_rate(self.kind, self.where, "zero", "um", self.clock),)
-        return super().parameters

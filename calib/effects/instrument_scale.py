@@ -1,18 +1,20 @@
-"""Wrong length scale of an instrument: of a tracker, or of a wire or bar."""
+"""Wrong length scale of a tracker."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from calib.effects.context import Context
+import numpy as np
+
+from calib.arrays import Array
 from calib.effects.protocol import Parameter
-from calib.effects.readings import ScaledReading
-from calib.instruments import Distance, Instrument
+from calib.effects.readings import ReadingEffect
+from calib.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
-class TrackerScale(ScaledReading):
+class TrackerScale(ReadingEffect):
     """Wrong length scale of the instrument, for example by a wrong air temperature or pressure.
 
     Every reading is ``(1 + scale)`` times the point, seen from the origin of its station. Free link
@@ -25,25 +27,7 @@ class TrackerScale(ScaledReading):
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-5),)
 
-
-@dataclass(frozen=True, eq=False)
-class WireScale(ScaledReading):
-    """Wrong scale of a wire or bar: a wrong drum radius, a wrong encoder pitch, a bar too warm.
-
-    Every distance is ``(1 + scale)`` times what it would be. Where such an instrument alone gives the
-    scale of a free geometry, that imitates it wholly.
-    """
-
-    kind: ClassVar[str] = "wire_scale"
-    of: ClassVar[str] = Distance.kind
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return tuple(f"{cls.of}:{i.name}" for i in context.instruments if i.kind == cls.of)
-
-    def changes(self, instrument: Instrument) -> bool:
-        return self.where == f"{instrument.kind}:{instrument.name}"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 1e-4, 2e-2),)
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        grown = 1.0 + values[..., None, None, :]
+        turn = grown[..., None] * np.eye(points.shape[-1])
+        return grown * points, turn, points[..., None]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,9 +22,14 @@ _FIRST = 10.0  # odds: of an arm and a camera the camera is looked at first
 
 
 @dataclass(frozen=True, eq=False)
-class CameraEffect(ReadingEffect):
-    """The pixels of one camera, at the place ``camera:NAME``, are not those of the cell's lens."""
+class LensEffect(ReadingEffect):
+    """Some values of a camera's lens, at the place ``camera:NAME``, are others than the cell's.
 
+    lens : Lens, as the cell gives it; values : slice, which of its values
+    """
+
+    lens: Lens
+    values: ClassVar[slice]
     of: ClassVar[str] = "camera"
 
     @classmethod
@@ -36,18 +40,12 @@ class CameraEffect(ReadingEffect):
     @classmethod
     def acts(cls, camera: Camera) -> bool:
         """Whether it is an error of its own beside what is free of this camera."""
-        del camera
-        return True
+        return not np.isin(np.arange(len(camera.lens.values))[cls.values], camera.free).any()
 
     @classmethod
     def at(cls, context: Context, where: str) -> Effect:
         cameras = (i for i in context.instruments if isinstance(i, Camera))
-        return cls.made(context, where, next(i for i in cameras if _CAMERA + i.name == where))
-
-    @classmethod
-    @abstractmethod
-    def made(cls, context: Context, where: str, camera: Camera) -> Self:
-        """The effect at a camera."""
+        return cls(where, next(i for i in cameras if _CAMERA + i.name == where).lens)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -55,26 +53,6 @@ class CameraEffect(ReadingEffect):
 
     def changes(self, instrument: Instrument) -> bool:
         return isinstance(instrument, Camera) and self.where == _CAMERA + instrument.name
-
-
-@dataclass(frozen=True, eq=False)
-class LensEffect(CameraEffect):
-    """Some values of the lens are others than the cell's.
-
-    lens : Lens, as the cell gives it; values : slice, which of its values
-    """
-
-    lens: Lens
-    values: ClassVar[slice]
-
-    @classmethod
-    def acts(cls, camera: Camera) -> bool:
-        return not np.isin(np.arange(len(camera.lens.values))[cls.values], camera.free).any()
-
-    @classmethod
-    def made(cls, context: Context, where: str, camera: Camera) -> Self:
-        del context
-        return cls(where, camera.lens)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -92,7 +70,6 @@ class Focal(LensEffect):
     """Both focal lengths, each by its own amount: an old calibration, or a lens that was refocused."""
 
     kind: ClassVar[str] = "focal"
-    parts: ClassVar[tuple[str, ...]] = ("focal_scale",)
     values: ClassVar[slice] = FOCAL
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
@@ -135,5 +112,5 @@ class Distortion(LensEffect):
         return pixels, turn, by_lens[..., self.values]
 
 
-LENS_EFFECTS = frozenset({Focal.kind, *Focal.parts, PrincipalPoint.kind, Distortion.kind})
+LENS_EFFECTS = frozenset({Focal.kind, PrincipalPoint.kind, Distortion.kind})
 """Kinds of effects that are an error of a lens."""

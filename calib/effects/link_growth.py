@@ -1,9 +1,7 @@
-"""Links that are longer than the nominal model: by the temperature, or all of them by one share."""
+"""Links that are longer than the nominal model by the temperature."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -12,8 +10,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.context import ARM, Context, joint_index, needs
-from calib.effects.geometry import Geometry
-from calib.effects.protocol import Effect, Parameter, PoseEffect, Twist
+from calib.effects.protocol import Parameter, PoseEffect, Twist
 from calib.poses import Poses
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
@@ -21,8 +18,11 @@ _LARGEST = 4e-4
 
 
 @dataclass(frozen=True, eq=False)
-class LinkGrowth(PoseEffect):
-    """Growth in proportion to a link's length.
+class ThermalExpansion(PoseEffect):
+    """Links that grow with temperature; the nominal model holds at 20 degC.
+
+    A link grows along its constant translation, from its joint to the origin of the next one (or to
+    the tip). ``arm`` means that the whole arm warms up, including the base link up to the first joint.
 
     ends : tuple of int, the frames in which the growing links end
     lengths : ndarray, shape (ends, 3), m, the links' translations in the axes of those frames
@@ -30,6 +30,15 @@ class LinkGrowth(PoseEffect):
 
     ends: tuple[int, ...]
     lengths: Array
+    kind: ClassVar[str] = "thermal_expansion"
+    uses: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        robot = context.robot
+        grown = zip(robot.parents, translations(robot), strict=True)
+        long = {parent for parent, length in grown if length.any()}
+        return (ARM, *(joint for k, joint in enumerate(robot.joints, 1) if k in long))
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
@@ -47,71 +56,14 @@ class LinkGrowth(PoseEffect):
         )
         return cls(where, tuple(ends), lengths)
 
-    @abstractmethod
-    def shares(self, poses: Poses) -> Array:
-        """D share of the length / d parameter, shape (m,) or (1,)."""
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
-        grown = self.shares(poses)[:, None, None] * slides[:, None, :, None]
-        return tuple(zip(self.ends, grown, strict=True))
-
-
-@dataclass(frozen=True, eq=False)
-class ThermalExpansion(LinkGrowth):
-    """Links that grow with temperature; the nominal model holds at 20 degC.
-
-    A link grows along its constant translation, from its joint to the origin of the next one (or to
-    the tip). ``arm`` means that the whole arm warms up, including the base link up to the first joint.
-    """
-
-    kind: ClassVar[str] = "thermal_expansion"
-    uses: ClassVar[tuple[str, ...]] = ("temperature",)
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        robot = context.robot
-        grown = zip(robot.parents, translations(robot), strict=True)
-        long = {parent for parent, length in grown if length.any()}
-        return (ARM, *(joint for k, joint in enumerate(robot.joints, 1) if k in long))
-
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5, _LARGEST),)
 
-    def shares(self, poses: Poses) -> Array:
-        return poses.warming
-
-
-@dataclass(frozen=True, eq=False)
-class LinkScale(LinkGrowth):
-    """Links that are longer than the nominal model by one share: a warm arm, or a file of another size.
-
-    It is asked where boards alone give the scale: trackers have their own. Beside a base and a tool
-    that are free a board of another size looks alike.
-    """
-
-    kind: ClassVar[str] = "link_scale"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        boards = any(part.board is not None for part in context.parts.values())
-        return (ARM,) if boards else ()
-
-    @classmethod
-    def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
-        return "" if any(isinstance(effect, Geometry) for effect in active) else None
-
-    @property
-    def varies_with(self) -> str:
-        return "none"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "scale", "ppm", 1e-6, 5e-4, 5e-3),)
-
-    def shares(self, poses: Poses) -> Array:
-        return np.ones(1)
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+        slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
+        grown = poses.warming[:, None, None] * slides[:, None, :, None]
+        return tuple(zip(self.ends, grown, strict=True))
 
 
 def translations(robot: Robot) -> Array:

@@ -72,26 +72,6 @@ class ReadingEffect(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class ScaledReading(ReadingEffect):
-    """Rows grow about one point of theirs by a share in proportion to what is known of the pose."""
-
-    @property
-    def centre(self) -> Array:
-        """What stays as it is, shape (r,) or one number: the origin of the rows."""
-        return np.zeros(1)
-
-    def shares(self, poses: Poses) -> Array:
-        """D share / d parameter at each pose, shape (m,)."""
-        return np.ones(len(poses))
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        share = self.shares(poses)[:, None, None]
-        away, grown = points - self.centre, 1.0 + share * values[..., None, None, :]
-        turn = grown[..., None] * np.eye(points.shape[-1])
-        return self.centre + grown * away, turn, (share * away)[..., None]
-
-
-@dataclass(frozen=True, eq=False)
 class RigidReading(DirectedEffect, ReadingEffect):
     """Moves all readings of a pose as one body, along and about the axes of their station."""
 

@@ -1,4 +1,4 @@
-"""Sudden changes at one moment: of joints, base, instruments or markers, or of a camera or board."""
+"""Sudden changes at one moment: of joints, base, instruments, boards or markers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context, Expectation
+from calib.effects.context import Context
 from calib.effects.protocol import FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.timed import (
@@ -21,8 +21,6 @@ from calib.effects.timed import (
 from calib.effects.tuned import ANY_TUNING
 from calib.poses import Poses
 
-_CAMERA_OR_BOARD = ("camera:", "board:")
-_LOOSE = 5.0  # odds: of a robot that is bolted down and what looks at it the latter slips
 _EITHER_SIDE = 2  # readings: fewer are an outlier
 
 
@@ -41,10 +39,7 @@ class Step(Timed):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        parts = (
-            w for w, part in context.parts.items() if not w.startswith("camera:") and not part.board
-        )
-        return (*everything(context), *markers(context), *parts)
+        return (*everything(context), *markers(context), *context.parts)
 
     @property
     def tuning_parameter(self) -> Parameter:
@@ -89,31 +84,7 @@ class StepOfMarker(Step, MarkerEffect):
 
 @dataclass(frozen=True, eq=False)
 class StepOfPart(Step, PartEffect):
-    """A step of a socket, or of an instrument that is no camera: those are ``moved``."""
-
-
-@dataclass(frozen=True, eq=False)
-class Moved(Step):
-    """A camera, its bracket on the hand, or a board that slipped or was knocked at one moment.
+    """A step of an instrument, a board or a socket.
 
     A camera moves along and about its own axes, whether it stands or rides on the hand.
     """
-
-    kind: ClassVar[str] = "moved"
-    decided_by: ClassVar[str] = (
-        "look for what is loose: camera, board or base. A second board elsewhere tells them apart"
-    )
-    largest: ClassVar[float] = 5e-2
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return tuple(where for where in context.parts if where.startswith(_CAMERA_OR_BOARD))
-
-    @classmethod
-    def expected(cls, context: Context, where: str) -> Expectation:
-        return Expectation(odds=_LOOSE)
-
-
-@dataclass(frozen=True, eq=False)
-class MovedPart(Moved, PartEffect):
-    """The same as an effect on what the camera reads."""

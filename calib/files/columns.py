@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -162,7 +162,7 @@ def shared_columns(robot: Robot) -> set[str]:
     joints = (*robot.joints, *robot.told)
     shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
     units = (*ANGLES, *LENGTHS)
-    shared |= {f"{j}_{unit}{per}" for j in joints for unit in units for per in ("", "_s")}
+    shared |= {f"{j}_{unit}" for j in joints for unit in units}
     shared |= {f"move_{j}_{unit}" for j in joints for unit in units}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
@@ -176,25 +176,15 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     )
 
 
-def motion_columns(
-    table: CsvTable, robot: Robot, named: Callable[[str, str], str]
-) -> tuple[tuple[str, float], ...]:
-    """Column of each joint's motion, and its unit in SI; of any unit that the table has.
-
-    named : (joint, unit) -> name of the column
-    """
+def motion_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], ...]:
+    """Column of each joint's last move, and its unit in SI; of any unit that the table has."""
     own = []
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
         known = LENGTHS if slides else ANGLES
-        units = {named(joint, unit): scale for unit, scale in known.items()}
+        units = {move_name(joint, unit): scale for unit, scale in known.items()}
         told = [unit for unit in units.items() if unit[0] in table.columns]
         own.append((told or list(units.items()))[0])
     return tuple(own)
-
-
-def velocity_name(joint: str, unit: str) -> str:
-    """Column of a joint's velocity."""
-    return f"{joint}_{unit}_s"
 
 
 def move_name(joint: str, unit: str) -> str:
@@ -261,13 +251,11 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     torques = torque_columns(robot)
     if _every_joint(table, tuple(itertools.compress(torques, driven))):
         found["torque"] = _columns(table, torques, rows)
-    for key, named in (("velocity", velocity_name), ("motion", move_name)):
-        own = motion_columns(table, robot, named)
-        if _every_joint(table, tuple(name for name, _ in itertools.compress(own, driven))):
-            moved = _columns(table, [name for name, _ in own], rows) * [unit for _, unit in own]
-            ties = robot.ties.matrix if key == "velocity" else np.abs(robot.ties.matrix)
-            found[key] = np.where(driven, moved, moved @ ties.T)
-            found |= {"motion_told": True} if key == "motion" else {}
+    own = motion_columns(table, robot)
+    if _every_joint(table, tuple(name for name, _ in itertools.compress(own, driven))):
+        moved = _columns(table, [name for name, _ in own], rows) * [unit for _, unit in own]
+        found["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
+        found["motion_told"] = True
     # A joint tells itself from which side it came, else its master does.
     sided = [
         next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])

@@ -15,12 +15,10 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.effects.focal import FocalScale
 from calib.effects.lens import Distortion, Focal, LensEffect, PrincipalPoint
 from calib.effects.protocol import Effect
 from calib.identification.identification import Identification
 from calib.instruments import Camera
-from calib.instruments.lens import FOCAL
 from calib.linear import Complement, LinearProblem
 from calib.observations import Points
 
@@ -46,8 +44,6 @@ def lens_of(result: Identification, camera: Camera) -> tuple[Array, Array, Mask]
             by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
         elif isinstance(effect, LensEffect) and effect.changes(camera):
             by[effect.values, part] = np.eye(part.stop - part.start)
-        elif isinstance(effect, FocalScale) and effect.changes(camera):
-            by[FOCAL, part.start] = camera.lens.values[FOCAL]
     covariance = by @ result.covariance @ by.T
     return camera.lens.values + by @ result.values, covariance, np.asarray(by.any(axis=1))
 

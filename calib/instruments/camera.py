@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arm.se3 import (
+    displaced_shape,
     moved_as_one,
     rotate,
     so3_exp,
@@ -21,6 +22,7 @@ from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
     MOTION,
+    SCALE,
     Instrument,
     Linear,
     Nominal,
@@ -283,7 +285,7 @@ class ArmCamera(Camera):
 
     @property
     def parts(self) -> Mapping[str, slice]:
-        ends = MOTION.stop + np.cumsum([0, *(board.numbers for board in self.boards)])
+        ends = MOTION.stop + SCALE.stop * np.arange(len(self.boards) + 1)
         boards = {
             f"board:{board.name}": slice(int(a), int(b))
             for board, a, b in zip(self.boards, ends, ends[1:], strict=False)
@@ -321,19 +323,17 @@ class ArmCamera(Camera):
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
 
-        Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards, their numbers
+        Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards
         """
         batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
         count = sum(len(board.points) for board in self.boards)
         points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
         by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
-        first = 0
         for k, board in enumerate(self.boards):
             shape = board.points
-            part = slice(first, first + board.numbers)
-            first = part.stop
+            part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
             if loose.shape[-1]:
-                shape, by_part = board.displaced(loose[..., part])
+                shape, by_part = displaced_shape(loose[..., part], shape)
             moved, R, by_place = moved_as_one(places[..., k, :], shape)
             points[..., board.channels, :] = moved
             by[..., board.channels, :, 6 * k : 6 * k + 6] = by_place

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.arm.se3 import displaced_shape, rotate, so3_exp
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.protocol import BEND, MOTION, SCALE
 
 LEAST_SQUARE, LEAST_MARKER = 10.0, 20.0
 """px, of a square of a chessboard and of an ArUco marker or AprilTag, across, as OpenCV finds them."""
@@ -24,7 +22,6 @@ _BEAMS, _BEAMS_WHOLE = (
     25,
 )  # lines of sight to a board, and to one of which no point may be hidden
 _THIN = 1e-6  # of a square: points that are nearly on one line show no side
-_FLAT = 1e-6  # m
 
 
 @dataclass(frozen=True)
@@ -86,36 +83,6 @@ class Board:
         )
         for k, one in enumerate(chosen):
             yield np.flatnonzero(nearest == k), one
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers say what may be wrong with it: place, size, and a flat one's bend."""
-        extent = np.ptp(self.points, axis=0)
-        return BEND.stop if extent[2] < _FLAT <= extent[:2].min() else SCALE.stop
-
-    @property
-    def bulges(self) -> Array:
-        """How far its points stand out by each number of its bend, shape (n, 3).
-
-        Along x, along y, and how far opposite corners do: to first order every bend is a sum of these.
-        """
-        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
-        u, v = ((2.0 * self.points[:, :2] - low - high) / np.maximum(high - low, _FLAT)).T
-        return np.column_stack([1.0 - u * u, 1.0 - v * v, u * v])
-
-    def displaced(self, by: Array) -> tuple[Array, Array]:
-        """Its points (..., n, 3), m, in its frame, that are bent, grow and are then displaced.
-
-        by : ndarray, shape (..., numbers); returns the derivatives by it, (..., n, 3, numbers), too
-        """
-        if by.shape[-1] <= SCALE.stop:
-            return displaced_shape(by, self.points)
-        out = np.array([0.0, 0.0, 1.0])
-        bent = self.points + (by[..., None, BEND] * self.bulges).sum(axis=-1)[..., None] * out
-        moved, columns = displaced_shape(by[..., : SCALE.stop], bent)
-        normal = rotate(so3_exp(by[..., MOTION][..., 3:]), out) * (1.0 + by[..., SCALE])
-        by_bend = self.bulges[:, None, :] * normal[..., None, :, None]
-        return moved, np.concatenate([columns, by_bend], axis=-1)
 
     def axes(self, viewed: Array) -> Array:
         """The x and y axes (..., 2, 3) of what is printed, in the axes of its points as viewed."""

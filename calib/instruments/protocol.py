@@ -44,9 +44,8 @@ class Unknown(NamedTuple):
     size: float
 
 
-ZERO, MOTION, SCALE, BEND = slice(0, 1), slice(0, 6), slice(6, 7), slice(7, 10)
-"""Of a part that may come loose: a displacement in its own axes, what it is too large by, and how far
-its middle stands out of the plane of its edges."""
+ZERO, MOTION, SCALE = slice(0, 1), slice(0, 6), slice(6, 7)
+"""Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
 
 class ReadingColumn(NamedTuple):

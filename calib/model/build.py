@@ -41,12 +41,21 @@ _COVARIATES = {
         "nothing says how far the joints went before",
         "give measured poses in their order",
     ),
-    "velocity": (
-        "the arm stood still at each pose, or nothing says how fast it moved",
-        "add columns <joint>_deg_s, or give readings of a moving arm in their order with time_s",
-    ),
     "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
+
+
+_INSTEAD = {
+    "moved": "step",
+    "instrument_drift": "base_drift",
+    "link_scale": "geometry",
+    **dict.fromkeys(("focal_scale", "focal_drift", "focal_expansion"), "focal"),
+    "board_bend": "points_mm of the board as measured",
+    "wire_scale": "d_mm with the right scale",
+    "socket_seat": "a marker of its own for that socket",
+    "time_offset": "joints of the moment at which each image was taken",
+}
+"""Effect that is none -> what to use in its place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +87,7 @@ def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[st
     if name not in catalogue():
         close = difflib.get_close_matches(name, catalogue(), n=1)
         hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(catalogue())}"
+        hint = f"use {_INSTEAD[name]}" if name in _INSTEAD else hint
         raise UnknownEffect(f"unknown effect {name!r} in {key}; {hint}")
     places = tuple(place.strip() for place in rest.split(",")) if colon else None
     return name, places

@@ -18,11 +18,6 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
-_STRAIGHT, _FEWEST = (
-    0.4,
-    2,
-)  # change of a velocity over two of them, of a path; readings that show one
-_PAUSE = 6.0  # times the usual interval, after which a film begins anew
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
@@ -58,9 +53,6 @@ def with_moves(poses: Poses) -> Poses:
     number = np.empty(len(poses))
     number[order] = np.arange(len(poses))
     derived = poses.approach is None or poses.approach_derived
-    velocity, acceleration = poses.velocity, poses.acceleration
-    if velocity is None:
-        velocity, acceleration = _along_the_path(poses, order)
     return replace(
         poses,
         start=0.0 if poses.time is None else float(poses.time.min(initial=np.inf)),
@@ -68,39 +60,7 @@ def with_moves(poses: Poses) -> Poses:
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=poses.motion if poses.motion_told else motion,
-        velocity=velocity,
-        acceleration=acceleration,
     )
-
-
-def _along_the_path(poses: Poses, order: IntArray) -> tuple[Array | None, Array | None]:
-    """Velocity and acceleration of the joints at each reading, (m, n); None without a path.
-
-    They do where the way bends little from one to the next: an arm that was filmed as it moved. Stops
-    that were chosen one by one, at which it stood still, lie anywhere.
-    """
-    time = np.arange(float(len(poses))) if poses.time is None else poses.time[order]
-    q, parts, bends = poses.q[order], [], []
-    pause = np.diff(time, prepend=time[:1])
-    cut = begins(poses)[order] | (pause > _PAUSE * np.median(pause[1:])) if len(q) > 1 else []
-    for part in np.split(np.arange(len(q)), np.flatnonzero(cut)):
-        if len(part) < _FEWEST or not (np.diff(time[part]) > 0.0).all():
-            continue  # one reading alone has no velocity
-        speed = np.diff(q[part], axis=0) / np.diff(time[part])[:, None]
-        turn, along = (np.linalg.norm(v, axis=1) for v in (np.diff(speed, axis=0), speed))
-        moving = along[1:] + along[:-1] > 0.0
-        bends.append((turn / np.maximum(along[1:] + along[:-1], 1e-300))[moving])
-        parts.append(part)
-    bent = np.concatenate(bends) if bends else np.zeros(0)
-    if not len(bent) or float(np.median(bent)) >= _STRAIGHT:
-        return None, None
-    from scipy.interpolate import CubicSpline  # takes a fifth of a second, which few tables need
-
-    velocity, acceleration = np.zeros_like(poses.q), np.zeros_like(poses.q)
-    for part in parts:
-        path = CubicSpline(time[part], q[part])
-        velocity[order[part]], acceleration[order[part]] = path(time[part], 1), path(time[part], 2)
-    return velocity, acceleration
 
 
 def begins(poses: Poses) -> Mask:
@@ -142,7 +102,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
     if parts_of_one_table(first, second):
         return data, heldout
     if first.time is None or second.time is None:
-        unknown = replace(second, time=None, order=None, velocity=None, acceleration=None)
+        unknown = replace(second, time=None, order=None)
         return data, replace(heldout, poses=unknown)
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
     both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))

@@ -33,9 +33,6 @@ class Poses(Result):
     motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
     motion_told : bool, whether the table or the plan says it; else it follows from the order
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
-    velocity : ndarray, shape (m, n), rad/s or m/s, or per reading where no time is given, at which the
-        joints moved while they were read, or None where nothing tells it
-    acceleration : the same of the velocity, per second or reading, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
     site : ndarray of str, shape (m,), which of the places of an instrument that has sites is touched,
@@ -63,8 +60,6 @@ class Poses(Result):
     load_com: Array
     site: TextArray | None = None
     session: TextArray | None = None
-    velocity: Array | None = None
-    acceleration: Array | None = None
     motion_told: bool = False
     load_block: IntArray | None = None
 

@@ -239,8 +239,6 @@ def _following(now: Poses, coming: Poses) -> Poses:
         order=None if last.order is None else last.order + ahead,
         approach=coming.approach if prescribed else approach,
         motion=coming.motion if coming.motion_told else motion,
-        velocity=np.zeros_like(coming.q),  # it stands where a plan is read
-        acceleration=np.zeros_like(coming.q),
         station=last.station,
         site=np.full(len(coming), "") if coming.site is None else coming.site,
         session=last.session,

@@ -195,7 +195,6 @@ _COVARIATES = {
     "time": "time_s, or the order of the poses (time in readings)",
     "temperature": "temperature_degC",
     "torque": "<joint>_Nm",
-    "velocity": "<joint>_deg_s, or time_s of an arm that moves",
 }
 _MOST = 12  # parameters that are named
 

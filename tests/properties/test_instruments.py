@@ -51,10 +51,8 @@ def test_kinds_are_complete() -> None:
 
 
 def test_parts_are_complete() -> None:
-    assert {w for kind, w in OF_PARTS if kind == "moved"} == {
-        "camera:wall", "camera:eye", "board:plate", "board:tiles", "board:solid"
-    }  # fmt: skip
     assert {w for kind, w in OF_PARTS if kind == "step"} == {
+        "camera:wall", "camera:eye", "board:plate", "board:tiles", "board:solid",
         "socket:nest", "socket:cup", "socket:cone", "pose:mocap", "distance:bar", "plane:table",
     }  # fmt: skip
 
@@ -101,8 +99,7 @@ def test_effects_of_parts(kind: str, where: str) -> None:
         effect = effect.tuned(4.5e3)
     arm = [EFFECTS["joint_offset"].at(context, j) for j in ("j2", "j4")]
     tool = [EFFECTS["tool"].at(context, w) for w in EFFECTS["tool"].places(context)]
-    step = "moved" if where.startswith(("camera:", "board:")) else "step"
-    again = [] if kind == step else [EFFECTS[step].at(context, where)]
+    again = [] if kind == "step" else [EFFECTS["step"].at(context, where)]
     model = ALL.model(*tool, *arm, effect, *again)
     values = wandered(model, ALL.at(model), 5)
     scale = check(model, ALL.poses, values)

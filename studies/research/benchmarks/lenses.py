@@ -254,7 +254,7 @@ def _inside(found: Any, truth: Truth) -> list[bool]:
     ]
 
 
-_OF_LENS = ("focal", "focal_scale", "focal_drift", "principal_point", "distortion")
+_OF_LENS = ("focal", "principal_point", "distortion")
 
 
 class Chain:

@@ -74,6 +74,9 @@ HELD = {
     "two_jumps": "step",
 }
 
+# What sealed keys call otherwise than the catalogue.
+RENAMED = {"moved": "step", "focal_scale": "focal"}
+
 Entry = dict[str, Any]
 
 
@@ -90,7 +93,9 @@ def class_of(effect: Entry) -> set[str]:
 
 def names_of(truth: Entry) -> set[str]:
     """Effects of a key that are right."""
-    return {name_of(truth), *truth.get("alike", ())}
+    kind = RENAMED.get(truth["effect"])
+    renamed = {f"{kind}:{place}" for place in truth["places"]} if kind else set()
+    return {name_of(truth), *truth.get("alike", ()), *renamed}
 
 
 def is_named(effect: Entry, truth: Entry) -> bool:

@@ -302,10 +302,9 @@ def test_holm_steps_down() -> None:
 
 def test_what_is_the_robots_own_on_any_day() -> None:
     """No place, instrument, board or clock of a day, and no tuning by which others change meaning."""
-    of_a_day = {"base", "tool", "base_drift", "warm_up", "step", "moved", "gear_ripple"}
-    read = {"tracker_scale", "tracker_drift", "instrument_drift", "wire_scale", "socket_seat"}
-    cameras = {"focal", "principal_point", "distortion", "focal_scale", "focal_drift"}
-    cameras |= {"focal_expansion", "board_scale", "board_bend", "time_offset"}
+    of_a_day = {"base", "tool", "base_drift", "warm_up", "step", "gear_ripple"}
+    read = {"tracker_scale", "tracker_drift"}
+    cameras = {"focal", "principal_point", "distortion", "board_scale"}
     own = {kind for kind in EFFECTS if lasting((kind, "here", "value"))}
     assert EFFECTS.keys() - own == of_a_day | read | cameras
     assert not lasting(("nobody_knows", "here", "value"))

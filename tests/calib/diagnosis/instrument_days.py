@@ -34,31 +34,23 @@ SIGMA_PX, SIGMA_MM = 0.2, 0.05
 class Fault:
     """What is wrong on a day; by itself nothing.
 
-    focal, per_hour, per_kelvin : float, share by which the focal length is larger than stated
+    focal : float, share by which the focal length is larger than stated
     pitch : float, the same of the board
     camera, board : 6 numbers, m and rad, by which they are moved at noon, in their own axes
-    socket : 3 numbers, m, by which ``cup`` is moved at noon; seat : by which the ball lies off in it
-    creep : 6 numbers, m and rad an hour, at which a camera or a 6-D tracker moves along its own axes
-    zero, zero_per_hour : float, m, by which a wire or a gauge reads more from noon, and each hour
-    wire : float, share by which a wire reads long
+    socket : 3 numbers, m, by which ``cup`` is moved at noon
+    zero : float, m, by which a wire or a gauge reads more from noon
     """
 
     focal: float = 0.0
-    per_hour: float = 0.0
-    per_kelvin: float = 0.0
     pitch: float = 0.0
     camera: tuple[float, ...] = (0.0,) * 6
     board: tuple[float, ...] = (0.0,) * 6
     socket: tuple[float, ...] = (0.0,) * 3
-    seat: tuple[float, ...] = (0.0,) * 3
-    creep: tuple[float, ...] = (0.0,) * 6
     zero: float = 0.0
-    zero_per_hour: float = 0.0
-    wire: float = 0.0
 
     def added(self, count: int) -> Array:
         """What a wire or a gauge reads beyond what is there, m."""
-        return self.zero * after_noon(count) + self.zero_per_hour * hours(count)
+        return self.zero * after_noon(count)
 
 
 def seen_from_the_world(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
@@ -67,7 +59,7 @@ def seen_from_the_world(folder: Path, fault: Fault, seed: int, count: int = 45) 
     rng, q = np.random.default_rng(seed), spread(seed, count)
     T, noon = tips(cell.robot, q + OFF), after_noon(count)
     stands = looking(T[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
-    camera = both(stands, fault.camera, noon) @ crept(fault, count)
+    camera = both(stands, fault.camera, noon)
     board = T @ both(frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3])), fault.board, noon)
     return read(cell, folder, q, camera, board, fault, rng)
 
@@ -92,18 +84,13 @@ def both(T: Array, moved: tuple[float, ...], after: Array) -> Array:
     return np.where(after[:, None, None], T @ frame(np.array(moved)), T)
 
 
-def crept(fault: Fault, count: int) -> Array:
-    """What has moved since the morning, (m, 4, 4), in its own axes."""
-    return np.stack([frame(np.array(fault.creep) * hour) for hour in hours(count)])
-
-
 def along_a_wire(folder: Path, fault: Fault, seed: int, count: int = 60) -> Day:
     """A draw-wire from a drum on the floor to a ball on the tip."""
     cell = written(folder, f'[instruments.wire]\nkind = "distance"\nsigma_mm = {SIGMA_MM}\n')
     rng, q = np.random.default_rng(seed), spread(seed, count)
     T = tips(cell.robot, q + OFF)
     ball = T[:, :3, :3] @ BALL + T[:, :3, 3]
-    d = np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1) * (1.0 + fault.wire)
+    d = np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1)
     d = d + fault.added(count) + rng.normal(scale=SIGMA_MM * 1e-3, size=count)
     rows: list[list[object]] = [[i, "wire", "ball", f"{1e3 * x:.6f}"] for i, x in enumerate(d)]
     return cell, tabled(cell, folder, q, rows, ["d_mm"])
@@ -132,7 +119,7 @@ def with_a_body(folder: Path, fault: Fault, seed: int, count: int = 45) -> Day:
     ball = T[:, :3, :3] @ BALL + T[:, :3, 3]
     d = np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1)
     d = d + rng.normal(scale=SIGMA_MM * 1e-3, size=count)
-    stands = both(stands, fault.camera, after_noon(count)) @ crept(fault, count)
+    stands = both(stands, fault.camera, after_noon(count))
     body = T @ frame(np.array([0.05, -0.1, 0.2, 0.4, 2.0, -0.3]))
     rows: list[list[object]] = []
     for i in range(count):
@@ -176,12 +163,10 @@ def read(
 ) -> Day:
     """What a camera at frames (m, 4, 4) in base axes sees of a board at others."""
     rows, count = [], len(q)
-    larger = fault.focal + fault.per_hour * hours(count)
-    larger = larger + fault.per_kelvin * (degrees(count) - 20.0)
     for i in range(count):
         there = TILES * (1.0 + fault.pitch) @ board[i, :3, :3].T + board[i, :3, 3]
         own = (there - camera[i, :3, 3]) @ camera[i, :3, :3]
-        uv = pixels(own, np.eye(4), LENS[:2] * (1.0 + larger[i]), LENS[2:4], LENS[4:])
+        uv = pixels(own, np.eye(4), LENS[:2] * (1.0 + fault.focal), LENS[2:4], LENS[4:])
         uv = uv + rng.normal(scale=SIGMA_PX, size=uv.shape)
         inside = ((uv > 0.0) & (uv < PIXELS)).all(axis=1) & (own[:, 2] > 0.1)
         for k in np.flatnonzero(inside):
@@ -195,14 +180,13 @@ def in_sockets(folder: Path, fault: Fault, seed: int, count: int = 72) -> Day:
     cell = written(folder, "".join(sockets))
     rng, robot = np.random.default_rng(seed), cell.robot
     site, noon = np.arange(count) % 4, after_noon(count)
-    ball = BALL + np.where((site == 1)[:, None], np.array(fault.seat), 0.0)
     goal = CENTRES[site] + np.where((noon & (site == 1))[:, None], np.array(fault.socket), 0.0)
     goal = goal + rng.normal(scale=SIGMA_MM * 1e-3, size=goal.shape)
     q = spread(seed, count, 0.7)
 
     def off(q: Array) -> Array:
         T = tips(robot, q + OFF)
-        return goal - (np.einsum("mij,mj->mi", T[:, :3, :3], ball) + T[:, :3, 3])
+        return goal - (T[:, :3, :3] @ BALL + T[:, :3, 3])
 
     for _ in range(12):
         ends = [off(q - h) - off(q + h) for h in 1e-6 * np.eye(6)]

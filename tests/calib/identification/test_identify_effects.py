@@ -101,14 +101,7 @@ def test_the_shared_catalogue_is_covered() -> None:
     elsewhere |= {"joint_compliance", "stiffness_vs_angle", "tracker_scale"}
     elsewhere |= {"gear_ripple", "warm_up", "step", "measured_torque"}  # test_identify_tunings
     # tests/calib/diagnosis/test_instruments.py and tests/properties/test_instruments.py
-    elsewhere |= {"focal_scale", "focal_drift", "focal_expansion", "board_scale", "socket_seat"}
-    elsewhere |= {"instrument_drift", "wire_scale", "focal", "principal_point", "distortion"}
-    elsewhere |= {
-        "board_bend",
-        "moved",
-        "link_scale",
-        "time_offset",
-    }  # .. effects/test_time_offset.py
+    elsewhere |= {"board_scale", "focal", "principal_point", "distortion"}
     assert {effect.partition(":")[0] for effect in FOUND} | elsewhere == set(EFFECTS)
 
 

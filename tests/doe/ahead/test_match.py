@@ -88,16 +88,6 @@ def test_what_is_left_is_known_by_its_pose_in_whatever_turn_it_is_read(
         assert (day.poses.wrench[17:, 2] < -100.0).all()
 
 
-def test_the_arm_stands_where_a_plan_is_read(full: Measurements, table_two: Poses) -> None:
-    """Readings in hand that were filmed as it moved keep their velocities."""
-    filmed = replace(full.poses, velocity=full.poses.q, acceleration=full.poses.q)
-    day, _ = coming_day(embedded_cell(), replace(full, poses=filmed), table_two.take([0, 1]))
-    assert day.poses.velocity is not None
-    np.testing.assert_array_equal(day.poses.velocity[:30], full.poses.q)
-    assert not day.poses.velocity[30:].any()
-    assert len(day.poses.take(slice(30, None))) == 4
-
-
 def test_no_plan_leaves_nothing(cell: Cell, full: Measurements) -> None:
     assert len(match(cell, full.poses.take([]), full.poses).left) == 0
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
@@ -42,63 +42,31 @@ class Certificate:
     bound : float, no plan of the candidates and of the plan's own poses is better, with as many
         second visits or with other poses in their place
     weighted : float, criterion of the best weighted plan, at which the bound was found
-    fresh : float, bound over as many fresh candidates, NaN where none were drawn
     pool_value : float, criterion of the plan of candidates alone, before its angles were polished and
         without second visits
     pool_bound : float, bound for it
-    proved_optimal : bool, branch and bound proved the plan the best of all candidates and its own poses
-    nodes : int, that branch and bound looked at, none where too many candidates survive
     rounds : int, column generation
     agreement_of_starts : float, median over the starts of the search of what they ended at, over the
         best plan of candidates: near one, what is missing to the bound is likely the bound's slack
-    left : float, criterion after the loss of the pose that the plan can least spare
     """
 
     value: float
     bound: float
     weighted: float
-    fresh: float
     pool_value: float
     pool_bound: float
-    proved_optimal: bool
-    nodes: int
     rounds: int
     agreement_of_starts: float
-    left: float
 
     @property
     def efficiency(self) -> float:
         """At least this fraction of the best that any allowed plan could reach."""
         return min(1.0, self.value / self.bound)
 
-    def kept(self, poses: int, alone: bool) -> float:
-        """After the loss of any one of the poses: this fraction of what any plan could keep.
-
-        The smallest that is left is at most the criterion of the mean that is left, (N - 1) / N of the
-        plan's information where nothing else is measured.
-        """
-        share = (poses - 1) / poses if alone else 1.0
-        return min(1.0, self.left / (share * self.bound)) if poses > 1 else 0.0
-
     @property
     def solver_gap(self) -> float:
         """Part of the missing efficiency that the relaxation's own gap accounts for."""
         return max(0.0, self.bound / self.weighted - 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Landscape:
-    """How much each candidate would bring: the proof of the plan, candidate by candidate.
-
-    q : ndarray, shape (n, dof); the plan's own poses, then the best of the others
-    share : ndarray, shape (n,), directional derivative of the criterion towards each, over what a
-        candidate of its level must reach to enter the weighted plan at which the bound was found
-    chosen : ndarray of bool, shape (n,)
-    """
-
-    q: Array
-    share: Array
-    chosen: Mask
 
 
 @dataclass(frozen=True)
@@ -139,7 +107,6 @@ class Design(Result):
     poses : Poses, in the order of measuring, second visits and repeats of the reference included
     levels : AngleLevels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
-    landscape : Landscape
     rivals : dict, name -> Rival
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
@@ -157,7 +124,6 @@ class Design(Result):
     assessment: Assessment
     certificate: Certificate
     candidates: Candidates
-    landscape: Landscape
     day: PlannedDay
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()

@@ -40,7 +40,6 @@ from doe.solve import (
     check_count,
     choose,
     finish,
-    landscape_of,
     new_poses_instead,
     with_second_visits,
 )
@@ -71,10 +70,7 @@ def design(
     against: Mapping[str, Poses] | None = None,
     repeats: bool | None = None,
     at_markers: bool | None = None,
-    robust: bool = False,
     refine: bool | None = None,
-    fresh: bool = True,
-    prove: bool = False,
     curve: bool = False,
     reference_every: int | None = None,
     reapproach: int | None = None,
@@ -96,10 +92,7 @@ def design(
     repeats : whether a candidate may be used more than once; the cell's [design] otherwise
     at_markers : whether errors at the targets count at the markers, not at the tip's origin; by default
         where the markers are unknowns of the model
-    robust : the plan that is best after the loss of whichever one pose it can least spare
     refine : polish the joint angles; by default unless the candidates come from a table
-    fresh : a second bound over as many fresh candidates
-    prove : branch and bound until no plan of the candidates is better, for some minutes at most
     curve : also the best plans of fewer and of more poses
     reference_every : one of the poses is measured again at the start, after every so many poses, and at
         the end, to show drift; 0 for none; the cell's [design] otherwise
@@ -131,9 +124,6 @@ def design(
         at_markers=at_markers,
         candidates=source,
         refine=isinstance(source, int) if refine is None else refine,
-        fresh=source if fresh and isinstance(source, int) else 0,
-        robust=robust,
-        prove=prove,
         curve=curve,
         reference_every=spacing(cell, reference_every),
         reapproaches=again or 0,
@@ -143,11 +133,9 @@ def design(
     )
     if load_blocks:
         _check_blocks(cell, request)
-    if prove:
-        _check_provable(request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
     timed = choice_of(cell, request).timed
-    if again is None and not (prove or request.reference_every or all_chosen or timed):
+    if again is None and not (request.reference_every or all_chosen or timed):
         found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
@@ -210,20 +198,6 @@ def _check_blocks(cell: Cell, request: Request) -> None:
         raise CalibError("an order free of trends knows no blocks of load; leave out one of both")
 
 
-def _check_provable(request: Request) -> None:
-    """Refuse a proof where there is none."""
-    if request.reapproaches:
-        raise CalibError("branch and bound knows no second visits; leave out one of both")
-    kinds = catalogue()
-    if not kinds[request.criterion].smooth:
-        smooth = ", ".join(sorted(name for name, kind in kinds.items() if kind.smooth))
-        raise CalibError(f"branch and bound is for criteria {smooth}, not {request.criterion}")
-    if request.robust:
-        raise CalibError("branch and bound knows no robust plans; leave out one of both")
-    if request.levels is not None and not request.levels.chosen:
-        raise CalibError("branch and bound chooses no levels; give them, as in A2=-140,-57,-10x3")
-
-
 def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
     return load_plan(cell, plan) if isinstance(plan, str | Path) else plan
 
@@ -256,7 +230,7 @@ def _designed(
             return replace(there, notes=(note, *there.notes))
         levels = settled
     final, found, certificate = finish(problem, pool, chosen, progress)
-    landscape, live = landscape_of(problem, final, found)
+    live = len(problem.posed(final).survivors(found.relaxed.G, found.value))
     ordered, trend = _ordered(problem, final.visits.take(found.plan))
     poses, reference, again, certificate = _visited(problem, final, found, certificate, ordered)
     day = day_of(cell, poses)
@@ -271,7 +245,6 @@ def _designed(
         assessment=assess(problem, Visits.of(poses)),
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
-        landscape=landscape,
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool) if request.curve else (),
         seconds=progress.laps,

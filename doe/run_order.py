@@ -179,7 +179,7 @@ def nearly_free_of_trends(problem: Problem, visits: Visits) -> tuple[Visits, Tre
     Raises CalibError where the time counts and joint speeds are unknown.
     """
     cell = problem.cell
-    request = replace(problem.request, levels=None, fixed=None, prove=False)
+    request = replace(problem.request, levels=None, fixed=None)
     drifting = problem_of(replace(cell, effects=(*cell.effects, _DRIFT)), request)
     ordered = in_run_order(drifting, replace(visits, moment=np.arange(len(visits))))
     quick = visits.take(quickest_order(cell, visits.q, visits.move))

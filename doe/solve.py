@@ -1,12 +1,10 @@
-"""From candidates to the plan: weights, whole plan, proof, polish, and the certificate."""
+"""From candidates to the plan: weights, whole plan, polish, and the certificate."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -15,25 +13,20 @@ from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import pack
-from doe.optimal.branch import SHORT_WORK, Proof, provable, prove
-from doe.optimal.exchange import greedy, robust_exchange, smallest_left
+from doe.optimal.exchange import greedy
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.optimal.selection import Selection
-from doe.plan import Certificate, Landscape
+from doe.plan import Certificate
 from doe.problem import Problem
 from doe.problem.choice import within
-from doe.problem.pool import Pool, allowed, drawn, judge, movable, rounded, together
+from doe.problem.pool import Pool, allowed, judge, movable, rounded, together
 from doe.problem.request import CannotIdentify
 from doe.problem.visits import Visits, joined
 from doe.run_order import in_run_order
 
-_LONG_WORK = 1e11  # multiplications of a branch and bound of minutes
-_NODES_TOLD = 200  # nodes between two lines on the way
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
-_SHOWN = 2000  # candidates of the landscape; more only darken its cloud
 _LOOKED_AT = 100  # candidates of each level, at least, by which a number of poses is judged
 _TRIES = 24  # neighbours of each pose in one round
 _ROUNDS = 30
@@ -123,17 +116,12 @@ def _check_determined(problem: Problem, M: Array) -> None:
 def finish(
     problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress
 ) -> tuple[Pool, WholePlan, Certificate]:
-    """Harden, polish, prove: the plan before it is put into the order of a day, and what is proved.
+    """Polish: the plan before it is put into the order of a day, and what is proved of it.
 
     Returns the candidates as well, the plan's own poses among them.
     """
-    criterion, request, before = problem.criterion, problem.request, chosen
-    if request.robust:
-        posed = problem.posed(pool)
-        plan = robust_exchange(posed, chosen.plan)
-        chosen = replace(chosen, plan=plan, value=posed.by(criterion.plain).value(plan))
-        progress.lap("robust exchange")
-    elif request.refine:
+    before = chosen
+    if problem.request.refine:
         pool, chosen = _polished(problem, pool, chosen)
         progress.lap("polish")
     if problem.choice.timed:
@@ -141,46 +129,21 @@ def finish(
         pool, chosen = _with_own(problem, pool, chosen, ordered)
         progress.lap("order")
     posed = problem.posed(pool)
-    proof = Proof(chosen.plan, chosen.value, chosen.relaxed.bound, 0)
-    # What branch and bound proves holds for poses that are visited once, in any order.
-    unproved = request.robust or request.reapproaches or problem.choice.timed
-    if provable(posed) and not unproved:
-        proof = _proved(problem, pool, chosen, progress)
-        progress.lap("branch and bound")
-    fresh = np.nan
-    if request.fresh:
-        fresh = fresh_bound(problem, chosen.relaxed.G)
-        progress.lap("fresh candidates")
-    blocks = posed.blocks
+    value, bound = chosen.value, chosen.relaxed.bound
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
-    rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(blocks.total(proof.plan))))
-    if not posed.allowed.admits(proof.plan) or proof.value > proof.bound * (1.0 + rounding):
+    rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(posed.blocks.total(chosen.plan))))
+    if not posed.allowed.admits(chosen.plan) or value > bound * (1.0 + rounding):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
     certificate = Certificate(
-        value=min(proof.value, proof.bound),
-        bound=proof.bound,
+        value=min(value, bound),
+        bound=bound,
         weighted=chosen.relaxed.value,
-        fresh=fresh,
         pool_value=before.value,
         pool_bound=before.relaxed.bound,
-        proved_optimal=proof.nodes > 0 and proof.optimal,
-        nodes=proof.nodes,
         rounds=before.relaxed.rounds,
         agreement_of_starts=before.agreement,
-        left=smallest_left(criterion.plain, blocks.total(proof.plan), blocks.matrices(proof.plan)),
     )
-    return pool, replace(chosen, plan=proof.plan, value=proof.value), certificate
-
-
-def landscape_of(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Landscape, int]:
-    """What the candidates would add, and how many of them a better plan could still contain."""
-    posed = problem.posed(pool)
-    scores, rules = posed.blocks.scores(found.relaxed.G), posed.allowed
-    share = scores / rules.thresholds(scores)[rules.group]
-    chosen = np.isin(np.arange(len(share)), found.plan)
-    shown = np.lexsort((-share, ~chosen))[:_SHOWN]
-    view = Landscape(pool.q[shown], share[shown], chosen[shown])
-    return view, len(posed.survivors(found.relaxed.G, found.value))
+    return pool, chosen, certificate
 
 
 def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
@@ -198,45 +161,6 @@ def _with_own(
     posed = problem.posed(pool)
     relaxed = relax(posed, start=np.concatenate([chosen.relaxed.index, plan]))
     return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
-
-
-def _proved(problem: Problem, pool: Pool, chosen: WholePlan, progress: Progress) -> Proof:
-    """Bound of branch and bound, with its plan where that is better for what the search goes by too."""
-    posed, patient = problem.posed(pool), problem.request.prove
-
-    def told(proof: Proof, every: int = 1) -> None:
-        if proof.nodes % every == 0:
-            share = proof.value / proof.bound
-            progress.tell(f"branch and bound: {share:.4f} after {proof.nodes} nodes")
-
-    found = prove(
-        posed.by(problem.criterion.plain),
-        chosen.plan,
-        chosen.relaxed.G,
-        most_work=_LONG_WORK if patient else SHORT_WORK,
-        told=partial(told, every=_NODES_TOLD) if patient else lambda _: None,
-    )
-    if posed.value(found.plan) < posed.value(chosen.plan):
-        found = Proof(chosen.plan, chosen.value, found.bound, found.nodes)
-    told(found)
-    return found
-
-
-def fresh_bound(problem: Problem, G: Array) -> float:
-    """No plan of as many other candidates is better: what the pool's coarseness hides."""
-    request, levels = problem.request, problem.request.levels
-
-    def scored(visits: Visits) -> tuple[Array, IntArray]:
-        part = judge(problem.regressor, problem.constraints, levels, visits)
-        return part.packed @ pack(G), part.level
-
-    with ThreadPoolExecutor(2) as executor:
-        chunks = drawn(problem.cell, request.fresh, levels, request.seed + 2, problem.choice)
-        parts = list(executor.map(scored, chunks))
-    scores, level = (np.concatenate(column) for column in zip(*parts, strict=True))
-    rules, own = problem.rules(level), float((G * problem.fixed).sum())
-    again = scores[rules.again(scores, request.reapproaches)].sum()
-    return own + rules.best(scores)[0] + float(again)
 
 
 def polish(problem: Problem, visits: Visits, M: Array, *, seed: int) -> Visits:
@@ -321,7 +245,6 @@ def with_second_visits(
         value=float(plain.value(M)),
         bound=before.bound + float(scores[best].sum()),
         weighted=float(plain.value(relaxed.M + blocks.matrices(best).sum(axis=0))),
-        left=smallest_left(plain, M, own),
     )
 
 

@@ -5,6 +5,6 @@ What stands here knows no robot. Candidates are information matrices
 (:class:`~doe.optimal.allowed.Allowed`), and an information function says what is best
 (:class:`~doe.optimal.function.InformationFunction`): together a
 :class:`~doe.optimal.selection.Selection`, which knows what no plan surpasses. Best weights come from
-:mod:`~doe.optimal.relax`, whole plans from :mod:`~doe.optimal.search`, and the proof of how good they
-are from :mod:`~doe.optimal.branch`.
+:mod:`~doe.optimal.relax`, which bound what any plan reaches, and whole plans from
+:mod:`~doe.optimal.search`.
 """

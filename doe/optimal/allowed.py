@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,26 +119,6 @@ class Allowed:
             used.append(level)
             level = int(far[level])
         return np.array(used[::-1])
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every level has the candidates for its poses."""
-        held = np.bincount(self.group, minlength=len(self.counts))
-        return bool((held >= (np.minimum(self.counts, 1) if self.repeats else self.counts)).all())
-
-    def divided(self, beyond: Mask, level: int, before: int) -> tuple[IntArray, Allowed]:
-        """One level in two: so many of its poses before a cut, the others beyond, (n,).
-
-        Levels without a pose are no more. Returns what candidates are left, and the rules over them.
-        """
-        group = np.where(beyond, len(self.counts), self.group)
-        counts = np.append(self.counts, self.counts[level] - before)
-        counts[level] = before
-        held = counts > 0
-        left, count = np.flatnonzero(held[group]), int(held.sum())
-        own = (np.cumsum(held) - 1)[group[left]]
-        positions = np.arange(float(count))
-        return left, Allowed(own, positions, counts[held], count, repeats=self.repeats)
 
     def admits(self, plan: IntArray) -> bool:
         """Whether candidates make a plan by the rules."""

@@ -3,10 +3,6 @@
 The criterion is concave, so a supergradient at the plan bounds every exchange from above by one dot
 product. What could pay is ranked by what it brings to the other poses, exactly for D and for the
 criteria that are a trace, and the best of it is judged exactly.
-
-A robust plan is best after the loss of whichever one pose it can least spare. The criterion after the
-worst loss, ``min_i Phi(M - M_i)``, is no function of M, but concavity bounds it: the smallest is at
-most the mean, and the mean at most ``Phi`` of the mean, ``(N - 1) / N`` of M.
 """
 
 from __future__ import annotations
@@ -18,7 +14,6 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import lessened
-from doe.optimal.function import InformationFunction
 from doe.optimal.selection import Selection
 
 _JUDGED = 4  # candidates in place of a pose that are judged exactly, where their rank is exact
@@ -27,8 +22,6 @@ _MANY, _RANKED = 20, 300  # poses of a plan from which on the likely ones have a
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
-_TRIED = 60  # candidates in place of a pose, for the plan that is best after a loss
-_HARDER = 1e-6  # relative gain after the worst loss below which an exchange is rounding
 
 
 def exchange(posed: Selection, plan: IntArray) -> tuple[IntArray, float]:
@@ -151,43 +144,3 @@ def _move_level(posed: Selection, plan: IntArray, value: float) -> IntArray | No
             if posed.value(moved) > value * (1.0 + _WORTH):
                 return moved
     return None
-
-
-def smallest_left(criterion: InformationFunction, M: Array, blocks: Array) -> float:
-    """The criterion after the worst loss of one pose; blocks : ndarray, shape (N, p, p)."""
-    return float(criterion.value(M - blocks + 1e-12 * np.eye(len(M))).min())
-
-
-def robust_exchange(posed: Selection, plan: IntArray) -> IntArray:
-    """Exchange single poses while the criterion after the worst loss grows."""
-    plan, blocks = plan.copy(), posed.blocks
-    best = smallest_left(posed.criterion, blocks.total(plan), blocks.matrices(plan))
-    improved = True
-    while improved:
-        improved = False
-        for slot in range(len(plan)):
-            found = _better(posed, plan, slot, best)
-            if found is not None:
-                plan[slot], best = found
-                improved = True
-    return plan
-
-
-def _better(posed: Selection, plan: IntArray, slot: int, best: float) -> tuple[int, float] | None:
-    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
-    M, own = blocks.total(plan), blocks.matrices(plan)
-    here = allowed.members[allowed.group[plan[slot]]]
-    free = here if allowed.repeats else np.setdiff1d(here, plan)
-    # What the plan lacks most is what it lacks after its worst loss.
-    worst = int(criterion.value(M - own).argmin())
-    scores = blocks.take(free).scores(criterion.gradient(M - own[worst]))
-    tried = free[np.argsort(-scores)[:_TRIED]]
-    added = blocks.matrices(tried)
-    base = M - own[slot]
-    others = np.delete(own, slot, axis=0)
-    left = criterion.value(base + added[:, None] - others).min(axis=1)
-    left = np.minimum(left, criterion.value(base))
-    top = int(left.argmax()) if len(left) else -1
-    if top < 0 or left[top] <= best * (1.0 + _HARDER):
-        return None
-    return int(tried[top]), float(left[top])

@@ -56,16 +56,12 @@ class Relaxation:
         return self.bound / self.value - 1.0
 
 
-def relax(
-    posed: Selection, *, start: IntArray | None = None, gap: float = GAP, enough: float = 0.0
-) -> Relaxation:
+def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
     start : ndarray of int, candidates to begin with, as those of a known plan, in place of a search for
         them
-    gap : float, certified relative gap at which to stop; a larger one is returned where the solver
-        cannot reach it
-    enough : float, bound at which to stop in any case
+    It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
     """
     criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
@@ -82,13 +78,13 @@ def relax(
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
         bounds = [posed.bound(G) for G in proofs]
         tightest = int(np.argmin(bounds))
-        stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * gap) else stalled + 1
+        stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * GAP) else stalled + 1
         if bounds[tightest] < best:
             best, G_best = bounds[tightest], proofs[tightest]
-        if best <= max(value * (1.0 + gap), enough):
+        if best <= value * (1.0 + GAP):
             break
         # No more digits of the master than its candidates deserve.
-        precision = max(gap / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
+        precision = max(GAP / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
         scores = blocks.scores(proofs[tightest])
         entering = _entering(scores, allowed)
         if np.isin(entering, active).all() and stalled >= _PATIENCE:

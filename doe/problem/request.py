@@ -28,7 +28,6 @@ class Request:
 
     criterion : str, a key of ``doe.criteria.catalogue()``
     fixed : Poses measured in any case, or None
-    fresh : number of fresh candidates for a second bound, 0 for none
     reapproaches : poses that are visited again, 0 for none; asked : whether they were asked for, else
         they are a default
     """
@@ -43,9 +42,6 @@ class Request:
     at_markers: bool | None = None
     candidates: int | Poses = CANDIDATES
     refine: bool = True
-    fresh: int = 0
-    robust: bool = False
-    prove: bool = False
     curve: bool = False
     reference_every: int = 0
     reapproaches: int = 0

@@ -61,14 +61,6 @@ if TYPE_CHECKING:
               help="Also judge this plan. Can be given several times.")  # fmt: skip
 @click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
 @click.option(
-    "--robust", is_flag=True, help="Choose the plan that is best after the loss of any one pose."
-)
-@click.option(
-    "--prove",
-    is_flag=True,
-    help="Search until no plan of the candidates is better, for some minutes at most (D, A, c, task).",
-)
-@click.option(
     "--reference-every",
     metavar="K",
     type=click.IntRange(min=0),
@@ -113,8 +105,6 @@ def design(
     of: str | None,
     against: tuple[Path, ...],
     curve: bool,
-    robust: bool,
-    prove: bool,
     reference_every: int | None,
     reapproach: int | None,
     trend_free: bool,
@@ -164,8 +154,6 @@ def design(
             of=[] if of is None else [name.strip() for name in of.split(",")],
             against=plans,
             repeats=repeats,
-            robust=robust,
-            prove=prove,
             refine=polish,
             curve=curve,
             reference_every=reference_every,

@@ -49,10 +49,6 @@ class ProofEntry(Entry):
     weighted_value: Maybe
     solver_gap: Number
     before_polish: BeforePolish
-    proved_optimal: bool
-    nodes: Count
-    fresh_bound: Maybe
-    efficiency_fresh: Maybe
     agreement_of_starts: Number
     surviving_candidates: Count
     rounds: Count
@@ -110,12 +106,10 @@ class PlanAccuracy(Entry):
 
 
 class LossOfPose(Entry):
-    """Without the pose that is worst to lose; efficiency : of what any plan could keep, at least."""
+    """Without the pose that is worst to lose."""
 
     worst: str | None
     task_rms_mm: Maybe
-    criterion: Maybe
-    efficiency: Maybe
 
 
 class Survives(Entry):
@@ -188,19 +182,6 @@ class InformationShare(Entry):
     effects: dict[str, Number]
 
 
-class LandscapeEntry(Entry):
-    """Derivative of the criterion towards candidates, over the value of a joint.
-
-    levels_rad : where the joint may stand; chosen : how many candidates, the first, are the plan's
-    """
-
-    joint: str
-    levels_rad: tuple[Number, ...] | None
-    value_rad: tuple[Number, ...]
-    share: tuple[Number, ...]
-    chosen: Count
-
-
 class DesignRecord(Record, PlanAccuracy):
     """The poses to measure, and the proof of how good they are.
 
@@ -235,7 +216,6 @@ class DesignRecord(Record, PlanAccuracy):
     seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
     pays_until: Count | None
     matches: dict[str, Count | None]
-    landscape: LandscapeEntry | None
     by_pose: tuple[InformationShare, ...]
     unchecked: str
     day: DayEntry | None
@@ -298,7 +278,6 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         seconds=sum(found.seconds.values()),
         pays_until=stops_paying(counts, errors),
         matches=poses_that_match(found.curve, found) if found.curve else {},
-        landscape=_landscape(found),
         by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
         day=day_entry(found.day),
@@ -350,7 +329,6 @@ def _levels(found: Design, levels: list[float]) -> dict[str, dict[str, tuple[flo
 
 def _proof(found: Design) -> ProofEntry:
     proof, criterion = found.certificate, found.problem.criterion
-    fresh = not math.isnan(proof.fresh)
     return ProofEntry.from_result(
         proof,
         weighted_value=criterion.shown(proof.weighted),
@@ -359,22 +337,16 @@ def _proof(found: Design) -> ProofEntry:
             bound=criterion.shown(proof.pool_bound),
             efficiency=min(1.0, proof.pool_value / proof.pool_bound),
         ),
-        fresh_bound=criterion.shown(proof.fresh) if fresh else None,
-        efficiency_fresh=min(1.0, proof.value / proof.fresh) if fresh else None,
         surviving_candidates=found.candidates.survivors,
     )
 
 
 def _survives(found: Design) -> Survives:
-    judged, proof, request = found.assessment, found.certificate, found.problem.request
-    without, again = judged.without_pose, found.reapproaches
-    alone = request.fixed is None and not found.problem.model.prior_rows
+    judged, without = found.assessment, found.assessment.without_pose
     return Survives(
         loss_of_pose=LossOfPose(
             worst=found.poses.names[int(without.argmax())] if len(without) else None,
             task_rms_mm=without.max(initial=0.0) * _MM,
-            criterion=found.problem.criterion.shown(proof.left) if proof.left > 0.0 else None,
-            efficiency=proof.kept(request.poses + (len(again.again) if again else 0), alone),
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )
@@ -395,18 +367,6 @@ def _reapproaches(found: Design) -> ReapproachesEntry | None:
         return None
     return ReapproachesEntry.from_result(
         own, repeatability_relative_std=RelativeStd.from_result(own)
-    )
-
-
-def _landscape(found: Design) -> LandscapeEntry:
-    robot, view = found.problem.cell.robot, found.landscape
-    joint = found.levels.joint if found.levels is not None else min(1, robot.dof - 1)
-    return LandscapeEntry(
-        joint=robot.joints[joint],
-        levels_rad=None if found.levels is None else tuple(found.levels.values.tolist()),
-        value_rad=tuple(view.q[:, joint].round(6).tolist()),
-        share=tuple(view.share.round(6).tolist()),
-        chosen=int(view.chosen.sum()),
     )
 
 

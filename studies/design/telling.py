@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from studies.document import FOUR, Shown, mm, plural
 from studies.entries import joint_columns, over_the_workspace
 from studies.plots import accuracy, deviations, information, run_order
 from studies.plots.style import Picture
-
-if TYPE_CHECKING:
-    from studies.design.record import LandscapeEntry
-
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _WORTH_EXPLAINING = 0.002  # missing efficiency
@@ -60,13 +56,6 @@ def _size(record: DesignRecord) -> str:
 
 def _certificate(record: DesignRecord) -> str:
     """The proof as a sentence."""
-    proof, fresh = record.proof, record.proof.efficiency_fresh
-    squared = " (of the squared RMS)" if record.criterion.startswith("task") else ""
-    if proof.proved_optimal:
-        best, found = "", plural(proof.nodes, "node")
-        if fresh is not None:
-            best = f"; certified efficiency {doc.PROVED(fresh)}{squared} among fresh candidates"
-        return f"No plan of these candidates is better: proved by branch and bound ({found}){best}."
     certified = f"Certified efficiency {doc.PROVED(record.efficiency)}"
     of = f"{record.candidates.feasible} candidates"
     if record.criterion == "task" and record.bound is not None and record.value:
@@ -109,7 +98,7 @@ def _proof(record: DesignRecord) -> Iterator[doc.Part]:
             "plan, so its slope at any point bounds all plans."
         )
     ]
-    if rest > _WORTH_EXPLAINING and not proof.proved_optimal:
+    if rest > _WORTH_EXPLAINING:
         solver, spread = min(proof.solver_gap, rest), 1.0 - proof.agreement_of_starts
         said = (
             f"{100.0 * solver:.2f} of the missing {100.0 * rest:.2f} % are the solver's tolerance. "
@@ -130,11 +119,8 @@ def _losses(record: DesignRecord) -> Iterator[doc.Sentence]:
             f"without pose {lost.worst}, some parameters are not identifiable", label="loss"
         )
     elif lost.worst is not None:
-        kept = "" if lost.efficiency is None else (
-            f" (certified efficiency of what remains: {doc.PROVED(lost.efficiency)})"
-        )  # fmt: skip
         yield doc.Sentence(
-            f"without pose {lost.worst}, the worst to lose: {mm(lost.task_rms_mm)} RMS{kept}",
+            f"without pose {lost.worst}, the worst to lose: {mm(lost.task_rms_mm)} RMS",
             label="loss",
         )
     gone = [name for name, rms in markers.items() if rms is None]
@@ -294,10 +280,7 @@ def _reading(record: DesignRecord) -> Iterator[doc.Sentence]:
 
 
 def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
-    """The proof, what each pose brings, the plans judged beside it, and the curve if there is one."""
-    landscape = record.landscape
-    if landscape is not None:
-        yield lambda: derivative(record, landscape)
+    """What each pose brings, the plans judged beside it, and the curve if there is one."""
     if record.by_pose and record.by_pose[0].effects:
         yield lambda: information_by_pose(record)
     yield lambda: deviations_by_plan(record)
@@ -316,20 +299,6 @@ def in_its_order(record: DesignRecord) -> Picture:
         np.array([row.minutes for row in rows], dtype=float),
         np.array([row.temperature_degC for row in rows], dtype=float),
         {joint: np.array([row.moves.get(joint, 0.0) for row in rows]) for joint in joints},
-    )
-
-
-def derivative(record: DesignRecord, landscape: LandscapeEntry) -> Picture:
-    """What the criterion would gain towards each candidate."""
-    levels = landscape.levels_rad
-    return information.derivative(
-        np.array(landscape.share),
-        np.array(landscape.value_rad),
-        landscape.joint,
-        np.arange(landscape.chosen),
-        levels=None if levels is None else np.array(levels),
-        criterion=record.criterion,
-        efficiency=record.efficiency,
     )
 
 

@@ -24,7 +24,7 @@ from doe.day.day import day_of
 from studies.programs.languages import checked_lines, plan_stops
 from tests.doe.test_run_order import SLOW, cell_of
 
-OPTIONS: dict[str, Any] = {"candidates": 300, "fresh": False, "reapproach": 0}
+OPTIONS: dict[str, Any] = {"candidates": 300, "reapproach": 0}
 
 
 def loaded(*effects: str) -> Cell:

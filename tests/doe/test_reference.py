@@ -24,7 +24,7 @@ from tests.studies.command_line import paper_cell
 
 ELASTIC = ("joint_compliance:A2,A3,A4,A5,A6",)
 LEVELS = "A2=-100,-20x4"
-QUICK = {"candidates": 300, "refine": False, "fresh": False}
+QUICK = {"candidates": 300, "refine": False}
 
 
 @pytest.fixture(scope="module")

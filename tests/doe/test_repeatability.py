@@ -27,7 +27,7 @@ from studies.compare.experiment import POINTS
 from tests.helpers import cell_of, random_robot, with_effects
 
 ARM = Repeatability(3e-5, 5e-5)
-QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "fresh": False}
+QUICK: dict[str, Any] = {"candidates": 300, "refine": False}
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_no_plan_is_above_the_bound(criterion: str) -> None:
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["base", "joint_compliance"])
     cell = replace(cell, repeatability=ARM, load=Load(60.0, (0.1, 0.0, 0.1), np.pi))
     table = poses_at(rng.uniform(*robot.sample_limits().T, (11, 4)))
-    plan = doe.design(cell, poses=4, criterion=criterion, candidates=table, fresh=False)
+    plan = doe.design(cell, poses=4, criterion=criterion, candidates=table)
     model, seen = plan.problem.model, np.ones(3, dtype=bool)
     T = plan.problem.regressor.T
     blocks = []

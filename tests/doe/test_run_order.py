@@ -42,7 +42,7 @@ def cell_of(*effects: str) -> Cell:
 
 
 ALL = cell_of("tool", "joint_offset", "backlash:j1", "base_drift")
-QUICK: dict[str, Any] = {"poses": 14, "criterion": "D", "candidates": 400, "fresh": False}
+QUICK: dict[str, Any] = {"poses": 14, "criterion": "D", "candidates": 400}
 
 
 @cache
@@ -149,14 +149,12 @@ def test_the_time_is_needed() -> None:
         CalibError, match="does not say when its poses are read; give its column time_s"
     ):
         doe.design(cell, poses=6, extend=poses_at(np.zeros((1, 2))))
-    with pytest.raises(CalibError, match="does not go with branch and bound"):
-        doe.design(cell, poses=6, criterion="D", prove=True)
 
 
 def test_a_plan_that_is_extended_goes_on_in_time() -> None:
     """The deviations are those of all poses together, the new ones after the others."""
     cell = cell_of("tool", "joint_offset", "base_drift")
-    options: dict[str, Any] = {"criterion": "D", "candidates": 400, "fresh": False}
+    options: dict[str, Any] = {"criterion": "D", "candidates": 400}
     first = doe.design(cell, poses=8, **options).poses
     assert first.time is not None
     plan = doe.design(cell, poses=6, extend=first, against={"same": first}, **options)
@@ -173,7 +171,7 @@ def test_a_plan_that_is_extended_goes_on_in_time() -> None:
 def test_an_order_nearly_free_of_trends() -> None:
     """A drift as an unknown costs less than in the quickest order; the poses are the same."""
     cell = cell_of("tool", "joint_offset")
-    options: dict[str, Any] = {"poses": 10, "candidates": 400, "fresh": False, "reapproach": 0}
+    options: dict[str, Any] = {"poses": 10, "candidates": 400, "reapproach": 0}
     quick = doe.design(cell, **options)
     ordered = doe.design(cell, trend_free=True, **options)
     assert ordered.trend is not None
@@ -190,7 +188,7 @@ def test_how_often_the_load_is_changed() -> None:
         cell_of("tool", "joint_offset"), load=Load(1.0, (0.0, 0.0, 0.0)),
         repeatability=Repeatability(1e-4, 0.0),
     )  # fmt: skip
-    plan = doe.design(cell, poses=10, candidates=200, fresh=False, reapproach=0)
+    plan = doe.design(cell, poses=10, candidates=200, reapproach=0)
     each, once, twice, four = plan.load_schedules
     assert [own.changes for own in (each, once, twice, four)] == [20, 1, 2, 4]
     assert once.after == plan.poses.names[-1:]
@@ -226,7 +224,7 @@ def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:
 
 def test_what_is_left_of_a_plan_keeps_its_sides_and_times() -> None:
     cell = cell_of("tool", "joint_offset", "backlash", "base_drift")
-    plan = doe.design(cell, poses=12, criterion="D", candidates=300, fresh=False).poses
+    plan = doe.design(cell, poses=12, criterion="D", candidates=300).poses
     data = calib.simulate(cell, plan.take(slice(6)), rng=0)
     day, pose = whole_day(cell, data, plan, np.arange(6, 12))
     assert pose.tolist() == [-1] * 6 + list(range(6, 12))
@@ -239,7 +237,7 @@ def test_what_is_left_of_a_plan_keeps_its_sides_and_times() -> None:
 
 def test_what_was_assumed_of_heat_is_said() -> None:
     """A course that nobody stated, one that ends before the day, and a day too short for heat."""
-    options: dict[str, Any] = {"poses": 10, "criterion": "D", "candidates": 300, "fresh": False}
+    options: dict[str, Any] = {"poses": 10, "criterion": "D", "candidates": 300}
     cell = cell_of("tool", "joint_offset", "thermal_expansion")
 
     def notes(pace: Pace) -> str:

@@ -206,7 +206,7 @@ def test_both_arms_of_a_torso(tmp_path: Path) -> None:
     cell = calib.load_cell(tmp_path / "cell.toml")
     assert cell.robot.tips == ("left_hand", "right_hand")
     assert cell.marker_names == ("m1", "m2", "m3", "left_hand_1", "left_hand_2", "left_hand_3")
-    plan = doe.design(cell, poses=14, candidates=300, fresh=False)
+    plan = doe.design(cell, poses=14, candidates=300)
     model = build(cell, plan.poses).model
     truth = 0.1 * model.sizes * np.random.default_rng(0).normal(size=len(model.parameters))
     exact = all_seen(plan.poses, model.predict(truth, plan.poses))

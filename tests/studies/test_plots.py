@@ -19,7 +19,6 @@ from studies.plots.accuracy import against_number
 from studies.plots.deviations import by_approach, predicted_against_simulated
 from studies.plots.ellipses import correlation, correlations
 from studies.plots.errors import histogram
-from studies.plots.information import derivative
 from studies.plots.residuals import by_pose_and_axis
 from studies.plots.style import (
     APPROACHES,
@@ -56,13 +55,6 @@ def _correlation() -> Picture:
 @cache
 def _accuracy() -> Picture:
     return against_number([3, 6, 12], {"points": np.array([np.nan, 2e-5, 1e-5])})
-
-
-@cache
-def _derivative() -> Picture:
-    level = np.radians([-90.0, 0.0])
-    angle, score = np.tile(level, 50), np.linspace(0.0, 1.0, 100)
-    return derivative(score, angle, "A2", np.array([98, 99]), levels=level, efficiency=0.98)
 
 
 @cache
@@ -140,16 +132,6 @@ def test_correlation_is_that_of_the_covariance() -> None:
     assert np.isnan(correlations(np.diag([1.0, 0.0]))[1, 1])
     image = picture.figure.axes[0].images[0]
     assert image.get_clim() == (-1.0, 1.0)
-
-
-def test_derivative_states_bound_and_efficiency() -> None:
-    picture = _derivative()
-    assert column(picture, "A2 [deg]") == pytest.approx([-90.0, 0.0])
-    assert column(picture, "bound [-]") == [1.0, 1.0]
-    assert "98.0 %" in picture.caption
-    free = derivative(np.linspace(0, 1, 3000), np.linspace(-1, 1, 3000), "A2", np.array([2999]))
-    assert column(free, "bound [-]") == [1.0]
-    assert free.figure.axes[0].get_xlabel() == "A2 [deg]"
 
 
 def test_residuals_mark_what_is_outside() -> None:

@@ -197,7 +197,7 @@ def a_plan(name: str, on: str, poses: int, candidates: int, days: int, seed: int
 
     def plan(count: int) -> doe.Design:
         return doe.design(
-            cell, poses=count, candidates=candidates, fresh=False, reapproach=0, seed=seed,
+            cell, poses=count, candidates=candidates, reapproach=0, seed=seed,
             against=rivals if count == poses else None,
         )  # fmt: skip
 

@@ -1,9 +1,6 @@
-"""Branch and bound to its end: fifteen poses at five levels as in the paper, and twenty without levels.
+"""Design problems on which benchmarks measure: the demo's KR 270 with three markers.
 
-    python -m studies.research.benchmarks.design [--candidates 1000] .. [--criterion D] .. [--json FILE]
-
-The robot is the demo's KR 270 with three markers, its elastostatic problem has nine parameters.
-:data:`CASES` holds further problems of it, on which other benchmarks measure.
+Its elastostatic problem has nine parameters.
 """
 
 from __future__ import annotations
@@ -13,29 +10,22 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import scipy.linalg  # noqa: F401 -- with its threads, before they are limited
 
 import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
 from doe.optimal.blocks import Blocks, pack
-from doe.optimal.branch import prove
-from doe.optimal.relax import bounded, relax
-from doe.optimal.search import best_plan
 from doe.problem import RIDGE, Problem, problem_of
 from doe.problem.levels import levels_of, parse_levels
 from doe.problem.pool import Pool, drawn, pool_of
 from doe.problem.request import Request
 from studies.demo.embedded import embedded_cell
-from studies.research.bench import Output, Row, bench, each, several, table
 
-CRITERIA = ("D", "A", "task")
 T = TypeVar("T")
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
@@ -115,46 +105,3 @@ def blocks_of(matrices: Array) -> Blocks:
     """Blocks of given information matrices, (n, p, p)."""
     rank = int(np.linalg.matrix_rank(matrices[:50], tol=1e-8).max())
     return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]), rank)
-
-
-def branch(case: str, criterion: str, count: int) -> Row:
-    """Branch and bound to its end, after relaxation and exchange."""
-    posed = problem(case, criterion)
-    drawn_pool = pool(posed, count)
-    chosen = posed.posed(drawn_pool)
-    relaxed = relax(chosen)
-    found = best_plan(chosen, relaxed, seed=0)
-    plain = chosen.by(posed.criterion.plain)
-    G = bounded(plain, relaxed).G
-    value = plain.value(found.plan)
-    left = plain.survivors(G, value)
-    begun = time.perf_counter()
-    proof = prove(plain, found.plan, G, most_work=np.inf)
-    return {
-        "case": case,
-        "criterion": criterion,
-        "candidates": count,
-        "gap of the relaxation": plain.bound(G) / proof.value - 1.0,
-        "survivors": len(left),
-        "optimal": proof.optimal,
-        "nodes": proof.nodes,
-        "seconds": time.perf_counter() - begun,
-        "gap left": proof.bound / proof.value - 1.0,
-        "gain over exchange": proof.value / value - 1.0,
-    }
-
-
-@bench(
-    several("--candidates", (1000, 10_000, 100_000)), several("--criterion", CRITERIA), workers=True
-)
-def main(
-    candidates: tuple[int, ...], criterion: tuple[str, ...], seed: int, workers: int
-) -> Output:
-    """Prove plans of the paper's case optimal."""
-    del seed
-    rows = each(branch, product(("paper", "elastic"), criterion, candidates), workers)
-    return [table(rows)], rows
-
-
-if __name__ == "__main__":
-    main()

@@ -111,9 +111,7 @@ def day(kind: str, index: int, seed: int) -> Day:
     rng = np.random.default_rng([seed, index])
     robot = Robot.drawn(rng)
     barred = robot.barred(rng) if kind == "barred" else lambda q: np.zeros(len(q), dtype=bool)
-    fixed = doe.design(
-        robot.cell, poses=LENGTH, candidates=2000, fresh=False, levels=None, reapproach=0
-    ).poses.q
+    fixed = doe.design(robot.cell, poses=LENGTH, candidates=2000, levels=None, reapproach=0).poses.q
     q = fixed[:START]
     errors = [robot.expected(q[~barred(q)])]
     noise = int(rng.integers(2**32))
@@ -160,7 +158,6 @@ def found(kind: str, where: str, index: int, seed: int) -> Found:
         poses=length,
         extend=named(start),
         candidates=2000,
-        fresh=False,
         levels=None,
         reapproach=0,
     ).poses.q[rng.permutation(length)]

@@ -190,7 +190,7 @@ def day(place: Place, name: str, poses: int, refits: int, task: float | None) ->
     task : the same of the tracker's poses, None for that of this day itself
     """
     cell = cell_from(place.cell(name), place.urdf())
-    design = partial(doe.design, cell, criterion="D", candidates=2000, fresh=False, reapproach=0)
+    design = partial(doe.design, cell, criterion="D", candidates=2000, reapproach=0)
     found, seconds = clocked(partial(design, poses=poses))
     experiment = experiment_of(cell, found.poses)
     rng = np.random.default_rng(0)

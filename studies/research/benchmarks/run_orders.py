@@ -139,7 +139,7 @@ def plan_of(name: str, model: bool, poses: int = _POSES) -> Poses:
     """The plan of a cell, in its order and with its times."""
     plan = doe.design(
         cell_for(CASES[name], model),
-        poses=poses, criterion="D", candidates=_CANDIDATES, fresh=False, reapproach=0,
+        poses=poses, criterion="D", candidates=_CANDIDATES, reapproach=0,
     )  # fmt: skip
     return plan.poses if plan.poses.approach is not None else with_moves(plan.poses)
 
@@ -264,7 +264,7 @@ def _twice() -> Design:
     """Four of 26 poses visited twice."""
     return doe.design(
         cell_for(CASES["backlash"], False),
-        poses=_POSES - _TWICE, criterion="D", candidates=_CANDIDATES, fresh=False, reapproach=_TWICE,
+        poses=_POSES - _TWICE, criterion="D", candidates=_CANDIDATES, reapproach=_TWICE,
     )  # fmt: skip
 
 

@@ -130,7 +130,7 @@ def run(robot: Path, tips: tuple[str, ...], base: str, poses: int, soft: bool, s
         if begun.exit_code:
             raise click.ClickException(begun.output)
         cell = calib.load_cell(folder / "cell.toml")
-        design = partial(doe.design, cell, poses=poses, candidates=_CANDIDATES, fresh=False)
+        design = partial(doe.design, cell, poses=poses, candidates=_CANDIDATES)
         plan, planned = clocked(partial(design, seed=seed))
     effects = (*cell.effects, "joint_compliance") if soft else cell.effects
     cell = replace(cell, effects=effects, size_prior={})

@@ -200,9 +200,7 @@ def main(poses: int, refits: int, seed: int) -> Output:
     """Identify the same days from points and from poses."""
     del seed
     cell, rng = point_cell(), np.random.default_rng(0)
-    plan = doe.design(
-        cell, poses=poses, criterion="D", candidates=1000, fresh=False, reapproach=0
-    ).poses
+    plan = doe.design(cell, poses=poses, criterion="D", candidates=1000, reapproach=0).poses
     off = 2e-4 * rng.normal(size=(6, 6))
     days = read(Arm(cell.robot, off), plan.q, refits, rng)
     errors = errors_of(days.points[0], days.covariance)

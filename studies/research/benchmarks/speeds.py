@@ -218,7 +218,7 @@ def camera_plan(repeats: int) -> list[float]:
 
     with TemporaryDirectory() as folder:
         cell = PLACES["panda"].cell(Path(folder), "tip")
-    plan = partial(doe.design, cell, poses=40, candidates=4000, fresh=False, reapproach=0)
+    plan = partial(doe.design, cell, poses=40, candidates=4000, reapproach=0)
     return [clocked(plan) for _ in range(repeats + 1)][1:]
 
 

@@ -70,7 +70,7 @@ KINDS = {
 
 
 def planned(cell: Cell, **asked: object) -> doe.Design:
-    given = {"poses": 12, "criterion": "D", "candidates": 300, "fresh": False, **asked}
+    given = {"poses": 12, "criterion": "D", "candidates": 300, **asked}
     return doe.design(cell, **given)  # type: ignore[arg-type]
 
 

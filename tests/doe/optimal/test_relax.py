@@ -1,4 +1,4 @@
-"""Relaxation, certificate, exchange and branch and bound against exhaustive search."""
+"""Relaxation, certificate and exchange against exhaustive search."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
-from doe.optimal.exchange import exchange, greedy, robust_exchange, smallest_left
+from doe.optimal.exchange import exchange
 from doe.optimal.relax import conic_weights, newton_weights, relax
 from doe.optimal.search import best_plan
 from doe.optimal.selection import Selection
@@ -121,23 +121,6 @@ def test_fixed_rows_count() -> None:
     alone = best_plan(posed, free, seed=0).plan
     assert value >= float(criterion.value(fixed.total(alone)))
     assert set(plan) != set(alone)
-
-
-@pytest.mark.parametrize("name", ["D", "A", "task"])
-def test_robust_exchange(name: str) -> None:
-    criterion, blocks, allowed = setting(name, "levels")
-    posed = Selection(criterion, blocks, allowed)
-    plan, _ = exchange(posed, greedy(posed))
-    before = smallest_left(criterion, blocks.total(plan), blocks.matrices(plan))
-    hardened = robust_exchange(posed, plan)
-    after = smallest_left(criterion, blocks.total(hardened), blocks.matrices(hardened))
-    losses = [
-        float(criterion.value(blocks.total(np.delete(hardened, i)))) for i in range(len(hardened))
-    ]
-    assert after >= before
-    assert after == pytest.approx(min(losses), rel=1e-6)
-    share = (len(plan) - 1) / len(plan)
-    assert after <= share * relax(posed).bound * (1.0 + 1e-9)
 
 
 def test_near_singular_plans_do_not_break_the_search() -> None:

@@ -136,7 +136,7 @@ class Day:
 def day(instrument: str, effects: Sequence[str], poses: int, seed: int) -> Day:
     """A planned day and a true robot for it."""
     cell = planned_cell(instrument, effects)
-    design = partial(doe.design, cell, poses=poses, candidates=CANDIDATES, fresh=False)
+    design = partial(doe.design, cell, poses=poses, candidates=CANDIDATES)
     plan, seconds = clocked(partial(design, reapproach=0, seed=seed))
     return Day(plan, Truth.drawn(cell, np.random.default_rng(seed)), seconds)
 

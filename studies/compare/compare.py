@@ -90,17 +90,12 @@ class PlanStudy:
 class PlanComparison:
     """The result of :func:`compare`.
 
-    asked : int, trials for each plan
+    trials : int, done at each plan
     """
 
     cell: Cell
     plans: tuple[PlanStudy, ...]
-    asked: int
-
-    @property
-    def trials(self) -> int:
-        """Trials done at the plan that has most; fewer at others after an interruption."""
-        return max(study.refits.trials for study in self.plans)
+    trials: int
 
     @property
     def agreements(self) -> list[Agreement]:
@@ -140,9 +135,6 @@ def compare(
     executor : where the trials are computed; figures do not depend on it
     progress : called with the number of trials just done
 
-    An interruption (KeyboardInterrupt) ends the simulation: the trials done are kept, what was not
-    simulated is predicted.
-
     Raises UnknownEffect, EffectCannotAct, CalibError.
     """
     if not plans:
@@ -154,11 +146,10 @@ def compare(
     prepared = [_prepared(cell, name, plan, values, length, seed) for name, plan in plans.items()]
     studies: list[PlanStudy] = []
     for index, (name, (experiment, predictions)) in enumerate(zip(plans, prepared, strict=True)):
-        interrupted = any(study.refits.trials < trials for study in studies)
         done = refits(
             experiment,
             predictions,
-            0 if interrupted else trials,
+            trials,
             seed=(seed, index),
             executor=executor,
             progress=progress,

@@ -113,7 +113,7 @@ def judgement(result: PlanComparison) -> tuple[bool | None, str]:
     study, verdict = max(pairs, key=lambda pair: pair[1].unsettled)
     if verdict.unsettled > _UNSETTLED * result.trials:
         return False, (
-            f"{verdict.unsettled} of {study.refits.trials} fits of {verdict.way.key} at "
+            f"{verdict.unsettled} of {result.trials} fits of {verdict.way.key} at "
             f"{study.name} did not converge: the plan hardly determines the model"
         )
     if result.p is not None and result.p >= BELIEVED:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +22,6 @@ from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.experiment import SimulatedExperiment
 from studies.compare.prediction import Prediction
-from studies.engines import computed
 
 MOST_TRIALS = 50  # a block: enough for array operations to pay, few enough to stay in the cache
 _MOST_NUMBERS = 4_000_000  # entries of the derivatives of one block
@@ -37,13 +35,11 @@ class Refits:
         the plan leaves open
     settled : dict, way -> ndarray of bool, shape (trials,)
     cost : dict, way -> ndarray, shape (trials,), weighted sum of squares that is left
-    asked : int, trials that were wanted; fewer are there after an interruption
     """
 
     errors: dict[str, Array]
     settled: dict[str, NDArray[np.bool_]]
     cost: dict[str, Array]
-    asked: int
 
     @property
     def trials(self) -> int:
@@ -75,7 +71,7 @@ def refit(
     moves : way -> ndarray, shape (p,), SI, by how much readings without noise move its estimate
     """
     points = experiment.drawn(trials, np.random.default_rng(seed))
-    found = Refits({}, {}, {}, trials)
+    found = Refits({}, {}, {})
     for prediction in predictions:
         key = prediction.way.key
         observation, start = experiment.observe(prediction.way, points)
@@ -101,30 +97,22 @@ def refits(
     executor : where blocks are computed, here without one
     progress : called with the number of trials that were just done
 
-    An interruption (KeyboardInterrupt) ends the study; what is done is kept.
     Figures do not depend on the executor, on machines of one kind to the last digit.
     """
     sizes = _block_sizes(experiment, trials)
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))
     moves = {p.way.key: np.subtract(*without_noise(experiment, p)) for p in predictions if sizes}
-    jobs = [
-        (experiment, predictions, size, own, moves) for size, own in zip(sizes, seeds, strict=True)
-    ]
-    done: dict[int, Refits] = {}
-    try:
-        with closing(computed(refit, jobs, executor)) as blocks:
-            for index, block in blocks:
-                done[index] = block
-                progress(sizes[index])
-    except KeyboardInterrupt:
-        pass
-    ordered = [done[index] for index in sorted(done)]
-    keys = [prediction.way.key for prediction in predictions] if ordered else []
+    several, n = map if executor is None else executor.map, len(sizes)
+    blocks: list[Refits] = []
+    for block in several(refit, [experiment] * n, [predictions] * n, sizes, seeds, [moves] * n):
+        blocks.append(block)
+        progress(block.trials)
+    keys = [prediction.way.key for prediction in predictions] if blocks else []
 
     def joined(name: str) -> dict[str, Any]:
-        return {key: np.concatenate([getattr(own, name)[key] for own in ordered]) for key in keys}
+        return {key: np.concatenate([getattr(own, name)[key] for own in blocks]) for key in keys}
 
-    return Refits(joined("errors"), joined("settled"), joined("cost"), trials)
+    return Refits(joined("errors"), joined("settled"), joined("cost"))
 
 
 def _block_sizes(experiment: SimulatedExperiment, trials: int) -> list[int]:

@@ -75,7 +75,6 @@ class ComparedPlan(Entry):
     plan: Annotated[str, From("name")]
     poses: Count
     readings: Count
-    trials: Annotated[Count, From("refits.trials")]
     hidden_markers: Count
     readings_without_pose: Count
     approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
@@ -116,5 +115,4 @@ class CompareRecord(Record):
     task_at: Literal["markers", "tip origin"]
     notes: tuple[str, ...]
     trials: Count
-    trials_asked: Annotated[Count, From("asked")]
     agreement: AgreementEntry

@@ -149,20 +149,14 @@ def _belief(record: CompareRecord) -> Iterator[doc.Sentence]:
         for own in plan.approaches:
             if own.not_converged:
                 yield doc.Sentence(
-                    f"{own.not_converged} of {plan.trials} fits of {_label(own)} at {plan.plan} "
+                    f"{own.not_converged} of {record.trials} fits of {_label(own)} at {plan.plan} "
                     "did not converge and are left out"
                 )
 
 
 def _lost(record: CompareRecord) -> Iterator[doc.Sentence]:
-    """What an interruption, hidden markers and undetermined parameters take away."""
+    """What hidden markers and undetermined parameters take away."""
     for plan in record.plans:
-        if plan.trials < record.trials_asked:
-            yield doc.Sentence(
-                f"{plan.plan}: {plan.trials} of {record.trials_asked} experiments simulated",
-                "warn",
-                "stopped",
-            )
         if plan.hidden_markers:
             less = plan.readings_without_pose
             few = f"; too few markers for #1 in {plural(less, 'reading')}" if less else ""
@@ -276,7 +270,7 @@ def pictures(record: CompareRecord) -> Iterator[Draw]:
     if 1 < len(record.plans) <= _MOST:
         yield lambda: by_plan(record)
     for plan in record.plans:
-        for draw in of_plan(plan):
+        for draw in of_plan(plan, record.trials):
             yield draw if len(record.plans) == 1 else partial(_named, plan, draw)
 
 
@@ -298,11 +292,11 @@ def by_plan(record: CompareRecord) -> Picture:
     )
 
 
-def of_plan(plan: ComparedPlan) -> Iterator[Draw]:
+def of_plan(plan: ComparedPlan, trials: int) -> Iterator[Draw]:
     """Figures of one plan, as far as the result holds what they show."""
     yield lambda: by_approach(plan)
     if any(own.agreement for own in plan.approaches):
-        yield lambda: simulated(plan)
+        yield lambda: simulated(plan, trials)
 
 
 def by_approach(plan: ComparedPlan) -> Picture:
@@ -312,7 +306,7 @@ def by_approach(plan: ComparedPlan) -> Picture:
     )
 
 
-def simulated(plan: ComparedPlan) -> Picture:
+def simulated(plan: ComparedPlan, trials: int) -> Picture:
     """Predicted and simulated ones, where there are trials."""
     tried = [own for own in plan.approaches if own.agreement]
     scatter = {
@@ -320,7 +314,7 @@ def simulated(plan: ComparedPlan) -> Picture:
     }
     predicted = {own.key: _deviations(own) for own in tried}
     return deviations.predicted_against_simulated(
-        plan.ids, _units(plan), predicted, scatter, plan.trials, band(plan.trials)
+        plan.ids, _units(plan), predicted, scatter, trials, band(trials)
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,9 +16,6 @@ from studies.command.options import PATH, engine_options, processes, result_opti
 if TYPE_CHECKING:
     from studies.fleet.tables import FleetTask, TableJob, TableOutcome
     from studies.prior import PriorRecord
-
-AHEAD = 1000
-"""Tables that are given out at once: more than a cluster has workers, few enough for any memory."""
 
 
 @click.command()
@@ -137,19 +133,18 @@ def _done(
     progress: Callable[[int], None],
 ) -> list[TableOutcome]:
     """What became of every table, in the order of the jobs, whoever was first."""
-    from studies.engines import computed
     from studies.fleet.tables import do
 
     done: dict[int, TableOutcome] = {}
     names: dict[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]] = {}
     try:
-        with closing(computed(do, ((job, asked) for job in jobs), executor, AHEAD)) as coming:
-            for index, own in coming:
-                done[index] = own
-                if own.values is not None:  # thousands of robots share the names of a few types
-                    shared = names.setdefault(own.values.names, own.values.names)
-                    own.values = replace(own.values, names=shared)
-                progress(1)
+        several = map if executor is None else executor.map
+        for index, own in enumerate(several(do, jobs, [asked] * len(jobs))):
+            done[index] = own
+            if own.values is not None:  # thousands of robots share the names of a few types
+                shared = names.setdefault(own.values.names, own.values.names)
+                own.values = replace(own.values, names=shared)
+            progress(1)
     except KeyboardInterrupt:
         click.echo(
             f"posecal: interrupted; {len(done)} of {len(jobs)} tables are done and kept: the same "

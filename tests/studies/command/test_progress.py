@@ -7,8 +7,6 @@ import pty
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,6 @@ import pytest
 from studies import cli
 from studies.cli import COMMANDS, run
 from studies.command.deliver import _duration, working
-from studies.engines import computed
 from tests.helpers import measured_cell
 
 RUN = "from studies.cli import run; run()"
@@ -132,29 +129,3 @@ def test_every_command_names_what_it_can_do_with_less_of(
     assert said.count("\n") == 1
     assert REMEDIES.get(command, "") in said
     assert ("candidates" in said) == (command == "design")
-
-
-# -- Jobs by an executor: all of them, few at once, each with its number ---------------------------
-
-
-@pytest.mark.parametrize("ahead", [1, 3, 256])
-def test_every_job_once_and_few_ahead(ahead: int) -> None:
-    drawn: list[int] = []
-
-    def jobs() -> Iterator[tuple[int, int]]:
-        for k in range(20):
-            drawn.append(k)
-            yield k, 7
-
-    with ThreadPoolExecutor(2) as executor:
-        found = {}
-        for number, result in computed(divmod, jobs(), executor, ahead):
-            found[number] = result
-            assert len(drawn) <= len(found) + ahead
-    assert found == {k: divmod(k, 7) for k in range(20)}
-    assert found == dict(computed(divmod, jobs(), None, ahead))
-
-
-def test_a_fault_comes_through() -> None:
-    with ThreadPoolExecutor(2) as executor, pytest.raises(ZeroDivisionError):
-        list(computed(divmod, ((1, k) for k in (2, 1, 0)), executor))

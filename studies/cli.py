@@ -29,7 +29,7 @@ COMMANDS = {
     ),
     "import": (
         "imports.command:import_",
-        "Join exports of instrument and controller into one table.",
+        "Join measured points with the joints of their poses.",
     ),
     "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
     "next": ("next.command:next_", "Choose the next poses, or stop; for a loop with the robot."),
@@ -60,7 +60,6 @@ _LESS = {
     "design": "take fewer --candidates or --poses",
     "compare": "take fewer trials (--monte-carlo) or --workers",
     "fleet": "take fewer --workers",
-    "import": "import the files in parts",
     "compensate": "give fewer targets",
     **dict.fromkeys(("enough", "next", "identify", "diagnose", "iso9283"), _TABLE),
 }

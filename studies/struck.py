@@ -11,6 +11,15 @@ INSTEAD: dict[str, str] = {
     "--with": "call `posecal compare` once for each cell",
     "--prove": "read the certified efficiency: the bound of the relaxation proves it",
     "--robust": "read what the loss of a pose costs, and ask for more poses with `--poses`",
+    **dict.fromkeys(
+        ("--names", "--marker", "--unit", "--columns", "--joint-names", "--unit-joints"),
+        "give tables of pose, marker, x_mm .. and of pose, A1_deg ..",
+    ),
+    **dict.fromkeys(("--by-order", "--partial"), "give both tables the same poses"),
+    **dict.fromkeys(
+        ("--board", "--page", "--topic", "--moving", "--eye"),
+        "write readings as rows: see `posecal explain import`",
+    ),
 }
 """Command or option -> what to use in its place."""
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.files.exports.images import Pattern
-from calib.files.exports.points import PointList
-from calib.files.exports.sightings import file_shots, look, point_list
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 SIZE = (960, 720)
@@ -20,6 +15,10 @@ FOCAL = 1000.0  # px
 CENTER = ((SIZE[0] - 1) / 2.0, (SIZE[1] - 1) / 2.0)  # pixels have their centres at whole numbers
 DOTS = 3000.0  # of a print, a metre
 MARGIN = 90  # dots of white around it
+SIDE = int(0.03 * DOTS)  # of a square
+SQUARES = "squares = [9, 6]\npitch_mm = 30"
+CHARUCO = f'{SQUARES}\nmarker_mm = 22\ndictionary = "5x5_100"'
+TAGS = 'tags = [5, 4]\ntag_mm = 40\ngap_mm = 12\ndictionary = "DICT_APRILTAG_36h11"'
 
 _SCENE = """<mujoco><visual><global offwidth="{W}" offheight="{H}"/><quality offsamples="8"/>
 <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/><map znear="0.001"/></visual>
@@ -29,6 +28,52 @@ _SCENE = """<mujoco><visual><global offwidth="{W}" offheight="{H}"/><quality off
  vertex="0 0 0 {w} 0 0 {w} {h} 0 0 {h} 0 {x} {y} 0.01"
  face="0 2 1 0 3 2 0 1 4 1 2 4 2 3 4 3 0 4"/></asset><worldbody>
 <geom type="mesh" mesh="b" material="m"/><camera name="c" fovy="{fovy}"/></worldbody></mujoco>"""
+
+
+def chessboard() -> Any:
+    """Nine squares across and six down, the first one dark."""
+    i, j = np.indices((6 * SIDE, 9 * SIDE)) // SIDE
+    return np.where((i + j) % 2 == 0, 0, 255).astype(np.uint8)
+
+
+def _charuco_board() -> Any:
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    return cv2.aruco.CharucoBoard((9, 6), 0.03, 0.022, words)
+
+
+def charuco() -> Any:
+    return _charuco_board().generateImage((9 * SIDE, 6 * SIDE), marginSize=0)
+
+
+def tags() -> Any:
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    board = cv2.aruco.GridBoard((5, 4), 0.04, 0.012, words)
+    return board.generateImage((int(0.248 * DOTS), int(0.196 * DOTS)), marginSize=0)
+
+
+def points_of(kind: str) -> Array:
+    """Where a print has its points (n, 3), m."""
+    if kind == "tags":
+        clock = ((0, 0), (1, 0), (1, 1), (0, 1))
+        at = [
+            (0.052 * x + 0.04 * dx, 0.052 * y + 0.04 * dy)
+            for y in range(4) for x in range(5) for dx, dy in clock
+        ]  # fmt: skip
+    else:
+        at = [(0.03 * (x + 1), 0.03 * (y + 1)) for y in range(5) for x in range(8)]
+    return np.c_[np.array(at), np.zeros(len(at))]
+
+
+def found_by_opencv(kind: str, image: Any) -> int:
+    """How many points of a print OpenCV finds in an image."""
+    if kind == "chessboard":
+        flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+        return 40 * bool(cv2.findChessboardCornersSB(image, (8, 5), flags=flags)[0])
+    if kind == "charuco":
+        ids = cv2.aruco.CharucoDetector(_charuco_board()).detectBoard(image)[1]
+        return 0 if ids is None else len(ids)
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    return 4 * len(cv2.aruco.ArucoDetector(words).detectMarkers(image)[0])
 
 
 def pixels(points: Array, T: Array) -> Array:
@@ -99,17 +144,3 @@ def _rendered(paper: Any, T: Array, over: int = 2) -> Any:
     context.free()
     grey = cv2.cvtColor(image[::-1], cv2.COLOR_RGB2GRAY)
     return cv2.resize(grey, SIZE, interpolation=cv2.INTER_AREA)
-
-
-def read_images(
-    paths: Sequence[Path], patterns: Sequence[Pattern], poses: Collection[str] = ()
-) -> tuple[PointList, tuple[str, ...]]:
-    """Every point of a board that images show, and the poses whose images do not count.
-
-    An image is named as in :func:`file_shots`.
-
-    Raises InputError where OpenCV is not installed, a file is no image, or no image shows a board.
-    """
-    seen = look(file_shots(paths, poses), patterns)
-    read = point_list(paths[0].parent, seen, patterns)
-    return read, tuple(own.shot.pose for own in seen if own.reason)

@@ -86,9 +86,9 @@ class CsvTable:
     def _remedy(self, cell: str, row: int) -> str:
         """What to do with a text in place of a number."""
         if _DECIMAL_COMMA.fullmatch(cell):
-            return f"write a decimal point; or {_importing(self.path)}"
+            return "write decimal points, as in 1.5"
         if row == 0 and not any(_DIGITS.fullmatch(text.strip()) for text in self.rows[0]):
-            return f"line {self.lines[0]} is a second title line: delete it; or {_importing(self.path)}"
+            return f"line {self.lines[0]} is a second title line: delete it"
         return self.remedy
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
@@ -134,7 +134,7 @@ def read_table(
             if name not in columns:
                 what = f"column {name!r} is missing"
                 below = next(reader, [])
-                raise InputError(path, "line 1", what, _how_to_name(path, name, columns, below))
+                raise InputError(path, "line 1", what, _how_to_name(name, columns, below))
         check(columns)
         for row in reader:
             if not row:
@@ -162,21 +162,16 @@ def read_table(
     return CsvTable(path, columns, rows, lines, remedy)
 
 
-def _importing(path: Path) -> str:
-    """The command that reads what spreadsheets write."""
-    return f"run `posecal import {path.name} -o {path.stem}.new.csv`, which reads that"
-
-
-def _how_to_name(path: Path, name: str, columns: tuple[str, ...], below: list[str]) -> str:
+def _how_to_name(name: str, columns: tuple[str, ...], below: list[str]) -> str:
     """What to do where a column is missing that the header may have under another name.
 
     below : the next line, which names the columns where the first is a title
     """
     for mark, called in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks")):
         if name in (own.strip() for own in ",".join(columns).split(mark)):
-            return f"the columns are separated by {called}: {_importing(path)}"
+            return f"the columns are separated by {called}: save it with commas and decimal points"
     if name in (own.strip() for own in below):
-        return f"line 1 is a title: delete it, line 2 names the columns; or {_importing(path)}"
+        return "line 1 is a title: delete it, line 2 names the columns"
     alike = [c for c in columns if c.casefold() == name.casefold()]
     alike = alike or difflib.get_close_matches(name, columns, n=1, cutoff=0.8)
     if alike:

@@ -364,79 +364,19 @@ def _all_approaches(table: str) -> str:
     return table
 
 
-_IMPORT = "import points.txt --joints joints.csv --unit mm -o joined.csv"
+_IMPORT = "import points.csv --joints joints.csv -o joined.csv"
 _COMPENSATE = "compensate cell.toml result.json aims.csv"
 
-_TAKE = """Objects
-100
-,,flange:flange
-Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ
-,,deg,deg,deg,mm,mm,mm
-1,0,10,20,30,100,200,300
-"""
-_MOTIVE = """Format Version,1.23,Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global
-,Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body
-,Name,flange,flange,flange,flange,flange,flange,flange
-,,Rotation,Rotation,Rotation,Rotation,Position,Position,Position
-Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
-1,0.0,0,0,0,1,0.1,0.2,0.3
-"""
-_SAMPLES = "- optical: {translation: {x: 1, y: 2, z: 3}, rotation: {x: 0, y: 0, z: 0, w: 1}}\n"
-_OF_TAKE = "import take.csv --joints joints.csv -o joined.csv"
-_OF_SAMPLES = "import samples.yaml --joints joints.csv -o joined.csv"
-
-EXPORTS = [
-    Fault("points without a unit", "import points.txt --joints joints.csv -o joined.csv",
-          "points.txt", swap("// in mm\n", "")),
-    Fault("a point twice", _IMPORT, "points.txt", lambda text: text + text.splitlines()[1] + "\n"),
-    Fault("a point without a number", _IMPORT, "points.txt", added("A,p01_free,m1,1.0,2.0\n")),
+JOINED = [
+    Fault("points without a marker", _IMPORT, "points.csv", header("marker", "name")),
     Fault("a pose without joints", _IMPORT, "joints.csv", line(3, lambda _: "")),
-    Fault("joints without a unit", _IMPORT, "joints.csv", header("A3_deg", "A3")),
-    Fault("names by a pattern that fits none", f"{_IMPORT} --names {{pose}}-{{marker}}-{{pose}}"),
-    Fault("markers that the cell lacks", f"{_IMPORT} --cell cell.toml", "points.txt",
+    Fault("a pose without points", _IMPORT, "joints.csv", added("p99,0,0,0,0,0,0\n")),
+    Fault("joints twice", _IMPORT, "joints.csv", lambda text: text + text.splitlines()[1] + "\n"),
+    Fault("a column in both tables", _IMPORT, "points.csv", header("x_mm", "A1_deg")),
+    Fault("markers that the cell lacks", f"{_IMPORT} --cell cell.toml", "points.csv",
           swap(",m3,", ",m4,")),
-    Fault("no joint file", "import points.txt --joints none.csv --unit mm -o joined.csv"),
-    Fault("the table over the points", "import points.txt --joints joints.csv --unit mm -o points.txt"),
-    *_in(
-        "take.csv",
-        _OF_TAKE,
-        {
-            "frames that the joint file does not name": whole(_TAKE),
-            "angles of Vicon without a unit": whole(_TAKE.replace("deg", "")),
-            "a column of Vicon that is missing": whole(_TAKE.replace("RY,", "")),
-            "a word in a recording": whole(_TAKE.replace(",200,", ",far,")),
-            "no rotation vector": whole(_TAKE.replace("1,0,10", "1,0,1000")),
-            "Euler angles of Motive": whole(_MOTIVE.replace("Quaternion", "XYZ")),
-            "Motive in local coordinates": whole(_MOTIVE.replace("Global", "Local")),
-            "Motive in an unknown unit": whole(_MOTIVE.replace("Meters", "Furlongs")),
-            "markers without rigid bodies": whole(_MOTIVE.replace("Rigid Body", "Marker")),
-            "a quaternion that is none": whole(_MOTIVE.replace("0,0,0,1,", "0,0,1,1,")),
-        },
-    ),
-    Fault("a unit that the recording states otherwise", f"{_OF_TAKE} --unit m", "take.csv",
-          whole(_TAKE)),
-    Fault("where the camera is, of a recording", f"{_OF_TAKE} --eye in-hand", "take.csv", whole(_TAKE)),
-    Fault("samples of a camera of which nobody says where it is", f"{_OF_SAMPLES} --marker eye",
-          "samples.yaml", whole(_SAMPLES)),
-    Fault("samples of no body", f"{_OF_SAMPLES} --eye in-hand", "samples.yaml", whole(_SAMPLES)),
-    Fault("the result of a hand-eye calibration", f"{_OF_SAMPLES} --eye in-hand --marker eye",
-          "samples.yaml", whole("transform:\n  translation: {x: 1, y: 2, z: 3}\n")),
-    Fault("samples in millimetres", f"{_OF_SAMPLES} --eye in-hand --marker eye", "samples.yaml",
-          whole(_SAMPLES.replace("x: 1,", "x: 1000,"))),
-    Fault("a YAML that would run what it holds", f"{_OF_SAMPLES} --eye in-hand --marker eye",
-          "samples.yaml", whole("- optical: !!python/object:os.system {}\n")),
-    Fault("joint states of nothing", "import points.txt --joints states.yaml --unit mm -o joined.csv",
-          "states.yaml", whole("joint_names: [A1]\n")),
-    Fault("an image of which nothing is said", "import shot.png --joints joints.csv -o joined.csv",
-          "shot.png", whole("x")),
-    Fault("a board without the cell", "import shot.png --board b --joints joints.csv -o joined.csv",
-          "shot.png", whole("x")),
-    Fault("a board that the cell lacks",
-          "import shot.png --board b --joints joints.csv --cell cell.toml -o joined.csv",
-          "shot.png", whole("x")),
-    Fault("a folder without images",
-          "import figures --board b --joints joints.csv --cell cell.toml -o joined.csv", "cell.toml",
-          _seen('calibration = "lens.yaml"', "focal_px = 1200\ncenter_px = [640, 480]")),
+    Fault("no joint file", "import points.csv --joints none.csv -o joined.csv"),
+    Fault("the table over the points", "import points.csv --joints joints.csv -o points.csv"),
     Fault("a program in an unknown language", "program cell.toml plan.csv -o plan.txt"),
     Fault("a program of a plan beyond the limits", "program cell.toml plan.csv -o plan.src", "plan.csv",
           swap("-140", "-175")),
@@ -690,7 +630,7 @@ FAULTS = {
     "cell.toml": CELL,
     "the URDF": URDF,
     "other files, and the call": OTHERS,
-    "exports and robot programs": EXPORTS,
+    "joined tables and robot programs": JOINED,
     "robots, and a first cell of them": ROBOTS,
     "cameras": CAMERAS,
     "what is touched": TOUCHED,

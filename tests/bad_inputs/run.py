@@ -20,7 +20,7 @@ def posecal(*words: str) -> Heard:
 
 
 def prepare(folder: Path) -> None:
-    """A cell, a plan, measurements and results, an instrument's exports, and an empty folder."""
+    """A cell, a plan, measurements and results, points and joints apart, and an empty folder."""
     folder.mkdir(exist_ok=True)
     measured_cell(folder)
     for call in (
@@ -35,10 +35,10 @@ def prepare(folder: Path) -> None:
     (folder / "figures").mkdir()
     header, *rows = csv.reader((folder / "measurements.csv").read_text().splitlines())
     x = header.index("x_mm")
-    points = [",".join(["A", *row[:2], *row[x : x + 3]]) for row in rows]
+    points = [",".join([*row[:2], *row[x : x + 3]]) for row in rows]
     joints = dict.fromkeys(",".join([row[0], *row[2:x]]) for row in rows)
     titles = ",".join(["pose", *header[2:x]])
-    (folder / "points.txt").write_text("\n".join(["// in mm", *points, ""]))
+    (folder / "points.csv").write_text("\n".join(["pose,marker,x_mm,y_mm,z_mm", *points, ""]))
     (folder / "joints.csv").write_text("\n".join([titles, *joints, ""]))
     (folder / "aims.csv").write_text((folder / "plan.csv").read_text())
 

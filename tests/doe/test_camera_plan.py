@@ -12,17 +12,23 @@ from calib import load_cell
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.views import looking, views_of
-from calib.errors import InputError
-from calib.files.exports.images import pattern_of
 from calib.instruments import Camera
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
 from doe.problem.pool import drawn
 from studies.explain.topics import written
 from studies.research.cameras import pixels
-from tests.calib.files.test_images import SQUARES, chessboard
 from tests.camera_cells import kr270_cell
-from tests.photographs import CENTER, FOCAL, SIZE, cv2, photograph, read_images
+from tests.photographs import (
+    CENTER,
+    FOCAL,
+    SIZE,
+    SQUARES,
+    chessboard,
+    found_by_opencv,
+    photograph,
+    points_of,
+)
 from tests.plain_arm import tips
 
 BOARD = f'[boards.b]\non = "{{on}}"\n{SQUARES}\nposition_mm = {{at}}\nrpy_deg = {{rpy}}\n'
@@ -61,20 +67,16 @@ def placed(cell: Cell, q: Array) -> Array:
 def test_every_pose_of_a_plan_is_found_by_opencv(tables: tuple[str, str], tmp_path: Path) -> None:
     path = kr270_cell(tmp_path, *tables, effects=EFFECTS)
     cell = load_cell(path)
-    pattern = pattern_of(path, "b")
+    points = points_of("chessboard")
     plan = design(cell, poses=20, candidates=2000)
     found = 0
     for T in placed(cell, plan.poses.q):
-        uv = pixels(pattern.points, T, FOCAL, CENTER)
+        uv = pixels(points, T, FOCAL, CENTER)
         assert ((uv >= 9.99) & (uv <= np.array(SIZE) - 9.99)).all()
-        sight = pattern.points @ T[:3, :3].T + T[:3, 3]
+        sight = points @ T[:3, :3].T + T[:3, 3]
         angles = np.arccos(sight @ T[:3, 2] / np.linalg.norm(sight, axis=1))
         assert np.degrees(angles).max() <= 60.01, "leans at most so far, and shows its face"
-        cv2.imwrite(str(tmp_path / "i.png"), photograph("opencv", chessboard(), T))
-        try:
-            found += len(read_images([tmp_path / "i.png"], [pattern])[0].points) == 40
-        except InputError:
-            continue
+        found += found_by_opencv("chessboard", photograph("opencv", chessboard(), T)) == 40
     assert found >= 0.95 * len(plan.poses.q)
 
 

@@ -30,7 +30,6 @@ from studies.command.session import held_out
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
 from studies.design.command import candidates_of, two_effects
 from tests.fuzz.estimates import ESTIMATES, estimate
-from tests.fuzz.exports import JOINTS, POINTS, joints, points
 from tests.fuzz.mjcf import MJCF, mjcf
 from tests.fuzz.reader import PART, Reader, parts, put
 
@@ -238,8 +237,6 @@ READERS: dict[str, Reader] = {
     "values": Reader(values, (_RESULT, json.dumps(json.loads(_RESULT)))),
     "options": Reader(options, _OPTIONS),
     "whole": Reader(whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
-    "points": Reader(points, POINTS),
-    "joints": Reader(joints, JOINTS),
     "mjcf": Reader(mjcf, MJCF),
     "estimate": Reader(estimate, ESTIMATES),
 }

@@ -128,14 +128,13 @@ def measured(desk: Desk, real: Real, seed: int, table: str) -> None:
     both = [joints_of(desk.folder / name) for name in ("plan.csv", "targets.csv")]
     points = real.points(np.concatenate([q for _, _, q in both]))
     count = len(both[0][0])
-    desk.write("points.txt", exported(both[0][0], read(points[:count], seed)))
-    desk.write("exact.txt", exported(both[1][0], points[count:]))
+    desk.write("points.csv", exported(both[0][0], read(points[:count], seed)))
+    desk.write("exact.csv", exported(both[1][0], points[count:]))
     for points_file, joints, name in (
-        ("points.txt", "plan.csv", table),
-        ("exact.txt", "targets.csv", "truth.csv"),
+        ("points.csv", "plan.csv", table),
+        ("exact.csv", "targets.csv", "truth.csv"),
     ):
-        desk.run("import", points_file, "--joints", joints, "--unit", "mm",
-                 "--cell", "cell.toml", "-o", name)  # fmt: skip
+        desk.run("import", points_file, "--joints", joints, "--cell", "cell.toml", "-o", name)
 
 
 @pytest.mark.long

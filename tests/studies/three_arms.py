@@ -185,13 +185,13 @@ def joints_of(table: Path) -> tuple[list[str], list[str], Array]:
 
 
 def exported(names: Sequence[str], points: Array) -> str:
-    """Points (m, M, 3), m, as an instrument's software lists them: group, point, x, y, z, mm."""
+    """Points (m, M, 3), m, as a table of poses and markers."""
     rows = (
-        f"A, {name}, m{j}, " + ", ".join(f"{v:.6f}" for v in point)
+        f"{name},m{j}," + ",".join(f"{v:.6f}" for v in point)
         for name, markers in zip(names, points * 1e3, strict=True)
         for j, point in enumerate(markers, 1)
     )
-    return "\n".join([*rows, ""])
+    return "\n".join(["pose,marker,x_mm,y_mm,z_mm", *rows, ""])
 
 
 def read(points: Array, seed: int) -> Array:

@@ -20,7 +20,6 @@ from calib.cell.planned import Planned
 from calib.cell.targets import sobol_poses
 from calib.compensation.inverse import Goal, reach, tip_of
 from calib.errors import CalibError, InputError
-from calib.files.exports.joints import read_joints
 from calib.files.tables import load_measurements, load_plan
 from calib.files.urdf import load_urdf
 from calib.files.write_tables import measurements_csv, plan_csv
@@ -238,15 +237,3 @@ def test_the_published_column_and_one_joint_in_its_place_are_identified_alike(
         result = calib.identify(replace(here, size_prior="off"), readings)
         predicted.append(calib.predict(here, readings, result.values))
     np.testing.assert_allclose(*predicted, atol=1e-8)
-
-
-def test_a_file_of_joints_needs_the_master_only(
-    arm: tuple[Robot, list[Joint]], tmp_path: Path
-) -> None:
-    robot, _ = arm
-    path = tmp_path / "joints.csv"
-    path.write_text("pose,lift_mm,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\np1,500,1,2,3,4,5,6\n")
-    assert read_joints(path, robot=robot).joints[0] == "lift_mm"
-    path.write_text("pose,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\np1,1,2,3,4,5,6\n")
-    with pytest.raises(InputError, match=f"has no columns of joint {robot.joints[0]}; rename"):
-        read_joints(path, robot=robot)

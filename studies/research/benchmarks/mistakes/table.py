@@ -17,9 +17,6 @@ Edit = Callable[[Path], None]
 
 MEASURED = "measurements.csv"
 IDENTIFY = f"identify cell.toml {MEASURED}"
-_IDENTIFY_NEW = "identify cell.toml new.csv"
-_IMPORT = f"import {MEASURED} -o new.csv"
-_JOIN = "import points.txt --joints joints.csv --unit mm --cell cell.toml -o new.csv"
 _INIT = "init arm.urdf -o new"
 _DESIGN = "design new/cell.toml --candidates 100 --poses 12 -o plan.csv"
 _PROGRAM = "program new/cell.toml new/plan.csv -o plan.src"
@@ -185,23 +182,6 @@ p1,0,10,-10,5,0
 """
 
 
-def _exported(above_points: str, above_joints: str) -> Edit:
-    """The day as an instrument and a controller write it, with a title above."""
-
-    def edit(folder: Path) -> None:
-        with (folder / MEASURED).open(encoding="utf-8") as file:
-            head, *rows = csv.reader(file)
-        points = [",".join([row[0], row[1], *row[-3:]]) for row in rows]
-        joints = [",".join([own[0][0], *own[0][2:-3]]) for own in _by_pose(rows)]
-        units = [",,mm,mm,mm"] if above_points else []
-        points = ["group,point,x,y,z", *units, *points]
-        text = "\n".join([",".join(["pose", *head[2:-3]]), *joints, ""])
-        _write(folder / "points.txt", above_points + "\n".join([*points, ""]))
-        _write(folder / "joints.csv", above_joints + text)
-
-    return edit
-
-
 # fmt: off
 _ZEROS = (
     ("6R", "elbow", 90), ("6R", "lift", -90), ("6R", "wrist_1", 90), ("6R", "wrist_1", 180),
@@ -254,14 +234,8 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("points in metres under mm", IDENTIFY, "in metres, not in", "multiply",
             _columns(("x_mm", "y_mm", "z_mm"), lambda x: 1e-3 * x)),
     # forms of tables
-    *(one for did, form in _FORMS.items() for one in (
-        Mistake(did, IDENTIFY, "line [12]", "posecal import", _text(MEASURED, form)),
-        Mistake(f"{did}, imported", _IDENTIFY_NEW, "The error at", ".", _text(MEASURED, form),
-                refused=False, before=_IMPORT))),
-    Mistake("two title lines in the instrument's export", _JOIN, "120 points", "wrote",
-            _exported("Report of the day\n", ""), refused=False),
-    Mistake("two title lines in the controller's export", _JOIN, "120 points", "wrote",
-            _exported("", "Robot 7\n"), refused=False),
+    *(Mistake(did, IDENTIFY, "line [12]", "save it|write|delete", _text(MEASURED, form))
+      for did, form in _FORMS.items()),
     Mistake("degrees for a slide", IDENTIFY, "Z_deg", "name it Z_mm", _swapped(MEASURED, "Z_mm",
             "Z_deg"), arm="SCARA"),
     Mistake("a joint's name in small letters", IDENTIFY, "'j2_deg'", "did you mean 'J2_deg'",

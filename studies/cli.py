@@ -42,10 +42,6 @@ COMMANDS = {
         "compensate.command:compensate",
         "Correct commands, so that the real arm reaches its targets.",
     ),
-    "iso9283": (
-        "iso9283.command:iso9283",
-        "State accuracy and repeatability to ISO 9283.",
-    ),
     "fleet": ("fleet.command:fleet", "Calibrate every robot below a folder, with one summary."),
     "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
     "report": ("report.command:report", "Write one page of results, to hand on."),
@@ -61,7 +57,7 @@ _LESS = {
     "compare": "take fewer trials (--monte-carlo) or --workers",
     "fleet": "take fewer --workers",
     "compensate": "give fewer targets",
-    **dict.fromkeys(("enough", "next", "identify", "diagnose", "iso9283"), _TABLE),
+    **dict.fromkeys(("enough", "next", "identify", "diagnose"), _TABLE),
 }
 """Command -> what to do where it needs more memory than there is."""
 

@@ -23,7 +23,6 @@ _HOMES = {
     "enough": ("enough.record", "EnoughRecord", "enough.telling"),
     "next": ("next.record", "NextRecord", "next.record"),
     "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
-    "iso9283": ("iso9283.record", "Iso9283Record", "iso9283.record"),
     "changes": ("changes.record", "ChangesRecord", "changes.telling"),
     "report": ("report.page", "ReportRecord", "report.page"),
     "demo": ("demo.record", "DemoRecord", "demo.record"),

@@ -247,14 +247,10 @@ class IntervalEntry(Entry):
     high: Maybe
 
 
-def ends(own: IntervalEntry | None) -> tuple[float | None, float | None, float | None]:
-    """A value and both ends of its interval."""
-    return (None, None, None) if own is None else (own.value, own.low, own.high)
-
-
 def intervals(entries: Iterable[IntervalEntry | None]) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Values and both ends, shape (3, n), NaN where there is none."""
-    return np.array([ends(own) for own in entries], dtype=np.float64).T
+    rows = [(None,) * 3 if own is None else (own.value, own.low, own.high) for own in entries]
+    return np.array(rows, dtype=np.float64).T
 
 
 class InputFile(Entry):

@@ -12,7 +12,6 @@ from calib.arrays import Array
 from studies.plots import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MM = 1e3
@@ -33,8 +32,8 @@ _FLOOR: Any = {"color": style.INK, "linewidth": 1.2, "linestyle": style.DASHED}
 _CHI_95 = 2.795483  # 95 % of |noise| / sigma in three coordinates (chi with 3 degrees of freedom)
 
 
-def over_poses(
-    panel: Axes,
+@style.styled
+def before_and_after(
     names: Sequence[str],
     series: Iterable[tuple[style.Look, Array]],
     label: str,
@@ -42,8 +41,8 @@ def over_poses(
     of: str = "pose",
     level: tuple[style.Look, float] | None = None,
     log: bool = False,
-) -> list[Any]:
-    """Draw errors by pose on given Axes; returns the entries of their legend.
+) -> Figure:
+    """A figure of errors by pose.
 
     names : of the m poses, below the axis
     series : look -> ndarray, shape (m,), NaN where there is none; or shape (3, m): values, and the low
@@ -52,6 +51,8 @@ def over_poses(
     level : a look, and where its level line stands
     log : whether on a log axis, as millimetres
     """
+    figure = style.sheet(min(10.5, max(style.PANEL, _A_POSE * len(names))), 4.0)
+    panel = figure.subplots()
     style.tidy(panel, "y")
     at = np.arange(len(names))
     handles, every = [], [np.zeros(0)]
@@ -76,16 +77,7 @@ def over_poses(
     else:
         panel.set_ylim(0.0, None)
     style.pose_ticks(panel, names)
-    return handles
-
-
-@style.styled
-def before_and_after(
-    names: Sequence[str], series: Iterable[tuple[style.Look, Array]], label: str, **drawn: Any
-) -> Figure:
-    """A figure of errors by pose, see :func:`over_poses`."""
-    figure = style.sheet(min(10.5, max(style.PANEL, _A_POSE * len(names))), 4.0)
-    style.legend_below(figure, over_poses(figure.subplots(), names, series, label, **drawn))
+    style.legend_below(figure, handles)
     return figure
 
 

@@ -189,7 +189,6 @@ _LABELS = {
     "enough": "Enough poses?",
     "next": "Next poses",
     "compensate": "Corrected commands",
-    "iso9283": "ISO 9283",
     "changes": "What moved",
 }
 

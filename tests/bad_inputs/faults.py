@@ -519,11 +519,6 @@ ROBOTS = [
     Fault("counts of a joint that is not there",
           _IDENTIFY + " --zero-offsets out.csv --counts-per-deg J1=100"),
     Fault("counts that are no number", _IDENTIFY + " --zero-offsets out.csv --counts-per-deg A1"),
-    Fault("criteria at a marker that is not there",
-          "iso9283 cell.toml measurements.csv result.json --marker m9"),
-    Fault("criteria by a table in place of a result", "iso9283 cell.toml measurements.csv plan.csv"),
-    Fault("criteria of a plan", "iso9283 cell.toml plan.csv result.json"),
-    Fault("criteria with cell and table swapped", "iso9283 measurements.csv cell.toml"),
 ]  # fmt: skip
 
 CAMERAS = [

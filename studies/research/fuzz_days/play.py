@@ -23,7 +23,7 @@ _LONGEST = 1100  # characters of a line that says what is wrong
 _SECONDS = 90  # that a command of a small day may take
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(nan|inf)(?![\w.])", re.IGNORECASE)
 _RARELY = {"diagnose": 0.05, "compare": 0.05, "next": 0.04, "design": 0.07, "enough": 0.07,
-           "compensate": 0.15, "changes": 0.07, "report": 0.05, "iso9283": 0.03}  # fmt: skip
+           "compensate": 0.15, "changes": 0.07, "report": 0.05}  # fmt: skip
 
 
 class Fault(NamedTuple):
@@ -70,7 +70,6 @@ def _calls(rng: np.random.Generator, plain: bool) -> Iterator[list[str]]:
         "compare": ["cell.toml", "plan.csv", "--monte-carlo", "20", "--json", "compare.json"],
         "compensate": ["cell.toml", "identified.json", "targets.csv", "--json", "compensate.json"],
         "changes": ["identified.json", "identified.json", "--json", "changes.json"],
-        "iso9283": [*data, "identified.json", "--json", "iso.json"],
         "report": ["identified.json", "-o", "report.html"],
     }
     chance = rng.random(len(further))

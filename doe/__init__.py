@@ -13,15 +13,12 @@ Before the day, a plan and what it will see; on the day, whether what was measur
     left = doe.enough(cell, data)
 
 ``efficiency`` is proved: at least this fraction of the best that any plan of these candidates reaches.
-``doe.foresee(cell, plan.poses)`` says which causes a plan could show, and ``doe.next_poses(cell,
-calib.diagnose(cell, data))`` which poses tell the causes apart that the data cannot;
-``doe.onward(cell, data)`` the next few poses for either, in a loop with the robot in between.
+``doe.foresee(cell, plan.poses)`` says which causes a plan could show, and ``doe.design(cell, poses=4,
+extend="measurements.csv", discriminate=(a, b))`` which poses tell two of them apart.
 """
 
 from doe.ahead.enough import Enough, enough
 from doe.ahead.foresee import PowerAnalysis, foresee
-from doe.ahead.next_poses import NextPoses, next_poses
-from doe.ahead.onward import Onward, onward
 from doe.plan import Design
 from doe.planning import design
 from doe.problem.request import CannotIdentify
@@ -30,12 +27,8 @@ __all__ = [
     "CannotIdentify",
     "Design",
     "Enough",
-    "NextPoses",
-    "Onward",
     "PowerAnalysis",
     "design",
     "enough",
     "foresee",
-    "next_poses",
-    "onward",
 ]

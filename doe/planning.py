@@ -12,9 +12,9 @@ from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError, InputError
-from calib.files.tables import load_plan
+from calib.files.tables import holds_points, load_measurements, load_plan
 from calib.model.build import parse_effect
-from calib.poses import Poses
+from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
@@ -64,7 +64,7 @@ def design(
     criterion: str = "task",
     levels: Mapping[str, AskedLevels] | str | None = None,
     candidates: int | str | Path | Poses = CANDIDATES,
-    extend: str | Path | Poses | None = None,
+    extend: str | Path | Poses | Measurements | None = None,
     discriminate: tuple[str, str] | None = None,
     of: Iterable[str] = (),
     against: Mapping[str, Poses] | None = None,
@@ -85,7 +85,7 @@ def design(
     criterion : "task", "task-worst", "D", "Ds", "A", "c", "E", "G" or one of an installed package
     levels : by joint, or in short "A2=5x3", "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
     candidates : number of Sobol candidates, or a table of candidates in the format of a plan
-    extend : a plan that is measured in any case; ``poses`` come on top of it
+    extend : a plan that is measured in any case, or what was measured; ``poses`` come on top of it
     discriminate : two effects ``effect:where`` that the plan is to tell apart, instead of a criterion
     of : effects or parameters that matter, for Ds, A, E and c (``NAME=FACTOR`` for a combination)
     against : plans to judge beside the result, by name
@@ -119,7 +119,7 @@ def design(
         levels=chosen_levels,
         of=tuple(of),
         rivals=discriminate,
-        fixed=_plan(cell, extend),
+        fixed=None if extend is None else _extended(cell, extend),
         repeats=cell.design.repeats if repeats is None else repeats,
         at_markers=at_markers,
         candidates=source,
@@ -198,8 +198,15 @@ def _check_blocks(cell: Cell, request: Request) -> None:
         raise CalibError("an order free of trends knows no blocks of load; leave out one of both")
 
 
-def _plan(cell: Cell, plan: str | Path | Poses | None) -> Poses | None:
-    return load_plan(cell, plan) if isinstance(plan, str | Path) else plan
+def _extended(cell: Cell, given: str | Path | Poses | Measurements) -> Poses:
+    """What is measured in any case, as poses of a plan: each is read free and, with a load, loaded."""
+    if isinstance(given, str | Path):
+        given = (load_measurements if holds_points(given) else load_plan)(cell, given)
+    if isinstance(given, Poses):
+        return given
+    poses = given.poses
+    loaded = poses.wrench.any(axis=1) | (poses.load_mass != 0.0)
+    return poses.take(loaded) if cell.load is not None and loaded.any() else poses
 
 
 def _designed(

@@ -32,7 +32,6 @@ COMMANDS = {
         "Join measured points with the joints of their poses.",
     ),
     "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
-    "next": ("next.command:next_", "Choose the next poses, or stop; for a loop with the robot."),
     "identify": (
         "identify.command:identify",
         "Identify the model's parameters from measured points.",
@@ -57,7 +56,7 @@ _LESS = {
     "compare": "take fewer trials (--monte-carlo) or --workers",
     "fleet": "take fewer --workers",
     "compensate": "give fewer targets",
-    **dict.fromkeys(("enough", "next", "identify", "diagnose"), _TABLE),
+    **dict.fromkeys(("enough", "identify", "diagnose"), _TABLE),
 }
 """Command -> what to do where it needs more memory than there is."""
 

@@ -21,7 +21,6 @@ _HOMES = {
     "identify": ("identify.record", "IdentifyRecord", "identify.telling"),
     "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
     "enough": ("enough.record", "EnoughRecord", "enough.telling"),
-    "next": ("next.record", "NextRecord", "next.record"),
     "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
     "changes": ("changes.record", "ChangesRecord", "changes.telling"),
     "report": ("report.page", "ReportRecord", "report.page"),

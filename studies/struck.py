@@ -9,6 +9,8 @@ INSTEAD: dict[str, str] = {
     "fleet": "call `posecal identify` for each robot in a shell loop",
     "--truth": "leave it out: readings are simulated by the model",
     "--with": "call `posecal compare` once for each cell",
+    "next": "use `posecal design CELL --extend DATA`, with `--discriminate A,B` to separate causes",
+    "--next": "use `posecal design CELL --extend DATA --discriminate A,B`",
     "--prove": "read the certified efficiency: the bound of the relaxation proves it",
     "--robust": "read what the loss of a pose costs, and ask for more poses with `--poses`",
     **dict.fromkeys(

@@ -24,6 +24,7 @@ from calib.poses import Poses
 from calib.scatter import Variances
 from calib.uncertainty.expanded import freedom
 from calib.uncertainty.pose_to_pose import Owner, parted
+from doe.ahead.forecast import Offer
 from doe.ahead.information import Information
 from doe.problem.linearisation import Linearisation
 from doe.problem.target_errors import TargetErrors
@@ -290,15 +291,23 @@ class Accuracy:
         whole = np.block([[known.root, root], [np.zeros((k, p + k))]])
         return cls(Information(whole, p, known.rows), sizes, float((root**2).sum()))
 
-    def columns_of(self, rows: Array, q: Array) -> Array:
+    def columns_of(self, rows: Array) -> Array:
         """Rows (m, r, ..) of SI units, and nothing of the targets."""
-        del q
         own, K = rows[..., : len(self.sizes)] * self.sizes, len(self.now.root) - len(self.sizes)
         return np.concatenate([own, np.zeros((*own.shape[:-1], K))], axis=-1)
 
-    def values(self, known: Information, S: Array) -> Array:
-        """The larger the better, shape (..., 1)."""
-        del known
+    def values(self, S: Array) -> Array:
+        """The larger the better, shape (...), from products of the columns (..., K, K)."""
         left: Array = self.square - np.trace(S, axis1=-2, axis2=-1)
         least = max(_NOTHING * self.square, 1e-300)  # a model may move no target at all
-        return np.asarray(-0.5 * np.log(np.maximum(left, least)))[..., None]
+        return np.asarray(-0.5 * np.log(np.maximum(left, least)))
+
+    def greedy(self, offer: Offer, count: int) -> list[int]:
+        """Candidate by candidate, each the one that lowers the error most after those before."""
+        known, plan, tried = self.now, list[int](), self.columns_of(offer.condensed)
+        for _ in range(min(count, len(offer))):
+            values = self.values(known.tried(tried))
+            values[plan] = -np.inf
+            plan.append(int(values.argmax()))
+            known = self.now.added(self.columns_of(offer.rows[plan]))
+        return plan

@@ -93,15 +93,11 @@ class Conditions:
         time = self.pace * np.arange(1.0, len(q) * self.each + 1.0)
         return self._read(robot, q, approach[1:], motion[1:], time)
 
-    def alike(self, robot: Robot, q: Array, side: float, count: int) -> Poses:
-        """Readings of candidates, in turn as the first to the last of ``count`` configurations.
-
-        q : ndarray, shape (m, dof), rad or m
-        side : float, +1 or -1, from which every joint comes
-        """
-        approach = np.full_like(q, side)
+    def alike(self, robot: Robot, q: Array) -> Poses:
+        """Readings of candidates (m, dof), each as the next one to come."""
+        approach = np.ones_like(q)
         motion = np.zeros_like(q) if self.motion is None else np.broadcast_to(self.motion, q.shape)
-        time = self.pace * (np.arange(float(len(q) * self.each)) % (count * self.each) + 1.0)
+        time = self.pace * (np.arange(float(len(q) * self.each)) % self.each + 1.0)
         return self._read(robot, q, approach, motion, time)
 
     def _read(self, robot: Robot, q: Array, approach: Array, motion: Array, time: Array) -> Poses:

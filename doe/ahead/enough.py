@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.cell import Cell
-from calib.errors import CalibError, EffectCannotAct, TooFewPoses
+from calib.errors import EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise_level import believed_sigma
@@ -22,8 +22,7 @@ from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.accuracy import Accuracy, ErrorFloor, ForecastStep, TaskError, error_floor
 from doe.ahead.coming import Match, loads_of_plan, match, whole_day
-from doe.ahead.forecast import Forecast, Offer, likely_read, refusal
-from doe.ahead.search import PoseSearch, last
+from doe.ahead.forecast import Forecast, Offer
 from doe.curve import stops_paying
 from doe.plan import named
 from doe.problem.linearisation import Linearisation, moved_rows, nominal
@@ -135,8 +134,6 @@ def enough(
     heldout: Measurements | None = None,
     goal: float | None = None,
     fresh: int = 0,
-    ahead: int = 0,
-    missed: Poses | None = None,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -146,8 +143,6 @@ def enough(
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
     fresh : so many poses beyond the plan are chosen whatever the goal
-    ahead : so many, the fresh ones among them, are still to be read: they are chosen together
-    missed : poses that could not be read: what is nearer to them than to any that was is not chosen
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -176,7 +171,7 @@ def enough(
     unasked = not fresh and (goal is None or known_after_all)
     if unasked or any(e.uses for e in model.effects):
         return result
-    q = _fresh(day, task, fresh, ahead, missed, seed)
+    q = _fresh(day, task, fresh, seed)
     if not len(q):
         return result
     names = [f"fresh{k + 1}" for k in range(len(q))]
@@ -270,31 +265,19 @@ class Day:
         most = max(map(len, each))
         rows = np.stack([np.pad(own, ((0, most - len(own)), (0, 0))) for own in each])
         offer = Offer(np.zeros((len(poses), 0)), rows)
-        return [int(poses[i]) for i in self.search(task, offer, self.pose < 0).greedy(len(poses))]
+        return [int(poses[i]) for i in self.accuracy(task, self.pose < 0).greedy(offer, len(poses))]
 
-    def search(self, task: TaskError, offer: Offer, done: Mask) -> PoseSearch:
+    def accuracy(self, task: TaskError, done: Mask) -> Accuracy:
         """For the error at the targets, beside some of the readings."""
         known = self.forecast.known
         rows = np.concatenate([stacked(known.by_reading[done]), known.held])
-        accuracy = Accuracy.of(task.targets, rows, task.model.sizes)
-        return PoseSearch((accuracy,), offer, self.forecast.conditions.last, last)
+        return Accuracy.of(task.targets, rows, task.model.sizes)
 
 
-def _fresh(
-    day: Day, task: TaskError, fresh: int, ahead: int, missed: Poses | None, seed: int
-) -> Array:
-    """Joint values of poses beyond the plan, (n, dof): those that add most come first.
-
-    The best of as many as are still to be read; where nobody says how many, one after the other.
-    """
-    forecast, read = day.forecast, day.forecast.data.poses.take(day.pose < 0)
-    q = forecast.feasible(_CANDIDATES, seed)
-    q = q[likely_read(forecast.cell.robot, q, read, missed)]
-    if not len(q) and missed is not None:
-        raise CalibError(refusal(missed))
+def _fresh(day: Day, task: TaskError, fresh: int, seed: int) -> Array:
+    """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
+    q = day.forecast.feasible(_CANDIDATES, seed)
     if not len(q):
         return q
-    offer, every = forecast.offered(q, 1), np.full(len(day.pose), True)
-    if fresh > 0:
-        offer = offer.take(day.search(task, offer, every).best_plan(max(fresh, ahead)))
-    return offer.q[day.search(task, offer, every).greedy(fresh or _MOST_FRESH)]
+    offer, every = day.forecast.offered(q), np.full(len(day.pose), True)
+    return offer.q[day.accuracy(task, every).greedy(offer, fresh or _MOST_FRESH)]

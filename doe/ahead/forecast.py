@@ -3,31 +3,24 @@
 A model is linearised about what is known of it. The readings in hand, or those of a plan, are
 independent rows of unit variance, ``V^-1/2 J`` with V the covariance by instrument and arm. A
 configuration to come brings rows of the same kind, under the conditions in which it will be read. All
-that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), which causes
-are found (:mod:`~doe.ahead.foresee`), which are told apart and of what form they are
-(:mod:`~doe.ahead.causes`).
+that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), and which
+causes are found (:mod:`~doe.ahead.foresee`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 
-from calib.arm.robot import Robot
-from calib.arrays import Array, IntArray, Mask, in_parts
+from calib.arrays import Array, IntArray, in_parts
 from calib.cell import Cell, Load
-from calib.diagnosis import Diagnosis
-from calib.diagnosis.stage import Fit
-from calib.effects.protocol import Effect
 from calib.identification import Identification
 from calib.instruments import Camera
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.observations import Points
 from calib.poses import Measurements, Poses
 from doe.ahead.coming import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
@@ -60,17 +53,6 @@ class Forecast(Linearisation):
         known = replace(known, off=off, held=held)
         conditions = conditions_of(at.model.robot, data.poses)
         return cls(**vars(at), data=data, known=known, conditions=conditions)
-
-    @classmethod
-    def after_diagnosis(cls, cell: Cell, diagnosis: Diagnosis, rivals: Sequence[Effect]) -> Self:
-        """At the final fit, with its weights, beside ``rivals`` beyond it at zero."""
-        data, after, stage = diagnosis.data, diagnosis.after, diagnosis.stage
-        model, values = after.model.extended(after.values, rivals)
-        arm = replace(after.variances, scale=diagnosis.noise.factor)
-        W = stage.weights / diagnosis.scale * (after.weight * ~stage.dropped)[:, None, None, None]
-        rows = Points(model, data, W).whitened(values)
-        known = LinearProblem(*rows, np.eye(len(values)), mixing=after.mixing)
-        return cls.after(Linearisation(as_found(cell, after), model, values, arm), known, data)
 
     def under(self, **changed: Any) -> Self:
         """The same where some of the conditions are changed."""
@@ -118,19 +100,9 @@ class Forecast(Linearisation):
         """Rows of configurations read one after the other, shape (m, r, p)."""
         return self.read(q, self.conditions.in_order(self.model.robot, q))
 
-    def offered(self, q: Array, count: int) -> Offer:
-        """Candidates (m, dof) with their rows, each as one among ``count`` poses to come."""
-        robot, parameters = self.model.robot, len(self.model.parameters)
-        joint, sided = np.zeros(parameters, dtype=int), False
-        for effect, part in self.model.parts:
-            variable, _, name = effect.depends_on.partition(":")
-            if variable == "approach" and name in robot.joints:
-                joint[part], sided = robot.joints.index(name), True
-        right = self.read(q, self.conditions.alike(robot, q, 1.0, count))
-        if not sided or self.conditions.sides:
-            return Offer(q, right)
-        left = self.read(q, self.conditions.alike(robot, q, -1.0, count))
-        return Offer(q, right, left, joint)
+    def offered(self, q: Array) -> Offer:
+        """Candidates (m, dof) with their rows, each as the next pose to come."""
+        return Offer(q, self.read(q, self.conditions.alike(self.model.robot, q)))
 
     def feasible(self, count: int, seed: int) -> Array:
         """Up to ``count`` configurations that the cell allows, under every load, (m, dof).
@@ -163,7 +135,7 @@ class Forecast(Linearisation):
         return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
 
 
-def as_found(cell: Cell, after: Fit | Identification) -> Cell:
+def as_found(cell: Cell, after: Identification) -> Cell:
     """The cell with its cameras where they were found: what they see of other poses hangs on that."""
     if not any(isinstance(i, Camera) for i in cell.instruments):
         return cell
@@ -173,75 +145,26 @@ def as_found(cell: Cell, after: Fit | Identification) -> Cell:
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """Candidates with their rows, by the side from which each joint comes.
+    """Candidates with their rows.
 
-    q : ndarray, shape (m, dof)
-    right, left : ndarray, shape (m, r, p), of joints that rise, and that fall; left is None where no
-        column depends on the approach
-    joint : ndarray of int, shape (p,), whose side counts for a column
+    q : ndarray, shape (m, dof); rows : ndarray, shape (m, r, p)
     """
 
     q: Array
-    right: Array
-    left: Array | None = None
-    joint: IntArray | None = None
+    rows: Array
 
     def __len__(self) -> int:
         return len(self.q)
 
-    def rows(self, index: IntArray | slice, before: Array) -> Array:
-        """Rows of candidates that are reached from joint values ``before`` (dof,)."""
-        if self.left is None:
-            return self.right[index]
-        rising = (self.q[index] >= before)[:, self.joint]
-        return np.where(rising[:, None, :], self.right[index], self.left[index])
-
     @cached_property
-    def condensed(self) -> Offer:
-        """The same candidates with no more rows than tell anything: what rows add depends on ``A^T A``.
+    def condensed(self) -> Array:
+        """No more rows of each than tell anything: what rows add depends on ``A^T A``.
 
         A camera's image is of a hundred rows and tells of a dozen directions.
         """
-        if self.right.shape[1] <= _FEW_ROWS:
-            return self
-        both = self.right if self.left is None else np.concatenate([self.right, self.left], axis=2)
-        U, s, _ = np.linalg.svd(both, full_matrices=False)
+        if self.rows.shape[1] <= _FEW_ROWS:
+            return self.rows
+        U, s, _ = np.linalg.svd(self.rows, full_matrices=False)
         told = s > _ROUNDING * s.max(initial=0.0)
         turn = np.swapaxes(U[..., : int(told.sum(axis=1).max(initial=0))], 1, 2)
-        left = None if self.left is None else turn @ self.left
-        return Offer(self.q, turn @ self.right, left, self.joint)
-
-    def take(self, index: Sequence[int]) -> Offer:
-        """Some of the candidates."""
-        left = None if self.left is None else self.left[index]
-        return Offer(self.q[index], self.right[index], left, self.joint)
-
-
-def likely_read(robot: Robot, q: Array, read: Poses, missed: Poses | None) -> Mask:
-    """Configurations (m, dof) whose nearest tried one, over the joints' ranges, could be read, (m,).
-
-    What hides a marker or bars the way is seldom a point; how far it goes nobody has said. All, where
-    none was missed.
-    """
-    if missed is None or not len(missed):
-        return np.ones(len(q), dtype=bool)
-    low, high = robot.sample_limits().T
-    span = np.where(high > low, high - low, 1.0)
-    return np.asarray(_nearest(q / span, read.q / span) < _nearest(q / span, missed.q / span))
-
-
-def _nearest(q: Array, others: Array) -> Array:
-    """Squared distance of each of (m, dof) to the nearest of others (n, dof), shape (m,)."""
-    if not len(others):
-        return np.full(len(q), np.inf)
-    return np.asarray(((q[:, None] - others) ** 2).sum(axis=-1).min(axis=1))
-
-
-def refusal(missed: Poses | None) -> str:
-    """Why no configuration is left to propose."""
-    if missed is None or not len(missed):
-        return "no configuration satisfies the cell's constraints; relax [design]"
-    return (
-        f"all candidates are nearer to one of {len(missed)} missed poses than to any that was read; "
-        "leave out those that were missed by accident"
-    )
+        return np.asarray(turn @ self.rows)

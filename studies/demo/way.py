@@ -183,7 +183,7 @@ def ask_why(way: Demonstration) -> str:
     """Find the error that the model lacks."""
     way.run(diagnose, "foresight", "--plan-only", _CELL, _PLAN)
     way.run(
-        diagnose, "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), "--next", "4", _CELL, _DATA,
+        diagnose, "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
         **{"cell-out": "better_cell.toml"},
     )  # fmt: skip
     found = read_as(way.folder / "diagnose.json", DiagnoseRecord)

@@ -45,8 +45,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of candidates to draw, or a table of candidates in the format of a plan.",
 )
-@click.option("--extend", "extend_path", metavar="PLAN", type=PATH,
-              help="A plan that is measured already. N new poses are added to it.")  # fmt: skip
+@click.option("--extend", "extend_path", metavar="PLAN|TABLE", type=PATH,
+              help="A plan that is measured already, or a table of measured points. N new poses are "
+              "added to it.")  # fmt: skip
 @click.option(
     "--discriminate",
     metavar="EFFECT:WHERE,EFFECT:WHERE",

@@ -10,7 +10,6 @@ import click
 from studies.command.deliver import check_outputs, deliver, output_file, show, working
 from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
 from studies.command.session import read_session
-from studies.diagnose import NEXT
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -37,15 +36,6 @@ if TYPE_CHECKING:
     type=PATH,
     help="Write the cell with the found effects in its model, for the next run.",
 )
-@click.option(
-    "--next",
-    "next_count",
-    metavar="N",
-    type=click.IntRange(min=0, max=1000),
-    default=NEXT,
-    show_default=True,
-    help="Number of poses to propose that separate the remaining explanations. 0: none.",
-)
 @result_options()
 def diagnose(
     cell_path: Path,
@@ -54,7 +44,6 @@ def diagnose(
     plan_only: bool,
     cell_out: Path | None,
     folder: Path | None,
-    next_count: int,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -86,7 +75,7 @@ def diagnose(
     figures = json_path is not None or folder is not None
     count = len(session.held.data)
     with working(f"diagnosing {count} readings", SECONDS * count):
-        found, record = diagnosed(session, next_count, figures=figures)
+        found, record = diagnosed(session, figures=figures)
     texts: dict[Path, str | bytes] = {}
     notes: list[str] = []
     if cell_out is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+from calib.effects import catalogue
 from studies import document as doc
 from studies.diagnose.record import DiagnoseRecord, FoundCause
 from studies.document import fitting, mm, plural
@@ -17,7 +18,7 @@ _SAYS = {
 _NEXT = {
     "no_gap": "use the model: run `posecal compensate`",
     "explained": "add the causes to the model (`--cell-out`) and identify again",
-    "apart": "measure the poses below: they tell the causes apart",
+    "apart": "measure poses that tell them apart (`posecal design --discriminate`)",
     "alike": "correct for any of them: they act alike here",
     "confirm": "measure more poses to confirm the causes",
     "rose": "first find what differs between held-out and fitted poses: day, load, joint range",
@@ -248,8 +249,17 @@ def _situation(record: DiagnoseRecord) -> str:
         return "form" if _form_alone(record) else "too_large" if large else "structure"
     if record.verdict == "ambiguous":
         several = any(effect.one_of for effect in record.effects)
-        return "apart" if record.next_poses else "alike" if several else "confirm"
+        return "apart" if rivals(record) else "alike" if several else "confirm"
     return record.verdict
+
+
+def rivals(record: DiagnoseRecord) -> list[str]:
+    """Two causes that the data cannot tell apart and a choice of poses may, ``effect:where``."""
+    for effect in record.effects:
+        joints = [own for own in effect.alike if not catalogue()[own.effect].uses]
+        if effect.one_of and len(joints) > 1:
+            return [f"{own.effect}:{own.where}" for own in joints[:2]]
+    return []
 
 
 def _and(parts: Sequence[str]) -> str:

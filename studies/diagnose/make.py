@@ -22,15 +22,12 @@ from calib.diagnosis.gap import rms, side_of, squared_errors
 from calib.diagnosis.imitated import Imitated
 from calib.diagnosis.spectra import Spectrum, spectra
 from calib.effects import Effect
-from calib.errors import CalibError
 from calib.files.cell_out import extended_cell
 from calib.identification.residuals import Residuals
 from calib.poses import Measurements
 from calib.threads import one_blas_thread
-from doe.ahead.next_poses import NextPoses, next_poses
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
-from studies.diagnose import NEXT
 from studies.diagnose.record import (
     CauseParameter,
     CurvePanel,
@@ -43,12 +40,11 @@ from studies.diagnose.record import (
     GapEntry,
     LikelyCause,
     LocatedPlace,
-    NextPose,
     RefusedCause,
     SpectrumEntry,
     SpectrumLine,
 )
-from studies.entries import DetectionLimitEntry, shown_joints
+from studies.entries import DetectionLimitEntry
 from studies.fitted import estimated
 from studies.identify.errors import read_falsely
 from studies.noise import noise_fields
@@ -65,39 +61,25 @@ def inputs_of(session: MeasuredTable) -> list[Path]:
     return [*session.read, *session.held.files, *([prior] if prior else [])]
 
 
-def diagnosed(
-    session: MeasuredTable, next_count: int = NEXT, *, figures: bool = True
-) -> tuple[Diagnosis, DiagnoseRecord]:
+def diagnosed(session: MeasuredTable, *, figures: bool = True) -> tuple[Diagnosis, DiagnoseRecord]:
     """Diagnose a session.
 
-    next_count : poses to propose; figures : whether the record holds what they show
+    figures : whether the record holds what they show
 
     Raises InputError naming the file that is at fault.
     """
     cell, held = session.cell, session.held
     with faults_in(session.data_path, effects_of=cell.path):
         found = diagnose(cell, held.data, heldout=held.heldout)
-    chosen, failed = _next(cell, found, next_count, session.seed)
     record = diagnose_record(
         found,
         envelope(cell.name, inputs_of(session), session.seed, cell.about),
         spectra=spectra(found),
-        chosen=chosen,
         shown=shown(found) if figures else None,
         holdout=session.holdout,
-        warnings=(*held.warnings, *found.warnings, *failed),
+        warnings=(*held.warnings, *found.warnings),
     )
     return found, record
-
-
-def _next(
-    cell: Cell, found: Diagnosis, count: int, seed: int
-) -> tuple[NextPoses | None, tuple[str, ...]]:
-    """Poses that tell rivals apart, and why there are none: the diagnosis stands without them."""
-    try:
-        return (next_poses(cell, found, count=count, seed=seed) if count else None), ()
-    except CalibError as error:
-        return None, (f"no next poses: {error}",)
 
 
 def diagnose_record(
@@ -105,17 +87,15 @@ def diagnose_record(
     made_from: Envelope,
     *,
     spectra: Sequence[Spectrum] = (),
-    chosen: NextPoses | None = None,
     shown: DiagnosisShown | None = None,
     holdout: str | None = None,
     warnings: tuple[str, ...] = (),
 ) -> DiagnoseRecord:
     """The record of a diagnosis.
 
-    chosen : the next poses; shown : for figures; holdout : as the user gave it
+    shown : for figures; holdout : as the user gave it
     warnings : of the tables
     """
-    further = chosen or NextPoses(found.data.poses.take(slice(0, 0)))
     noise, model, poses = found.noise, found.after.model, found.data.poses
     footprint, tip = model.footprint(found.after.values, found.data), model.robot.tip
 
@@ -124,17 +104,10 @@ def diagnose_record(
 
     return DiagnoseRecord.from_result(
         shown or DiagnosisShown(None, (), ()),
-        further,
         found,
         **made_from,
         warnings=warnings,
         holdout=holdout,
-        next_poses=[
-            NextPose(pose=name, **shown_joints(model.robot, q), splits=splits)
-            for name, q, splits in zip(
-                further.poses.names, further.poses.q, further.splits, strict=True
-            )
-        ],
         estimate=estimated(estimate_of(found)),
         noise=DiagnoseNoise.from_result(
             noise,

@@ -7,11 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from studies.document import PROBABILITY, Rule, Shown
+from studies.document import Shown
 from studies.entries import (
     CauseEntry,
     DetectionLimitEntry,
-    JointValues,
     NotAskedEntry,
 )
 from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
@@ -214,34 +213,6 @@ class SpectrumEntry(Entry):
     lines: tuple[SpectrumLine, ...]
 
 
-_SPLITS = Rule(lambda pairs: "; ".join(" from ".join(pair) for pair in pairs), number=False)
-
-
-class NextPose(JointValues):
-    """A pose to measure next, and the pairs of causes that it helps to tell apart."""
-
-    pose: Annotated[str, Shown("next\npose")]
-    splits: Annotated[tuple[tuple[str, str], ...], Shown("tells apart", _SPLITS, detail=True)]
-
-
-class RemedyEntry(Entry):
-    """What would tell two causes apart, and how likely then the true one is preferred."""
-
-    intervention: Annotated[str, From("name")]
-    says: str
-    probability: Number
-
-
-class RivalPrediction(Entry):
-    """Two causes in doubt, and how likely the true one is preferred, now and after the next poses."""
-
-    rivals: tuple[str, str]
-    probability_now: Annotated[Number, Shown("right choice\nnow", PROBABILITY), From("now")]
-    probability_after: Annotated[Number, Shown("after these\nposes", PROBABILITY), From("after")]
-    interventions: Annotated[tuple[RemedyEntry, ...], From("remedies")]
-    inseparable: bool
-
-
 class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
@@ -297,7 +268,7 @@ class DiagnoseResidual(ResidualEntry):
 
 
 class DiagnoseRecord(Record):
-    """Where the gap lies, what causes it, how far it shrinks, and what to measure next."""
+    """Where the gap lies, what causes it, and how far it shrinks."""
 
     command: Literal["diagnose"] = "diagnose"
     verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
@@ -315,9 +286,6 @@ class DiagnoseRecord(Record):
     outliers: tuple[Outlier, ...]
     spectra: tuple[SpectrumEntry, ...]
     holdout: str | None
-    next_poses: tuple[NextPose, ...]
-    next_poses_predicted: Annotated[tuple[RivalPrediction, ...], From("predictions")]
-    next_poses_assume: Annotated[tuple[str, ...], From("assumptions")]
     estimate: Estimated
     steps: ErrorSteps | None
     curves: tuple[ErrorCurveEntry, ...]

@@ -8,38 +8,34 @@ from functools import partial
 from typing import TypeAlias
 
 from studies import document as doc
-from studies.diagnose.conclusion import headline, rest_words, standing_words, to_do
+from studies.diagnose.conclusion import headline, rest_words, rivals, standing_words, to_do
 from studies.diagnose.pictures import error_curve, spectra, waterfall
 from studies.diagnose.record import (
     CauseParameter,
     DiagnoseRecord,
     FoundCause,
     GapEntry,
-    NextPose,
     RefusedCause,
-    RivalPrediction,
     SpectrumEntry,
     SpectrumLine,
 )
 from studies.document import Shown, labelled, listed, mm
-from studies.entries import DetectionLimitEntry, joint_columns, not_asked
+from studies.entries import DetectionLimitEntry, not_asked
 from studies.noise import noise_words
 from studies.record import Outlier
 
 _MOST_PARAMETERS = 8  # of one cause; sag of a whole arm has fifty
 _MOST_OUTLIERS = 3  # that are worth a line each
 _MOST_ALIASES = 4
-_MOST_PAIRS = 6
 _VAGUE = 1.0  # width of an interval of shares that says nothing
 _LONG = 12  # letters of a place that is no longer named beside a number
 
 
 def told(record: DiagnoseRecord) -> doc.Document:
-    """The verdict, causes and places, the fall of the error, what stayed unseen, and what next."""
+    """The verdict, causes and places, the fall of the error, and what stayed unseen."""
     sections = (
         doc.Section("diagnosis", "What causes the unmodelled error", tuple(_parts(record))),
         doc.Section("unseen", "What could not be seen", tuple(_unseen(record))),
-        doc.Section("next", "What to measure next", tuple(_further(record))),
     )
     return doc.Document(tuple(headline(record)), tuple(s for s in sections if s.parts))
 
@@ -199,7 +195,9 @@ def _notes(record: DiagnoseRecord) -> Iterator[doc.Sentence]:
         yield doc.Sentence(f"derived from the order of the poses{skipped}", label="direction")
     yield from labelled("aliasing", _aliasing(record.spectra))
     yield from not_asked(record.not_asked)
-    yield from labelled("next", filter(None, [to_do(record)]))
+    apart = ",".join(rivals(record)) if record.verdict == "ambiguous" else ""
+    how = f"`posecal design CELL --extend DATA --poses 8 --discriminate {apart}`" if apart else ""
+    yield from labelled("next", filter(None, [to_do(record), how]))
 
 
 # -- what stayed unseen ------------------------------------------------------------------------
@@ -265,45 +263,3 @@ def _unseen(record: DiagnoseRecord) -> Iterator[doc.Part]:
     if nowhere:
         said = ", ".join(nowhere)
         yield doc.Sentence(f"These poses cannot show: {said}.")
-
-
-# -- what to measure next ----------------------------------------------------------------------
-
-_DOUBTS = doc.columns(
-    RivalPrediction,
-    doc.Column("cause", lambda row: row.rivals[0]),
-    doc.Column("or", lambda row: row.rivals[1]),
-    "probability_now probability_after",
-)
-
-
-def _further(record: DiagnoseRecord) -> Iterator[doc.Part]:
-    """Rivals with their prospects, the poses that split them, and what to do where none can."""
-    doubts, poses = record.next_poses_predicted, record.next_poses
-    if doubts:
-        yield doc.Table(
-            _DOUBTS,
-            doubts,
-            "Causes that are not told apart, and how often the right one is chosen",
-            most=_MOST_PAIRS,
-        )
-    for doubt in doubts[:_MOST_PAIRS]:
-        yield from _remedies(doubt)
-    if poses:
-        yield doc.Sentence("Measure these poses: they tell the causes apart.")
-        joints = joint_columns(poses, doc.HUNDREDTH, detail=False)
-        columns = doc.columns(NextPose, "pose", *joints, "splits")
-        yield doc.Table(columns, poses, "The next poses")
-        if record.next_poses_assume:
-            yield doc.Sentence(f"Read {'; '.join(record.next_poses_assume)}.")
-
-
-def _remedies(doubt: RivalPrediction) -> Iterator[doc.Sentence]:
-    pair = " or ".join(doubt.rivals)
-    for remedy in doubt.interventions:
-        yield doc.Sentence(f"{pair}: {remedy.says} ({doc.PROBABILITY(remedy.probability)})")
-    if doubt.inseparable:
-        yield doc.Sentence(
-            f"{pair}: observationally equivalent. No poses, loads or stations tell them apart; correct "
-            "for either"
-        )

@@ -57,7 +57,11 @@ def _goal(record: EnoughRecord) -> Iterator[doc.Sentence]:
         mood, said = _met(record, record.poses_to_goal)
         yield doc.Sentence(f"{goal} {said}.", mood)
     elif fresh is not None and not record.plan.poses:
-        yield doc.Sentence(f"{goal} takes about {fresh} poses more. Run `posecal next`.", "warn")
+        yield doc.Sentence(
+            f"{goal} takes about {fresh} poses more. Run `posecal design CELL --extend DATA --poses "
+            f"{fresh}`.",
+            "warn",
+        )
     elif fresh is not None:
         yield doc.Sentence(
             f"{goal} takes about {fresh} poses more than the plan has. Run `posecal design CELL "

@@ -187,7 +187,6 @@ _LABELS = {
     "identify": "Identification",
     "diagnose": "Diagnosis",
     "enough": "Enough poses?",
-    "next": "Next poses",
     "compensate": "Corrected commands",
     "changes": "What moved",
 }

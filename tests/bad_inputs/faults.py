@@ -441,9 +441,6 @@ PLANT = [
     Fault("a type for a model without constants of it", _TYPED, "type.json",
           swap('"where": "A2",', '"where": "A9",')),
     Fault("differences beside a type", f"{_TYPED} --differences"),
-    Fault("next poses after no poses", "next cell.toml plan.csv"),
-    Fault("next poses over the measurements",
-          "next cell.toml measurements.csv -o measurements.csv"),
 ]  # fmt: skip
 
 _DH = """joint,alpha_deg,a_mm,theta_deg,d_mm

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 import doe
-from calib import CalibError, Cell, Poses, observation, parameters
+from calib import CalibError, Cell, Poses, observation, parameters, simulate
 from calib.api import readings
 from calib.arm.robot import Capsule, Shapes
 from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
+from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.model.covariance import accuracy
 from calib.poses import poses_at
@@ -211,6 +212,24 @@ def test_extending_a_plan(
     assert more.assessment.std == pytest.approx(np.sqrt(np.diag(np.linalg.inv(M))), rel=1e-6)
     theirs = information(elastic, np.concatenate([table_two.q, alone.poses.q]))
     assert np.linalg.slogdet(M)[1] > np.linalg.slogdet(theirs)[1]
+
+
+def test_extending_what_was_measured(kr270: Cell, table_two: Poses, tmp_path: Path) -> None:
+    """A table of points counts as the poses that it was read at, free and loaded, for rivals too."""
+    cell = replace(with_effects(kr270, "base", "joint_compliance:A3,A4"), design=Planned())
+    data = simulate(cell, table_two, rng=0)
+    names = np.array([f"r{i}" for i in range(len(data))], dtype=object)
+    data = replace(data, poses=replace(data.poses, names=tuple(names)))
+    rivals = ("gravity_compensator:A3", "transmission_scale:A3")
+    ask = partial(doe.design, cell, poses=3, candidates=200, refine=False, discriminate=rivals)
+    assert ask(extend=data).value == pytest.approx(ask(extend=table_two).value, rel=1e-12)
+    path = tmp_path / "measurements.csv"
+    path.write_text(measurements_csv(cell, data))
+    plan, before = ask(extend=path), doe.design(cell, poses=3, candidates=200, refine=False)
+    assert plan.value == pytest.approx(ask(extend=table_two).value, rel=1e-6)
+    judged = doe.design(cell, poses=3, candidates=200, refine=False, discriminate=rivals,
+                        extend=data, against={"task": before.poses})  # fmt: skip
+    assert judged.value > judged.rivals["task"].assessment.value
 
 
 @pytest.mark.long

@@ -7,7 +7,10 @@ import pytest
 
 from calib.arrays import Array
 from calib.diagnosis.screen import Field, field
+from doe.ahead.accuracy import Accuracy
+from doe.ahead.forecast import Offer
 from doe.ahead.information import FREE, SURE, Information, likeness, plausible
+from doe.problem.target_errors import TargetErrors
 
 ROWS = 400
 RNG = np.random.default_rng(3)
@@ -127,3 +130,22 @@ def test_what_nothing_tells_is_open_and_yet_finite() -> None:
     now = Information.of(rows, 6)
     np.testing.assert_allclose(now.inverse, FREE * np.eye(6))
     np.testing.assert_allclose(now.S, 1.0)
+
+
+def test_the_error_at_the_targets_is_that_of_all_rows_at_once() -> None:
+    rng = np.random.default_rng(0)
+    p, sizes, weights = 6, rng.uniform(0.5, 2.0, 6), rng.uniform(size=5)
+    at = TargetErrors(rng.normal(size=(5, 3, p)), weights / weights.sum(), np.zeros((5, 3, 0)))
+    own, more = rng.normal(size=(30, p)) / sizes, rng.normal(size=(4, 9, p)) / sizes
+    accuracy = Accuracy.of(at, own, sizes)
+
+    def direct(*further: int) -> float:
+        rows = np.concatenate([own, *(more[i] for i in further)]) * sizes
+        cov = np.linalg.inv(rows.T @ rows + np.eye(p) / FREE**2)
+        return -0.5 * np.log(at.weights @ np.einsum("krp,pq,krq->k", at.rows, cov, at.rows))
+
+    tried = accuracy.values(accuracy.now.tried(accuracy.columns_of(more)))
+    np.testing.assert_allclose(tried, [direct(i) for i in range(4)], rtol=1e-6)
+    first, second = accuracy.greedy(Offer(np.zeros((4, 2)), more), 2)
+    assert first == np.argmax([direct(i) for i in range(4)])
+    assert second == max(set(range(4)) - {first}, key=lambda i: direct(first, i))

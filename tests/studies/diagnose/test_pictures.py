@@ -1,16 +1,11 @@
-"""The figures of a diagnosis hold its numbers, and its record those of spectra and next poses."""
+"""The figures of a diagnosis hold its numbers, and its record those of spectra."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pytest
 
-import doe
-from calib import Cell
 from calib.diagnosis import Diagnosis
-from doe.ahead.information import SURE
 from studies.diagnose.make import aliases_of, diagnose_record, shown, spectrum_entry
 from studies.diagnose.pictures import families, spectra, waterfall
 from studies.diagnose.record import ErrorSteps, SpectrumEntry, SpectrumLine
@@ -23,7 +18,6 @@ from tests.calib.diagnosis.test_error_curve import HALF, found
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.calib.identification.test_identify_tunings import arm, session
 from tests.calib.identification.test_identify_tunings import read as instrument_reads
-from tests.doe.ahead.test_next_poses import alike
 
 
 @pytest.fixture(scope="module")
@@ -163,24 +157,3 @@ def test_entries_keep_every_peak_and_say_aliases() -> None:
     (cycles,) = (c for c, _ in found[1].named)
     assert aliases_of("j1", cycles, found) == ()
     np.testing.assert_allclose(np.sort(aliases_of("j2", cycles, found)), mirrored(cycles), atol=0.1)
-
-
-__all__ = ["alike"]  # a fixture
-
-
-def test_fields_are_those_of_the_contract(alike: tuple[Cell, Diagnosis]) -> None:
-    cell, found = alike
-    result = doe.next_poses(cell, found, count=5)
-    record = diagnose_record(found, envelope("cell", []), chosen=result)
-    fields = json.loads(record.dumps(), parse_constant=pytest.fail)
-    pair = [c.key for c, _ in found.causes[0].named.members]
-    assert len(fields["next_poses"]) == 5
-    for pose, q in zip(fields["next_poses"], result.poses.q, strict=True):
-        np.testing.assert_allclose(
-            [pose["joints_deg"][joint] for joint in cell.robot.joints], np.degrees(q), atol=1e-5
-        )
-    assert any(pose["splits"] == [pair] for pose in fields["next_poses"])
-    (predicted,) = fields["next_poses_predicted"]
-    assert predicted["rivals"] == pair
-    assert predicted["probability_now"] < SURE <= predicted["probability_after"]
-    assert predicted["inseparable"] is False

@@ -62,8 +62,6 @@ def diagnosed(**changed: Any) -> DiagnoseRecord:
         "could_not_see": [],
         "outliers": [],
         "not_asked": [],
-        "next_poses": [],
-        "next_poses_predicted": [],
         "refused": [],
         "spectra": [],
         "approach_derived": False,
@@ -175,6 +173,19 @@ def test_what_remains_is_said_with_whose_it_is(
     of = diagnosed(rest=rest(0.017, *remains))
     assert first in [*headline(of)][2].text
     assert below in " ".join(rest_words(of))
+
+
+def test_two_causes_are_told_apart_by_a_plan_where_poses_can() -> None:
+    both = [likely("joint_compliance", "A2"), likely("bearing_compliance", "A2")]
+    one = effect("joint_compliance", "A2", [], **{"class": both})
+    said = " ".join(" ".join(shown(diagnosed(verdict="ambiguous", effects=[one]))).split())
+    assert (
+        "`posecal design CELL --extend DATA --poses 8 --discriminate "
+        "joint_compliance:A2,bearing_compliance:A2`" in said.replace(", ", ",")
+    )
+    drifts = [likely("base_drift", "base"), likely("tracker_drift", "instrument")]
+    one = effect("base_drift", "base", [], **{"class": drifts})
+    assert "--extend" not in " ".join(shown(diagnosed(verdict="ambiguous", effects=[one])))
 
 
 @pytest.mark.parametrize("places", [1, 2, 3, 6, 18])

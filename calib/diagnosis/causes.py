@@ -3,7 +3,7 @@
 How likely it is that a name, or one of its class, is right is a frequency, not a p value: a logistic
 model of what speaks against a name. It is fitted by maximum likelihood to some 600 names of days
 and sealed cases (``studies.research.withheld``) whose errors follow other formulas than the
-catalogue's, or are in no catalogue at all; ``posecal explain measured-conclusions`` has the count on
+catalogue's, or are in no catalogue at all; ``studies/research/RESULTS.md`` has the count on
 fresh days.
 """
 

@@ -79,6 +79,7 @@ class ComparedPlan(Entry):
     readings_without_pose: Count
     approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
     improvement: tuple[ImprovementFactor, ...]
+
     @property
     def points(self) -> ComparedApproach:
         """Under approach #2, which any markers allow."""

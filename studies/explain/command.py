@@ -21,20 +21,18 @@ def explain(topic: str | None) -> None:
       posecal explain words
       posecal explain backlash
     """
-    from rich.text import Text
+    from rich.markdown import Markdown
 
-    from studies.command.deliver import show
-    from studies.document.terminal import terminal
+    from studies.command.deliver import console_for
     from studies.explain import topics
-    from studies.explain.topics import document_of
 
     if topic is not None:
-        show(terminal(topics.topic(topic)), None)
-        return
-    listed = "\n".join(f"| {name} | {title} |" for name, title in topics.titles().items())
-    text = f"# Topics of posecal explain TOPIC\n\n| topic | is about |\n|---|---|\n{listed}\n"
-    more = "Every effect and criterion is also a topic (posecal explain effects, criteria)."
-    show((*terminal(document_of(text, lambda _: ((), []))), Text(f"\n{more}")), None)
+        text = topics.topic(topic)
+    else:
+        listed = topics.table_of((("topic", "is about"), [*topics.titles().items()]))
+        more = "Every effect and criterion is also a topic (posecal explain effects, criteria)."
+        text = f"# Topics of posecal explain TOPIC\n\n{listed}\n\n{more}"
+    console_for(None).print(Markdown(text), soft_wrap=False)
 
 
 @click.command()

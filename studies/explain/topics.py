@@ -11,13 +11,9 @@ import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.resources import files
-from itertools import groupby
-from operator import itemgetter
-from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError
-from studies.document import Column, Document, Lines, Part, Section, Sentence, Table
 
 if TYPE_CHECKING:
     from calib.effects import Context, Effect
@@ -26,11 +22,7 @@ if TYPE_CHECKING:
 Rows = tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
 """Titles, and rows of cells."""
 
-_RULE = re.compile(r"\|[\s:|-]+\|")
-_CELL = re.compile(r"(?<!\\)\|")
-_NAMES = re.compile(r"`[^`]*`(?:(?:,| or|;)? \(?`[^`]*`\)?)*")
-_NAMED = re.compile(r"\{([\w.]+)\}")
-_FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_MADE_HERE = re.compile(r"^\{([\w.]+)\}$", re.MULTILINE)
 
 
 def title_of(text: str) -> str:
@@ -42,72 +34,20 @@ def title_of(text: str) -> str:
     return text.partition("\n")[0].removeprefix("# ")
 
 
-def document_of(text: str, made: Callable[[str], Rows]) -> Document:
-    """The document of a topic.
-
-    made : gives the table that ``{name}`` stands for
-    """
-    body = _FENCE.sub(lambda found: indent(found[1], "    ", bool), text.partition("\n")[2])
-    first, *others = re.split(r"^## ", body, flags=re.MULTILINE)
-    sections = [Section("", "", tuple(_parts(first, made)))]
-    for other in others:
-        title, _, rest = other.partition("\n")
-        sections.append(Section("", title, tuple(_parts(rest, made))))
-    return Document((Sentence(title_of(text)),), tuple(sections))
-
-
-def table_of(rows: Rows) -> Table[tuple[str, ...]]:
-    """Rows of cells as a table."""
+def table_of(rows: Rows) -> str:
+    """Rows of cells as a table in Markdown."""
     heads, cells = rows
-    columns = [Column(head, itemgetter(i)) for i, head in enumerate(heads)]
-    return Table(columns, cells)
+    lines = [heads, ("---",) * len(heads), *cells]
+    return "\n".join(f"| {' | '.join(map(_cell, line))} |" for line in lines)
 
 
-def _parts(text: str, made: Callable[[str], Rows]) -> Iterator[Part]:
-    """Parts with an empty line between them; tables keep their own."""
-    before = ""
-    for kind, block in _blocks(text):
-        if kind == "lines":
-            yield Lines(block)
-        elif kind == "table":
-            heads, *rows = (_row(line) for line in block.splitlines() if not _RULE.fullmatch(line))
-            yield table_of((heads, rows))
-        elif found := _NAMED.fullmatch(block):
-            yield table_of(made(found[1]))
-        else:
-            apart = [] if before == "table" or _NAMED.fullmatch(before) else [""]
-            yield from (Sentence(own) for own in (*apart, *_sentences(block)))
-        before = "table" if kind == "table" else block
+def _cell(text: str) -> str:
+    r"""Text that is no markup.
 
-
-def _blocks(text: str) -> Iterator[tuple[str, str]]:
-    """Kind and text of what empty lines part; indented blocks that follow each other are one."""
-    blocks = [block.strip("\n") for block in re.split(r"\n[ \t]*\n", text) if block.strip()]
-    for kind, group in groupby(blocks, _kind):
-        if kind == "lines":
-            yield kind, "\n\n".join(group)
-        else:
-            yield from ((kind, block) for block in group)
-
-
-def _kind(block: str) -> str:
-    return "lines" if block.startswith("    ") else "table" if block.startswith("|") else "words"
-
-
-def _sentences(block: str) -> list[str]:
-    """A paragraph, or the entries of a list."""
-    entries = re.split(r"^(?=- |\d+\. )", block, flags=re.MULTILINE)
-    return [" ".join(entry.replace("**", "").split()) for entry in entries if entry.strip()]
-
-
-def _row(line: str) -> tuple[str, ...]:
-    """Cells; the marks of code are not needed where a cell holds names alone.
-
-    >>> _row("| `a` | b | `c`, `d` | run `e` |")
-    ('a', 'b', 'c, d', 'run `e`')
+    >>> _cell("a|b of <joint>")
+    'a\\|b of \\<joint>'
     """
-    cells = [own.strip() for own in _CELL.split(line.strip().strip("|"))]
-    return tuple(own.replace("`", "") if _NAMES.fullmatch(own) else own for own in cells)
+    return re.sub(r"(?=[|<*\[])", r"\\", text)
 
 
 _ABOVE = ("schema", "name")
@@ -188,7 +128,6 @@ def _form(schema: Any) -> str:
 
 
 _FIRST = ("words", "cell", "columns", "instruments", "effects", "conventions", "limits")
-_MEASURED = "measured-"
 _COVARIATES = {
     "approach": "approach_<joint>, or the order of the poses",
     "motion": "the order of the poses",
@@ -200,14 +139,13 @@ _MOST = 12  # parameters that are named
 
 
 def written() -> dict[str, str]:
-    """Texts by name: what one meets first, then the rest, then what was measured."""
+    """Texts by name: what one meets first, then the rest."""
     found = {
         file.name.removesuffix(".md"): file.read_text(encoding="utf-8")
         for file in (files("studies.explain") / "topics").iterdir()
         if file.name.endswith(".md")
     }
-    order = [*_FIRST, *sorted(found, key=lambda name: (name.startswith(_MEASURED), name))]
-    return {name: found[name] for name in dict.fromkeys(order)}
+    return {name: found[name] for name in dict.fromkeys((*_FIRST, *sorted(found)))}
 
 
 def titles() -> dict[str, str]:
@@ -215,8 +153,8 @@ def titles() -> dict[str, str]:
     return {name: title_of(text) for name, text in written().items()}
 
 
-def topic(name: str) -> Document:
-    """A topic. Raises InputError, naming the closest, where there is none of this name."""
+def topic(name: str) -> str:
+    """A topic in Markdown. Raises InputError, naming the closest, where there is none of this name."""
     from calib.effects import catalogue as effects_known
     from doe.criteria import catalogue as criteria_known
 
@@ -231,7 +169,7 @@ def topic(name: str) -> Document:
         close = difflib.get_close_matches(name, [*texts, *effects_known(), *criteria_known()], n=1)
         hint = f"did you mean {close[0]}?" if close else "posecal explain lists them"
         raise InputError("explain", "", f"no topic {name!r}", hint)
-    return document_of(text, made)
+    return _MADE_HERE.sub(lambda found: table_of(made(found[1])), text)
 
 
 def effects() -> Rows:
@@ -292,7 +230,7 @@ def effect_text(name: str) -> str:
     kind = catalogue()[name]
     needs = "; ".join(_needs(kind)) or "only joints and readings"
     return "\n\n".join(
-        (f"# {name}", *map(_clean, _told(kind)), f"**Needs**: {needs}.", _parameters(name))
+        (f"# {name}", *map(_clean, _told(kind)), f"**Needs**: {_cell(needs)}.", _parameters(name))
     )
 
 

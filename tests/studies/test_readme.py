@@ -170,9 +170,6 @@ def test_every_command_and_only_topics_that_are_there() -> None:
     named = re.findall(r"posecal explain ([\w-]+)`", README)
     for row in table.splitlines()[2:]:
         named += re.findall(r"`([\w-]+)`", row.split("|")[3]) if "|" in row else []
-    reached = README[README.index("## What it reaches") : README.index("## What it does not do")]
-    measured = re.findall(r"`(measured-[\w-]+)`", reached)
-    assert sorted(measured) == sorted(name for name in written() if name.startswith("measured-"))
     assert set(named) - set(EFFECTS) <= set(written())
 
 

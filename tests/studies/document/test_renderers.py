@@ -16,6 +16,7 @@ from studies.document import (
     Detail,
     Document,
     Figure,
+    Lines,
     Section,
     Sentence,
     Table,
@@ -165,3 +166,8 @@ def test_greys_of_a_figure_follow_the_page() -> None:
         assert f"fill: var(--{name})" in made
     assert "#0072b2" in made
     assert not re.search(r"#([0-9a-f]{2})\1\1\b", made), "no grey that is bright in the dark"
+
+
+def test_lines_stand_as_they_are_on_a_page() -> None:
+    section = Section("k", "T", (Detail((Lines("a <b>\n  c"),)), Table([Column("", str)], [])))
+    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section, {})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from importlib.resources import files
 
 import pytest
@@ -12,11 +11,8 @@ from calib.effects import EFFECTS
 from calib.files.columns import OTHERS, WRENCH
 from calib.instruments import KINDS
 from doe.criteria import CRITERIA, UNASKED
-from studies.document import Column, Detail, Document, Lines, Section, Sentence, Table
-from studies.document.page import Writer
 from studies.explain.topics import (
     TABLES,
-    document_of,
     forms,
     meanings,
     rows,
@@ -48,10 +44,9 @@ def words_of(text: str) -> set[str]:
 
 @pytest.mark.parametrize("name", written())
 def test_a_topic_is_shown_whole(name: str) -> None:
-    told = " ".join(text_of(topic(name)))
-    assert words_of(re.sub(r"\*\*|```\w*", "", written()[name])) <= words_of(told)
     shown = said(name)
-    assert shown.startswith(titles()[name])
+    assert words_of(re.sub(r"\*\*|```\w*", "", written()[name])) <= words_of(shown)
+    assert titles()[name] in shown
     assert "\N{HORIZONTAL ELLIPSIS}" not in shown, "nothing is cut off"
 
 
@@ -73,21 +68,11 @@ def test_what_an_effect_needs_comes_from_its_class() -> None:
     assert {line.split()[0] for line in topic_rows("criteria")} >= set(CRITERIA) - {UNASKED}
 
 
-def text_of(document: Document) -> Iterator[str]:
-    yield from (sentence.text for sentence in document.headline)
-    for section in document.sections:
-        yield section.title
-        for part in section.parts:
-            if isinstance(part, Table):
-                yield from (column.title for column in part.columns)
-                yield from (column.cell(row) for row in part.rows for column in part.columns)
-            elif isinstance(part, Sentence | Lines):
-                yield part.text
-
-
 def topic_rows(name: str) -> list[str]:
-    tables = [p for s in topic(name).sections for p in s.parts if isinstance(p, Table)]
-    return [" ".join(column.cell(row) for column in t.columns) for t in tables for row in t.rows]
+    """Rows of all tables without their marks."""
+    tables = re.findall(r"^\|[-| ]+\|\n((?:\|.*\n?)*)", topic(name), flags=re.M)
+    lines = [line.replace("\\", "") for t in tables for line in t.splitlines()]
+    return [re.sub(r" \| |[`|]", " ", line).strip() for line in lines]
 
 
 def test_the_cell_says_what_every_key_of_its_schema_means() -> None:
@@ -106,7 +91,7 @@ def test_at_most_twenty_words_have_to_be_explained() -> None:
 
 
 def test_no_sentence_is_longer_than_thirty_words() -> None:
-    read = {name: text for name, text in texts() if not name.startswith("measured-")}
+    read = dict(texts())
     assert {"README", "--help", "cell", "diagnosis"} <= set(read)
     long = [own for text in read.values() for own in sentences(text) if length(own) > 30]
     assert not long
@@ -123,66 +108,3 @@ def test_columns_and_keys_of_instruments_are_told() -> None:
 def test_every_kind_of_instrument_that_a_cell_may_have_is_told() -> None:
     kinds = {line.split()[0] for line in topic_rows("instruments")}
     assert kinds >= set(KINDS)
-
-
-TEXT = """# What
-
-First **words**
-go on.
-
-- one
-  more
-- two
-
-1. first
-2. second
-
-| a | `b` |
-|---|---|
-| 1 | x \\| y |
-
-    indented
-
-    twice
-
-## Then
-
-```python
-if x:
-
-    y
-```
-{made}
-"""
-
-
-def test_the_little_markdown() -> None:
-    found = document_of(TEXT.replace("\n{made}", "\n\n{made}"), lambda name: (("h",), [(name,)]))
-    first, then = found.sections
-    assert found.headline == (Sentence("What"),)
-    texts = [part.text for part in first.parts if isinstance(part, Sentence)]
-    assert texts == [
-        "",
-        "First words go on.",
-        "",
-        "- one more",
-        "- two",
-        "",
-        "1. first",
-        "2. second",
-    ]
-    table, lines = first.parts[-2:]
-    assert isinstance(table, Table)
-    assert [[c.title for c in table.columns], *table.rows] == [["a", "b"], ("1", "x \\| y")]
-    assert lines == Lines("    indented\n\n    twice")
-    assert then.title == "Then"
-    code, made = then.parts
-    assert code == Lines("    if x:\n\n        y")
-    assert isinstance(made, Table)
-    assert made.rows == [("made",)]
-
-
-def test_lines_stand_as_they_are_on_a_page() -> None:
-    section = Section("k", "T", (Detail((Lines("a <b>\n  c"),)), Table([Column("", str)], [])))
-    assert Document((), (section,)).sections
-    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section, {})

@@ -49,6 +49,13 @@ COMMANDS = {
 }
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
+GROUPS = {
+    "Start": ("demo", "init"),
+    "A day of measurement": ("design", "program", "import", "enough"),
+    "A result": ("identify", "diagnose", "compare", "compensate", "changes", "report"),
+}
+"""Title -> commands, as the help lists them."""
+
 
 _TABLE = "give a table with fewer readings at each pose"
 _LESS = {
@@ -66,6 +73,12 @@ class _OnCall(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(self.commands)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        width = max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -90,13 +103,13 @@ _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
     cls=_OnCall,
     context_settings=_SETTINGS,
     commands={name: click.Command(name, short_help=short) for name, (_, short) in COMMANDS.items()},
+    epilog="posecal explain lists topics. posecal schema KIND prints the JSON Schema of a result.",
 )
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
     """Plan a robot calibration, identify the robot, and say how accurate the result is.
 
-    New here? Run `posecal demo`. It writes a complete example that you can edit. `posecal explain`
-    lists topics.
+    New here? Run `posecal demo`. It writes a complete example that you can edit.
     """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,8 +11,9 @@ from pathlib import Path
 
 import pytest
 from click.shell_completion import BashComplete
+from click.testing import CliRunner
 
-from studies.cli import COMMANDS, loaded, main
+from studies.cli import COMMANDS, GROUPS, loaded, main
 
 RUN = "from studies.cli import run; run()"
 HEAVY = [
@@ -51,6 +53,18 @@ for words in {ASKED}:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [f"{' '.join(words)} True" for words in ASKED]
+
+
+def test_help_lists_the_commands_in_three_groups() -> None:
+    said = CliRunner().invoke(main, ["--help"]).output
+    places = [said.index(f"\n{title}:\n") for title in GROUPS]
+    assert places == sorted(places)
+    for name in (name for names in GROUPS.values() for name in names):
+        assert re.search(rf"^  {name} +{re.escape(COMMANDS[name][1])}$", said, flags=re.M)
+    listed, _, end = said.rpartition("\n\n")
+    for name in ("explain", "schema"):
+        assert f"\n  {name} " not in listed
+        assert f"posecal {name}" in end
 
 
 @pytest.mark.parametrize("name", COMMANDS)

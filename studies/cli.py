@@ -41,7 +41,6 @@ COMMANDS = {
         "compensate.command:compensate",
         "Correct commands, so that the real arm reaches its targets.",
     ),
-    "fleet": ("fleet.command:fleet", "Calibrate every robot below a folder, with one summary."),
     "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
     "report": ("report.command:report", "Write one page of results, to hand on."),
     "schema": ("explain.command:schema", "Print the JSON Schema of a result."),
@@ -61,7 +60,6 @@ _TABLE = "give a table with fewer readings at each pose"
 _LESS = {
     "design": "take fewer --candidates or --poses",
     "compare": "take fewer trials (--monte-carlo) or --workers",
-    "fleet": "take fewer --workers",
     "compensate": "give fewer targets",
     **dict.fromkeys(("enough", "identify", "diagnose"), _TABLE),
 }

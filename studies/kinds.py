@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from studies.record import Record
 
 _HOMES = {
-    "fleet": ("fleet.record", "FleetRecord", "fleet.telling"),
-    "prior": ("prior", "PriorRecord", "prior"),
     "init": ("init.record", "InitRecord", "init.record"),
     "design": ("design.record", "DesignRecord", "design.telling"),
     "plan": ("plan.record", "PlanRecord", "plan.telling"),

@@ -117,7 +117,7 @@ def _poses(cell: Cell, path: Path, record: IdentifyRecord) -> tuple[Poses | None
     return None, ()
 
 
-def known_of_record(record: IdentifyRecord, poses: Poses | None = None) -> DayEstimate:
+def known_of_record(record: IdentifyRecord, poses: Poses | None) -> DayEstimate:
     """What a result knows; poses : those of the fit."""
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))

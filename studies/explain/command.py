@@ -41,8 +41,7 @@ def explain(topic: str | None) -> None:
 def schema(kind: str) -> None:
     """Print the JSON Schema (draft 2020-12) of a result.
 
-    KIND is a command that has --json. It may also be plan (diagnose --plan-only) or prior (fleet
-    --prior).
+    KIND is a command that has --json. It may also be plan (diagnose --plan-only).
 
     \b
     Example:

@@ -39,8 +39,8 @@ def report(
     """Write one self-contained HTML page from results.
 
     RESULT are files that --json wrote, in any number: of design, compare, identify, diagnose
-    (--plan-only too), enough, compensate, changes, fleet (--prior too). Their input
-    files are read again if they did not change.
+    (--plan-only too), enough, compensate, changes. Their input files are read again if they
+    did not change.
 
     \b
     Example:

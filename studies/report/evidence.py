@@ -159,7 +159,7 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
 
 
 def _of_one_cell(results: tuple[ReportedResult, ...]) -> tuple[ReportedResult, ...]:
-    """Those that begin with a cell: a fleet's inputs are results of many."""
+    """Those whose inputs begin with a cell."""
     return tuple(result for result in results if result.record.of_one_cell)
 
 

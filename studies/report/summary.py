@@ -85,7 +85,7 @@ def _powers(low: float, high: float) -> list[float]:
     return [tick for tick in found if low < tick < high]
 
 
-_MATTERS = ("fleet", "identify", "compensate", "diagnose", "changes", "enough")
+_MATTERS = ("identify", "compensate", "diagnose", "changes", "enough")
 """Kinds of results with an error before and after, what a reader asks for first."""
 _WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
 _KEYS: dict[str, tuple[str, ...]] = {
@@ -146,7 +146,7 @@ def _facts(
             yield label, text
 
 
-_FIRST = ("fleet", "prior", "identify", "diagnose")  # what a reader asks for before the rest
+_FIRST = ("identify", "diagnose")  # what a reader asks for before the rest
 
 
 def summary(evidence: ReportEvidence, told: Mapping[str, str]) -> Section:
@@ -179,8 +179,6 @@ def _said(several: Sequence[ReportedResult]) -> Iterator[Sentence]:
 
 
 _LABELS = {
-    "fleet": "All robots",
-    "prior": "The type",
     "design": "Plan",
     "plan": "What the plan shows",
     "compare": "Comparison",

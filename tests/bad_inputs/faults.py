@@ -407,40 +407,18 @@ RESULTS = [
 
 _CHANGES = "changes result.json result.json"
 _OTHER = swap("</robot>", "<!-- another --></robot>")
-_TYPED = "identify typed.toml measurements.csv"
+_REPORT = """{"schema": 1, "command": "report", "version": "0", "cell": "", "seed": 0, "inputs": [],
+"about": {}, "warnings": [], "page": "p.html", "notes": []}"""
 PLANT = [
     Fault("changes since a cell", "changes cell.toml result.json"),
     Fault("changes since what is not there", "changes none.json result.json"),
-    Fault("changes since a day of another kind", "changes type.json result.json"),
+    Fault("changes since a day of another kind", _CHANGES, "result.json", whole(_REPORT)),
     Fault("changes of a result that did not converge", _CHANGES, "result.json",
           swap('"converged": true', '"converged": false')),
     Fault("changes on another nominal model", _CHANGES, "kr270.urdf", _OTHER),
     Fault("changes in a cell that changed", _CHANGES, "cell.toml", added("# moved")),
     Fault("changes in a cell that is none", f"{_CHANGES} --cell plan.csv"),
     Fault("changes over their results", f"{_CHANGES} --json result.json"),
-    Fault("a fleet that is a file", "fleet cell.toml"),
-    Fault("a fleet without a cell", "fleet figures"),
-    Fault("a fleet with a share held out that is none",
-          "fleet . --only identify --workers 1 --holdout 3"),
-    Fault("a type learnt from diagnoses", "fleet . --only diagnose --prior new.json"),
-    Fault("a summary over a table", "fleet . --only identify --json measurements.csv"),
-    Fault("a type over a table", "fleet . --only identify --prior measurements.csv"),
-    Fault("no such file of a type", _TYPED, "typed.toml", swap("type.json", "none.json")),
-    Fault("a result in place of a type", _TYPED, "typed.toml", swap("type.json", "result.json")),
-    Fault("a type without its file", _TYPED, "typed.toml", swap('file = "type.json"', "")),
-    Fault("a type's key misspelt", _TYPED, "typed.toml", swap("file = ", "fille = ")),
-    Fault("a number for a type", _TYPED, "typed.toml", swap('"type.json"', "7")),
-    Fault("a type of the next version", _TYPED, "type.json", swap('"schema": 1', '"schema": 2')),
-    Fault("a type of another nominal model", _TYPED, "kr270.urdf", _OTHER),
-    Fault("a type that knows itself twice as well", _TYPED, "type.json",
-          swap('"covariance_SI": [', '"covariance_SI": [[1.0],')),
-    Fault("a type without a mean", _TYPED, "type.json", swap('"mean_SI"', '"mean"')),
-    Fault("a type of other parameters", _TYPED, "type.json",
-          lambda text: text.replace('"geometry"', '"bearing_compliance"').replace('_compliance"', '_x"')
-          .replace('"stiffness_vs_angle"', '"x"')),
-    Fault("a type for a model without constants of it", _TYPED, "type.json",
-          swap('"where": "A2",', '"where": "A9",')),
-    Fault("differences beside a type", f"{_TYPED} --differences"),
 ]  # fmt: skip
 
 _DH = """joint,alpha_deg,a_mm,theta_deg,d_mm

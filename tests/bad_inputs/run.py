@@ -23,15 +23,8 @@ def prepare(folder: Path) -> None:
     """A cell, a plan, measurements and results, points and joints apart, and an empty folder."""
     folder.mkdir(exist_ok=True)
     measured_cell(folder)
-    for call in (
-        "identify cell.toml measurements.csv --json result.json",
-        "fleet . --only identify --workers 1 --prior type.json",
-    ):
-        said = heard(call, folder)
-        assert not said.status, said.err
-    (folder / "measurements.identify.json").unlink()
-    typed = '\n[model.prior]\nfile = "type.json"\n'
-    (folder / "typed.toml").write_text((folder / "cell.toml").read_text() + typed)
+    said = heard("identify cell.toml measurements.csv --json result.json", folder)
+    assert not said.status, said.err
     (folder / "figures").mkdir()
     header, *rows = csv.reader((folder / "measurements.csv").read_text().splitlines())
     x = header.index("x_mm")

@@ -57,7 +57,6 @@ _COMMANDS = (
     ("compare cell.toml plan.csv --monte-carlo 10 --workers 1", "compared"),
     ("enough cell.toml data.csv --plan plan.csv --goal-mm 0.1", "enough"),
     ("compensate cell.toml identified.json targets.csv", "compensated"),
-    ("fleet . --only identify", "fleet"),
 )
 
 

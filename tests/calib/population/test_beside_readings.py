@@ -17,7 +17,7 @@ from calib.arrays import Array
 from calib.diagnosis import Diagnosis
 from calib.population import Key, Prior
 from tests.plain_arm import shift, turn
-from tests.studies.fleet.robots import CELL, MARKERS, SIGMA, urdf
+from tests.studies.next.robots import CELL, MARKERS, SIGMA, urdf
 
 Given = tuple[Array, Array, Array, Array]
 _POSES, _LINKS, _AXES = 14, (0.3, 0.4, 0.35, 0.1), "zyyx"

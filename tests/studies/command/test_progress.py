@@ -108,7 +108,6 @@ REMEDIES = {
     "enough": "fewer readings",
     "design": "--candidates",
     "compare": "--monte-carlo",
-    "fleet": "--workers",
 }
 
 

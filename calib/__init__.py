@@ -36,14 +36,12 @@ if typing.TYPE_CHECKING:
     from calib.identification import Identification
     from calib.identification.identify import identify
     from calib.instruments import (
-        Angle,
         ArmCamera,
         Distance,
         FixedCamera,
         Plane,
         Pose,
         Socket,
-        Sphere,
         Tracker,
     )
     from calib.noise import Noise
@@ -63,7 +61,7 @@ _HOMES = {  # imported when first asked for: a part of the package does not wait
     "calib.files.tables": "load_measurements load_plan load_targets",
     "calib.identification": "Identification",
     "calib.identification.identify": "identify",
-    "calib.instruments": "Angle ArmCamera Distance FixedCamera Plane Pose Socket Sphere Tracker",
+    "calib.instruments": "ArmCamera Distance FixedCamera Plane Pose Socket Tracker",
     "calib.noise": "Noise",
     "calib.poses": "Measurements Poses poses_at",
     "calib.poses.moves": "in_one_session",
@@ -71,7 +69,6 @@ _HOMES = {  # imported when first asked for: a part of the package does not wait
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
-    "Angle",
     "ArmCamera",
     "AskedLevels",
     "CalibError",
@@ -90,7 +87,6 @@ __all__ = [
     "Repeatability",
     "Robot",
     "Socket",
-    "Sphere",
     "Tracker",
     "compensate",
     "diagnose",

@@ -89,18 +89,16 @@ def estimated(estimate: Estimate) -> Estimated:
 Lengths: TypeAlias = Three | tuple[Number, Number] | tuple[Number]
 """Residual of a point, of two of its coordinates, or of one length, mm."""
 Pixels: TypeAlias = tuple[Number, Number]
-Angles: TypeAlias = tuple[Number, Number]
 
 _NUMBERS = {
     "mm": ("x_mm", "y_mm", "z_mm", "d_mm"),
     "px": ("u_px", "v_px"),
-    "mrad": ("azimuth_mrad", "elevation_mrad"),
 }
 """What an error may be told in, by unit."""
 
 
 class ResidualEntry(Entry):
-    """Measured minus predicted reading: of a point, along one length, in an image, or of two angles.
+    """Measured minus predicted reading: of a point, along one length, or in an image.
 
     beside : what the fields of the model that it is held against begin with
     """
@@ -115,8 +113,6 @@ class ResidualEntry(Entry):
     d_mm: Maybe = None
     u_px: Maybe = None
     v_px: Maybe = None
-    azimuth_mrad: Maybe = None
-    elevation_mrad: Maybe = None
     heldout: bool
 
     @cached_property
@@ -127,7 +123,7 @@ class ResidualEntry(Entry):
 
     @property
     def vector(self) -> tuple[float, ...]:
-        """Its numbers: up to three coordinates, one length, two of the image, or two angles."""
+        """Its numbers: up to three coordinates, one length, or two of the image."""
         (told,) = self._told.values()
         return told
 

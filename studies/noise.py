@@ -37,7 +37,6 @@ class NoiseEntry(Entry):
     usual_mm : between what arms of this size repeat by data sheets
     pixel_mm : of a pixel at the points read, where no reading is a length; lengths are then those of
         pixels at the points
-    unit : that in which is read what is no length: a pixel, or in its place a milliradian
     noise_scales : of several instruments those whose noise is other than the cell states
     """
 
@@ -52,7 +51,6 @@ class NoiseEntry(Entry):
     configuration_of: Owner | None
     usual_mm: tuple[NotNegative, NotNegative] | None
     pixel_mm: MaybePositive
-    unit: Literal["px", "mrad"]
     noise_scales: tuple[NoiseScale, ...]
 
     @property
@@ -126,29 +124,26 @@ def noise_fields(
             {"instrument": name, "times": s * noise.factor}
             for name, s in model.noise_scales.items()
         ],
-        **pixel_fields(model, footprint),
+        "pixel_mm": pixel_mm(model, footprint),
         "instrument_seen": scatter is not None and levels is not None and levels.instrument_seen,
         "configuration_of": found.of,
         "usual_mm": (found.usual.best * _MM, found.usual.worst * _MM),
     }
 
 
-def pixel_fields(model: Model, footprint: float) -> dict[str, Any]:
-    """Millimetres of a pixel at the points read, or of a milliradian; None beside any length.
+def pixel_mm(model: Model, footprint: float) -> float | None:
+    """Millimetres of a pixel at the points read; None beside any length.
 
     footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
     """
-    if model.readout.channels.metric:
-        return {"pixel_mm": None, "unit": "px"}
-    number = model.instruments[0].numbers[0]
-    return {"pixel_mm": footprint * number.scale * _MM, "unit": number.unit}
+    return None if model.readout.channels.metric else footprint * _MM
 
 
-def in_its_unit(sigma_mm: float, pixel_mm: float | None, unit: str) -> str:
+def in_its_unit(sigma_mm: float, pixel_mm: float | None) -> str:
     """A deviation in the unit that the instrument reads, and what that is at the points."""
     if pixel_mm is None:
         return mm(sigma_mm)
-    return f"{FOUR(sigma_mm / pixel_mm)} {unit} ({mm(sigma_mm)} at the points)"
+    return f"{FOUR(sigma_mm / pixel_mm)} px ({mm(sigma_mm)} at the points)"
 
 
 def noise_words(noise: NoiseEntry) -> list[str]:
@@ -162,12 +157,12 @@ def noise_words(noise: NoiseEntry) -> list[str]:
 
 
 def _instrument(noise: NoiseEntry) -> str:
-    sigma = in_its_unit(noise.sigma_mm, noise.pixel_mm, noise.unit)
+    sigma = in_its_unit(noise.sigma_mm, noise.pixel_mm)
     pixel = noise.pixel_mm
     believed = (
         MM(noise.believed_sigma_mm)
         if pixel is None
-        else f"{FOUR(noise.believed_sigma_mm / pixel)} {noise.unit}"
+        else f"{FOUR(noise.believed_sigma_mm / pixel)} px"
     )
     stated = f"the cell states {believed}"
     if not noise.scatters:

@@ -1,6 +1,6 @@
 """Where the arm meets what it touches: poses that are solved for, as none that is drawn lies there.
 
-A contact is a marker at a plane, a sphere or a socket whose place the cell gives.
+A contact is a marker at a plane or a socket whose place the cell gives.
 """
 
 from __future__ import annotations

@@ -85,6 +85,11 @@ _TAGS = frozenset(KINDS) | frozenset(
 )
 
 
+_INSTEAD = {
+    "angle": "points, which takes the point that the angles give",
+    "sphere": "plane or socket",
+}
+"""Kind of instrument that is none -> what to write in its place."""
 _PLAINLY = {
     "tuple_type": "should be a list of numbers in brackets",
     "list_type": "should be a list in brackets",
@@ -106,6 +111,7 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         of = problem.get("ctx", {}).get("discriminator", "type").strip("'")
         known = "box, sphere or halfspace" if of == "type" else ", ".join(sorted(KINDS))
+        known = _INSTEAD.get(str(problem.get("ctx", {}).get("tag")), known)
         return (
             f"{'has no known' if kind == 'union_tag_invalid' else 'lacks its'} {of}; write {known}"
         )

@@ -29,7 +29,7 @@ UNITS = {
 ANGLES, LENGTHS = UNITS["angle"], UNITS["length"]
 TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0), "sigma_urad": ("mrad", 1e-6)}
+SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
 """Standard deviations of single rows: unit of the numbers that they are of, and its size."""
 OTHERS = (
     "pose",

@@ -1,6 +1,5 @@
 """The instruments that posecal knows: one file each, all behind one protocol."""
 
-from calib.instruments.angle import Angle, AngleTable
 from calib.instruments.camera import ArmCamera, Camera, FixedCamera
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.channels import Channels, KnownDistance
@@ -10,19 +9,16 @@ from calib.instruments.points import TRACKER, PointsTable, Tracker
 from calib.instruments.pose import Pose, PoseTable
 from calib.instruments.protocol import CellParts, Instrument, KeysTable
 from calib.instruments.socket import Socket, SocketTable
-from calib.instruments.sphere import Sphere, SphereTable
 
 KINDS: dict[str, tuple[type[Instrument], type[KeysTable]]] = {
     own.kind: (own, table)
     for own, table in (
         (Tracker, PointsTable),
-        (Angle, AngleTable),
         (FixedCamera, CameraTable),
         (Distance, DistanceTable),
         (Plane, PlaneTable),
         (Pose, PoseTable),
         (Socket, SocketTable),
-        (Sphere, SphereTable),
     )
 }
 """Every kind as a cell names it: its class, and its keys in a cell, which make one."""
@@ -30,7 +26,6 @@ KINDS: dict[str, tuple[type[Instrument], type[KeysTable]]] = {
 __all__ = [
     "KINDS",
     "TRACKER",
-    "Angle",
     "ArmCamera",
     "Camera",
     "CellParts",
@@ -43,6 +38,5 @@ __all__ = [
     "Plane",
     "Pose",
     "Socket",
-    "Sphere",
     "Tracker",
 ]

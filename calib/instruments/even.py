@@ -107,7 +107,7 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
         found = instrument.linearise(values[..., :u], points[..., None, :])
         by_points = np.eye(3) if found.by_points is None else found.by_points
         J = np.concatenate([found.by_place, by_points @ lever[:, None]], axis=-1)
-        off = instrument.difference(measured, found.rows)
+        off = measured - found.rows
         off = off.reshape((*off.shape[:-3], -1)) / _MISSES
         r = np.concatenate([off, -offsets / _STRAYS], -1)
         held = np.pad(np.eye(free) / _STRAYS, ((0, 0), (u, 0)))

@@ -55,7 +55,7 @@ class ReadingColumn(NamedTuple):
     """
 
     name: str
-    quantity: Literal["length", "angle", "pixel", "ratio"]
+    quantity: Literal["length", "pixel", "ratio"]
     optional: bool = False
 
 
@@ -231,10 +231,6 @@ class Instrument(ABC):
     def entries_of(self, rows: Array) -> Array:
         """The way back."""
         return rows
-
-    def difference(self, measured: Array, predicted: Array) -> Array:
-        """What rows (..., r) are measured beyond those predicted, to first order linear in both."""
-        return measured - predicted
 
     @abstractmethod
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:

@@ -364,8 +364,7 @@ class Model:
 
     def off(self, values: Array, data: Measurements) -> Array:
         """What is measured beyond what is predicted, shape (..., m, C, r), zero where hidden."""
-        predicted = self.predict(values, data.poses)
-        return self.readout.difference(data.readings, predicted) * data.seen[..., None]
+        return (data.readings - self.predict(values, data.poses)) * data.seen[..., None]
 
     def footprint(self, values: Array, data: Measurements) -> float:
         """Metres to one unit of the readings: 1 where any is a length, else those of a pixel."""

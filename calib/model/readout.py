@@ -183,14 +183,6 @@ class Readout:
         own = rows[..., : instrument.rows]
         return self._at_stands(instrument, values, poses, beams, [(own, -3)], [-3])[0]
 
-    def difference(self, measured: Array, predicted: Array) -> Array:
-        """What readings (..., m, C, r) are measured beyond those predicted."""
-        parts = (
-            i.difference(measured[..., part, : i.rows], predicted[..., part, : i.rows])
-            for i, part in self.channels.blocks
-        )
-        return self._side_by_side(parts, -1)
-
     def _disturbing(self, instrument: Instrument) -> Iterator[tuple[ReadingEffect, slice]]:
         return ((e, part) for e, part in self.disturbing if e.changes(instrument))
 

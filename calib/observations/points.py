@@ -166,8 +166,7 @@ class Points(Observation):
 
     def residuals(self, predicted: Array) -> Array:
         """Weighted residuals, shape (..., m, r c)."""
-        off = self.model.readout.difference(self.data.readings, predicted)
-        return self.rows(off[..., None])[..., 0]
+        return self.rows((self.data.readings - predicted)[..., None])[..., 0]
 
     def rows(self, J: Array) -> Array:
         """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p).

@@ -13,7 +13,7 @@ from studies.entries import (
     DetectionLimitEntry,
     NotAskedEntry,
 )
-from studies.fitted import Angles, Estimated, Lengths, Pixels, ResidualEntry
+from studies.fitted import Estimated, Lengths, Pixels, ResidualEntry
 from studies.noise import NoiseEntry
 from studies.record import (
     OWN_UNIT,
@@ -154,7 +154,7 @@ class GapEntry(Entry):
         nothing was found or held out
     """
 
-    unit: Literal["mm", "mrad", "px"]
+    unit: Literal["mm", "px"]
     floor_mm: Annotated[Positive, OWN_UNIT]
     fit_before_mm: Annotated[NotNegative, OWN_UNIT]
     fit_after_mm: Annotated[NotNegative, OWN_UNIT]
@@ -217,7 +217,7 @@ class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
-    unit: Literal["mm", "mrad", "px"]
+    unit: Literal["mm", "px"]
     added: tuple[str, ...]
     rms_mm: tuple[NotNegative, ...]
 
@@ -264,7 +264,6 @@ class DiagnoseResidual(ResidualEntry):
     beside = "before"
     before_mm: Lengths | None = None
     before_px: Pixels | None = None
-    before_mrad: Angles | None = None
 
 
 class DiagnoseRecord(Record):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from studies.noise import pixel_fields
+from studies.noise import pixel_mm
 from studies.record import (
     OWN_UNIT,
     BeforeAfter,
@@ -35,7 +35,6 @@ class NoiseSoFar(Entry):
     sigma_mm: NotNegative
     source: Literal["cell", "replicates", "residual"]
     pixel_mm: MaybePositive
-    unit: Literal["px", "mrad"]
 
 
 class SeenElsewhere(Entry):
@@ -177,7 +176,7 @@ def enough_record(answer: Enough, planned: int, targets: str, made_from: Envelop
         noise=NoiseSoFar.from_result(
             answer,
             source="cell" if found is None else found.noise.source,
-            **pixel_fields(answer.model, answer.footprint),
+            pixel_mm=pixel_mm(answer.model, answer.footprint),
         ),
         lacking=LackingEntry.from_result(answer.lacking, seen=_seen(answer)),
         plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),

@@ -148,7 +148,7 @@ def _facts(record: EnoughRecord) -> Iterator[doc.Sentence]:
     noise = record.noise
     source = _SOURCES[noise.source]
     yield doc.Sentence(
-        f"{in_its_unit(noise.sigma_mm, noise.pixel_mm, noise.unit)} in each coordinate, {source}",
+        f"{in_its_unit(noise.sigma_mm, noise.pixel_mm)} in each coordinate, {source}",
         label="noise",
     )
     if record.reason:

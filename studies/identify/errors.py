@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from studies.document import FOUR, MRAD, Detail, Part, Sentence, Shown, Table, heads, listed
-from studies.fitted import Angles, Lengths, Pixels, ResidualEntry
+from studies.fitted import Lengths, Pixels, ResidualEntry
 from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Outlier, Three
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class IdentifyResidual(ResidualEntry):
     nominal_mm: Lengths | None = None
     nominal_px: Pixels | None = None
     at_px: Pixels | None = None
-    nominal_mrad: Three | Angles | None = None
+    nominal_mrad: Three | None = None
 
 
 def distances_entry(found: Identification, figure: Callable[[Array], float]) -> ErrorFigures:

@@ -24,7 +24,6 @@ from calib.instruments import (
     Plane,
     Pose,
     Socket,
-    Sphere,
     Tracker,
 )
 from calib.model.build import build, parse_effect
@@ -36,14 +35,13 @@ from studies.report.surroundings import (
     grid_lines,
     hull,
     hull_runs,
-    ring,
     whole_mm,
 )
 
 _NEAR = 3.0  # arm lengths; what stands farther from the middle is not drawn
 
 
-DROPPED = ("camera", "socket", "sphere", "wire", "instrument")
+DROPPED = ("camera", "socket", "wire", "instrument")
 """Kinds whose place on the floor is shown."""
 
 
@@ -281,14 +279,6 @@ def _common(names: Sequence[str]) -> str:
     return first[:same].rstrip("_-. ")
 
 
-def _sphere(sketch: _Sketch, instrument: Sphere, _: slice) -> Iterator[SceneObject]:
-    place = sketch.found.places.get(instrument.name)
-    if place is not None:
-        radius = float(place[3]) if instrument.radius is None else instrument.radius
-        lines, at, name = [ring(place[:3], radius)], place[None, :3], instrument.name
-        yield SceneObject("sphere", name, lines, at, at, name, abs(radius))
-
-
 def _plane(sketch: _Sketch, instrument: Plane, part: slice) -> Iterator[SceneObject]:
     place = sketch.found.places.get(instrument.name)
     if place is None:
@@ -324,7 +314,6 @@ _DRAWN: dict[type[Instrument], _Draw] = {
     ArmCamera: _arm_camera,
     Pose: _bodies,
     Socket: _sockets,
-    Sphere: _sphere,
     Plane: _plane,
     Distance: _wire,
     Instrument: _stand,  # of any other kind

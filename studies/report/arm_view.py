@@ -114,10 +114,6 @@ _SIGNS = {
     "board": (_path("arm-board", "M4 4h16v10h-16z"), "board"),
     "frame": (_path("arm-frame", "M6 14h11M6 14v-11M6 14l8 -6"), "body that is read"),
     "socket": (Markup('<circle class="arm-socket" cx="12" cy="9" r="5"/>'), "socket"),
-    "sphere": (
-        Markup('<circle class="arm-sphere" cx="12" cy="9" r="7"/>'),
-        "sphere that is touched",
-    ),
     "touched": (_path("arm-touched", "M2 13l6 -8h14l-6 8z"), "plane that is touched"),
     "wire": (_path("arm-wire", "M2 9h20"), "bar or wire, from its anchor"),
     "instrument": (Markup('<circle class="arm-instrument" cx="12" cy="9" r="5"/>'), "instrument"),
@@ -165,7 +161,7 @@ def _in_script(data: Any) -> Markup:
 CROSS = "m-6 -6l12 12m-12 0l12 -12"
 MARKER = 4.5  # px, radius
 DOT = {
-    "camera": 3.5, "board": 1.6, "frame": 3.0, "socket": 6.0, "sphere": 0.0, "touched": 1.5,
+    "camera": 3.5, "board": 1.6, "frame": 3.0, "socket": 6.0, "touched": 1.5,
     "wire": 4.0, "instrument": 6.0,
 }  # fmt: skip
 _JOINT = 4  # px, radius

@@ -12,7 +12,6 @@ from calib.arrays import Array
 from calib.effects import EFFECTS, Context
 from calib.effects.protocol import Effect
 from calib.instruments import (
-    Angle,
     ArmCamera,
     Distance,
     FixedCamera,
@@ -20,7 +19,6 @@ from calib.instruments import (
     Plane,
     Pose,
     Socket,
-    Sphere,
     Tracker,
 )
 from calib.instruments.detection import Board
@@ -120,8 +118,6 @@ def scene(seed: int, count: int) -> Scene:
         ArmCamera(name="eye", markers=(5, 6, 7) * 11, boards=boards, **given),
         Distance(name="bar", markers=(0, 1), sigma=2e-5, offset=True),
         Plane(name="table", markers=(0, 1), sigma=2e-5),
-        Sphere(name="ball", markers=(0, 1), sigma=2e-5),
-        Angle(name="theodolite", markers=(0, 1), sigma=2e-5),
         Socket(name=SITES[0], markers=(0, 1), sigma=2e-5, sites=SITES),
     )
     context = Context(
@@ -140,10 +136,8 @@ def scene(seed: int, count: int) -> Scene:
         "mocap:base": rng.normal(size=6),
         "wall": place_of(wall),
         "eye": ahead,
-        "theodolite": place_of(inverse(tip @ turned_to(rng, np.zeros(3)) @ framed(rng))),
         "bar": np.array([*(tip[:3, 3] + [1.0, -0.6, 0.3]), 0.1]),
         "table": np.array([0.3, -0.2, 0.4]),
-        "ball": np.array([*(tip[:3, 3] + [0.5, 0.4, -0.9]), 0.3]),
     }
     places |= {name: tip[:3, 3] + rng.uniform(-0.2, 0.2, 3) for name in SITES}
     return Scene(context, poses, places)

@@ -179,11 +179,6 @@ def plane(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
     return _gauged(rng, scene, "plane", lambda x, c, n: (x - c) @ n)
 
 
-def sphere(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
-    """Gauges about spheres of unknown radius."""
-    return _gauged(rng, scene, "sphere", lambda x, c, _: np.linalg.norm(x - c, axis=-1) - 0.1)
-
-
 def _gauged(
     rng: np.random.Generator,
     scene: Scene,
@@ -218,5 +213,5 @@ def socket(rng: np.random.Generator, scene: Scene) -> tuple[str, list[Row]]:
 
 READERS: dict[str, Read] = {
     "points": points, "pose": pose, "camera": camera, "distance": distance, "plane": plane,
-    "sphere": sphere, "socket": socket,
+    "socket": socket,
 }  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib.files.write_tables import measurements_csv
-from calib.instruments import Distance, KnownDistance, Plane, Socket, Sphere
+from calib.instruments import Distance, KnownDistance, Plane, Socket
 
 URDF = """<robot name="r"><link name="base"/><link name="tip"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="tip"/><origin xyz="0.3 0 0.2"/>
@@ -35,10 +35,6 @@ sigma_mm = 0.3
 [instruments.table]
 kind = "plane"
 sigma_mm = 0.01
-[instruments.dome]
-kind = "sphere"
-sigma_mm = 0.02
-radius_mm = 25
 [[known_distances]]
 between = ["left", "right"]
 mm = 50.0
@@ -52,7 +48,6 @@ b,wire,ball,20,321.5
 c,right,ball,30,
 d,table,ball,40,
 e,table,ball,50,0.25
-f,dome,ball,60,
 """
 
 
@@ -67,22 +62,21 @@ def test_cell_and_table(tmp_path: Path) -> None:
     """Sockets are one instrument at several sites; an empty gauge reads nothing."""
     path, table = written(tmp_path)
     cell = calib.load_cell(path)
-    wire, plane, dome, sockets = cell.instruments
+    wire, plane, sockets = cell.instruments
     assert isinstance(wire, Distance)
     assert wire.known
     assert wire.anchor is not None
     np.testing.assert_allclose(wire.anchor, [0.1, 0.0, 0.0])
     assert [u.name for u in wire.unknowns] == ["offset"]
     assert isinstance(plane, Plane)
-    assert isinstance(dome, Sphere)
-    assert (plane.sigma, dome.radius) == pytest.approx((1e-5, 0.025))
+    assert plane.sigma == pytest.approx(1e-5)
     assert isinstance(sockets, Socket)
     assert sockets.sites == ("left", "right")
     assert cell.known_distances == (KnownDistance(("left", "right"), 0.05, pytest.approx(5e-5)),)
     data = calib.load_measurements(cell, table)
     assert data.poses.site is not None
-    assert data.poses.site.tolist() == ["left", "", "right", "", "", ""]
-    assert data.seen.sum(axis=0).tolist() == [1, 2, 1, 2]
+    assert data.poses.site.tolist() == ["left", "", "right", "", ""]
+    assert data.seen.sum(axis=0).tolist() == [1, 2, 2]
     np.testing.assert_allclose(data.readings[[1, 4], [0, 1], 0], [0.3215, 0.00025])
     assert np.count_nonzero(data.readings) == 2
     table.write_text(measurements_csv(cell, data))
@@ -97,7 +91,7 @@ def test_places_are_unknown_though_the_model_has_no_base(tmp_path: Path) -> None
     assert [i for i in ids if i.startswith("base:")] == [
         "base:wire.offset",
         *(f"base:table.{c}" for c in ("rx", "ry", "height")),
-        *(f"base:{name}.{c}" for name in ("dome", "left", "right") for c in "xyz"),
+        *(f"base:{name}.{c}" for name in ("left", "right") for c in "xyz"),
     ]
 
 
@@ -107,8 +101,8 @@ def test_places_are_unknown_though_the_model_has_no_base(tmp_path: Path) -> None
         ('between = ["left", "right"]', 'between = ["left", "wire"]', "not two sockets or two"),
         ('between = ["left", "right"]', 'between = ["left", "left"]', "not two sockets or two"),
         ('kind = "plane"', 'kind = "plain"', "instruments.table"),
-        ("radius_mm = 25", "radius_mm = -25", "instruments.dome.radius_mm"),
-        ("sigma_mm = 0.01", "sigma_mm = 0.01\nradius_mm = 1", "instruments.table.radius_mm"),
+        ('kind = "plane"', 'kind = "sphere"', "has no known kind; write plane or socket"),
+        ("sigma_mm = 0.01", "sigma_mm = 0.01\nreach_mm = 1", "instruments.table.reach_mm"),
     ],
 )
 def test_faults_of_the_cell(tmp_path: Path, old: str, new: str, said: str) -> None:

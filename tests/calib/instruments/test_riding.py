@@ -114,7 +114,6 @@ def test_a_camera_on_the_head_tells_what_lies_between_it_and_the_hand(tmp_path: 
 KINDS = {
     "points": 'kind = "points"\nsigma_mm = 0.01',
     "distance": 'kind = "distance"\nsigma_mm = 0.01\nanchor_mm = [20, 10, 30]\noffset = true',
-    "angle": 'kind = "angle"\nsigma_urad = 5',
     "pose": 'kind = "pose"\nsigma_mm = 0.01\nsigma_urad = 20',
 }
 

@@ -1,4 +1,4 @@
-"""Sockets, distances, planes and spheres: derivatives, rank, and the scatter that the covariance says.
+"""Sockets, distances and planes: derivatives, rank, and the scatter that the covariance says.
 
 The truth is plain numpy: a chain, surfaces and contacts that share no code with the estimator. A
 contact is made by moving the joints until the marker is where it belongs, its noise aside.
@@ -15,7 +15,7 @@ import pytest
 import calib
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket, Sphere
+from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket
 from calib.model.build import build
 from calib.poses import Measurements, poses_at
 from tests.calib.instruments.test_slot import (
@@ -79,10 +79,6 @@ def plane(p: Array, place: Array, site: Array) -> Array:
     return (p @ normal_of(place[:2]) - place[2])[:, None]
 
 
-def sphere(p: Array, place: Array, site: Array) -> Array:
-    return (length(p - place[:3]) - (place[3] if len(place) > 3 else 0.25))[:, None]
-
-
 FLAT = np.array([*TILT, 0.35])
 KINDS = {
     "distance": Kind(Distance(name="own", sigma=SIGMA), CENTRE, distance),
@@ -96,10 +92,6 @@ KINDS = {
     ),
     "gauge over a plane": Kind(Plane(name="own", sigma=SIGMA), FLAT, plane),
     "plane": Kind(Plane(name="own", sigma=SIGMA), FLAT, plane, touched=True),
-    "gauge over a sphere": Kind(Sphere(name="own", sigma=SIGMA, radius=0.25), CENTRE, sphere),
-    "sphere": Kind(
-        Sphere(name="own", sigma=SIGMA), np.array([*CENTRE, 0.25]), sphere, touched=True
-    ),
     "sockets": Kind(
         Socket(name="a", sigma=SIGMA, sites=("a", "b")),
         np.array([0.5, 0.2, 0.6, -0.4, 0.3, 0.2]),

@@ -14,7 +14,7 @@ import calib
 import doe
 from calib import Cell
 from calib.arrays import Array
-from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket, Sphere
+from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket
 from calib.instruments.plane import place_of
 from calib.poses import poses_at
 from doe.constraints import constraints_of, scene_of, visible
@@ -27,15 +27,13 @@ from tests.helpers import all_seen, cell_of
 ONE = np.array([[0.10, 0.02, -0.05]])
 SIGMA = 2e-5
 LIMITS = np.tile([-2.0, 2.0], (4, 1))
-MIDDLE, RADIUS = np.array([0.3, -0.2, 0.4]), 0.25
+MIDDLE = np.array([0.3, -0.2, 0.4])
 NORMAL = np.array([0.2, -0.3, 0.9])
 SITES = points_of(
     arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), np.zeros(3), ONE
 )[:, 0]
 APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
 SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
-SPHERE = Sphere(name="ball", sigma=SIGMA, radius=RADIUS, standing=MIDDLE[None])
-UNKNOWN = Sphere(name="ball", sigma=SIGMA, standing=np.array([[*MIDDLE, RADIUS]]))
 PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
 
 
@@ -53,18 +51,12 @@ def to_plane(p: Array, site: Array) -> Array:
     return ((p - MIDDLE) @ NORMAL / np.sqrt(NORMAL @ NORMAL))[:, None]
 
 
-def to_sphere(p: Array, site: Array) -> Array:
-    return (np.sqrt(((p - MIDDLE) ** 2).sum(axis=1)) - RADIUS)[:, None]
-
-
 def to_socket(p: Array, site: Array) -> Array:
     return p - SITES[site]
 
 
 KINDS = {
     "sockets": (cell_with(SOCKETS, lengths=(KnownDistance(("a", "b"), APART, 1e-5),)), to_socket),
-    "sphere": (cell_with(SPHERE), to_sphere),
-    "sphere of unknown radius": (cell_with(UNKNOWN), to_sphere),
     "plane": (cell_with(PLANE), to_plane),
 }
 
@@ -140,17 +132,15 @@ def test_a_pose_is_read_by_what_it_touches_alone() -> None:
 
 
 def test_levels_are_kept_while_the_others_move() -> None:
-    cell = cell_with(replace(SPHERE, standing=SITES[:1]))
-    q = planned(cell, poses=None, levels="j2=-40,-20x6").poses.q
+    q = planned(cell_with(PLANE), poses=None, levels="j2=-40,-20x6").poses.q
     assert set(np.round(np.degrees(q[:, 1]), 6)) == {-40.0, -20.0}
-    away = np.sqrt(((at(q) - SITES[0]) ** 2).sum(axis=1))
-    assert np.abs(away - RADIUS).max() < 1e-6
+    assert np.abs(to_plane(at(q), q)).max() < 1e-6
 
 
 def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:
     with pytest.raises(calib.CalibError, match=r"give position_mm of a, b in the base's frame"):
         planned(cell_with(replace(SOCKETS, standing=None)))
-    far = cell_with(replace(SPHERE, standing=np.array([[50.0, 0.0, 0.0]])))
+    far = cell_with(replace(PLANE, standing=place_of(50.0 * NORMAL, NORMAL)[None]))
     contact = next(own for own in constraints_of(far) if own.name == "contact")
     assert not contact.allows(scene_of(far, next(drawn(far, 64, None, 0)).q)).any()
     with pytest.raises(calib.CalibError, match="touches nothing to"):

@@ -12,7 +12,7 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.arrays import Array
-from calib.instruments import Distance, Plane, Pose, Socket, Sphere, Tracker
+from calib.instruments import Distance, Plane, Pose, Socket, Tracker
 from calib.poses import Measurements, poses_at
 from doe.constraints import scene_of
 from studies.report.arm_instruments import InstrumentPlaces, fixtures, within
@@ -105,7 +105,6 @@ def touched(kr270: Cell) -> Cell:
         instruments=(
             Distance(name="wire", anchor=np.array([1.5, 1.0, 0.1]), known=True, **alone),
             Plane(name="table", **alone),
-            Sphere(name="dome", radius=0.2, **alone),
             Socket(name="pair_0", sites=("pair_0", "pair_1", "other"), **alone),
             Tracker(name="tracker", **alone),
         ),
@@ -114,7 +113,6 @@ def touched(kr270: Cell) -> Cell:
 
 PLACES = {
     "table": np.array([0.3, -0.2, 0.4]),
-    "dome": np.array([1.0, -1.0, 0.8]),
     "pair_0": np.array([1.0, 0.5, 0.2]),
     "pair_1": np.array([1.05, 0.5, 0.2]),
     "other": np.array([1.0, -0.5, 0.2]),
@@ -133,10 +131,6 @@ def test_what_is_touched(touched: Cell, table_two: Poses) -> None:
     normal = np.array([-0.2 * np.sin(turn), -0.3 * np.sin(turn), np.cos(turn) * turn]) / turn
     for line in map(mm, drawn["table"].lines):
         np.testing.assert_allclose(line @ normal, 400.0, atol=2.0 * HALF)
-    (level,) = map(mm, drawn["dome"].lines)
-    away = np.linalg.norm(level[0] - [1000, -1000, 800], axis=1)
-    np.testing.assert_allclose(away, 200.0, atol=2.0 * HALF)
-    assert drawn["dome"].radius == 0.2
     words = {name: drawn[name].words for name in ("pair_0", "pair_1", "other")}
     assert words == {"pair_0": "pair", "pair_1": "", "other": "other"}
     # The base turned by 90 deg about z stands at (0.4, -0.1, 3) in the tracker's frame.
@@ -144,9 +138,9 @@ def test_what_is_touched(touched: Cell, table_two: Poses) -> None:
 
 
 def test_a_wire_goes_where_it_is_read(touched: Cell, table_two: Poses) -> None:
-    seen = np.zeros((15, 5), dtype=bool)
+    seen = np.zeros((15, 4), dtype=bool)
     seen[2, 0] = True
-    data = Measurements(table_two, np.zeros((15, 5, 3)), seen, np.full((15, 5), np.nan))
+    data = Measurements(table_two, np.zeros((15, 4, 3)), seen, np.full((15, 4), np.nan))
     found = scene(replace(touched, effects=("joint_offset",)), data)
     (line,) = by_name(found)["wire"].lines
     assert ((line[:, 0] != line[:, 1]).any(axis=1) == seen[:, 0]).all()
@@ -155,18 +149,18 @@ def test_a_wire_goes_where_it_is_read(touched: Cell, table_two: Poses) -> None:
 
 def test_what_stands_far_off_is_told(kr270: Cell, touched: Cell, table_two: Poses) -> None:
     places = scene_of(touched, table_two.q)
-    away = InstrumentPlaces({**PLACES, "dome": np.array([30.0, 40.0, 0.0])}, touched.markers)
+    away = InstrumentPlaces({**PLACES, "other": np.array([30.0, 40.0, 0.0])}, touched.markers)
     drawn = tuple(fixtures(touched, table_two, places, away, 2.5))
     frame = scene(kr270, table_two).around.frame
     kept, beyond, wider = within(drawn, frame, 2500.0)
-    assert beyond == {"dome": pytest.approx(50.0)}
-    assert "dome" not in {own.name for own in kept}
+    assert beyond == {"other": pytest.approx(50.0)}
+    assert "other" not in {own.name for own in kept}
     ends = np.concatenate([frame, *(np.rint(mm(own.dots)).reshape(-1, 3) for own in kept)])
     assert (wider.min(axis=0) <= ends.min(axis=0)).all()
     assert (wider.max(axis=0) >= ends.max(axis=0)).all()
     assert np.abs(wider).max() < 10_000
     shown = replace(scene(kr270, table_two), beyond=beyond)
-    assert "Not in the picture: dome stands 50.0 m from the base." in str(figure_html(shown))
+    assert "Not in the picture: other stands 50.0 m from the base." in str(figure_html(shown))
 
 
 def test_a_body_is_its_three_axes(kr270: Cell, table_two: Poses) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,7 +45,6 @@ class Enough(Result):
     lacking : ErrorFloor, what no reading of these poses lowers
     fresh : tuple of ForecastStep, poses beyond the plan until the goal is reached; empty where not
         asked
-    fresh_q : ndarray, shape (n, dof), rad or m, their joint values
     """
 
     model: Model
@@ -58,7 +57,6 @@ class Enough(Result):
     goal: float | None
     lacking: ErrorFloor
     fresh: tuple[ForecastStep, ...]
-    fresh_q: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def sentences(self) -> list[str]:
         if self.found is None:
@@ -133,7 +131,6 @@ def enough(
     *,
     heldout: Measurements | None = None,
     goal: float | None = None,
-    fresh: int = 0,
     seed: int = 0,
 ) -> Enough:
     """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
@@ -142,7 +139,6 @@ def enough(
     plan : the plan that is being measured, None for the data alone
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
-    fresh : so many poses beyond the plan are chosen whatever the goal
     seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
@@ -168,18 +164,16 @@ def enough(
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
-    unasked = not fresh and (goal is None or known_after_all)
-    if unasked or any(e.uses for e in model.effects):
+    if goal is None or known_after_all or any(e.uses for e in model.effects):
         return result
-    q = _fresh(day, task, fresh, seed)
+    q = _fresh(day, task, seed)
     if not len(q):
         return result
     names = [f"fresh{k + 1}" for k in range(len(q))]
     further = Day.of(at, *whole_day(cell, read, named(q)), found)
     _, *beyond = further.steps(task, range(len(q)), names)
     met = [k + 1 for k, step in enumerate(beyond) if result.reaches(step)]
-    count = len(q) if fresh or not met else met[0]
-    return replace(result, fresh=tuple(beyond[:count]), fresh_q=q[:count])
+    return replace(result, fresh=tuple(beyond[: met[0]] if met else beyond))
 
 
 def _linearised(
@@ -274,10 +268,10 @@ class Day:
         return Accuracy.of(task.targets, rows, task.model.sizes)
 
 
-def _fresh(day: Day, task: TaskError, fresh: int, seed: int) -> Array:
+def _fresh(day: Day, task: TaskError, seed: int) -> Array:
     """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
     q = day.forecast.feasible(_CANDIDATES, seed)
     if not len(q):
         return q
     offer, every = day.forecast.offered(q), np.full(len(day.pose), True)
-    return offer.q[day.accuracy(task, every).greedy(offer, fresh or _MOST_FRESH)]
+    return offer.q[day.accuracy(task, every).greedy(offer, _MOST_FRESH)]

@@ -17,8 +17,6 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, in_parts
 from calib.cell import Cell, Load
-from calib.identification import Identification
-from calib.instruments import Camera
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.poses import Measurements, Poses
@@ -133,14 +131,6 @@ class Forecast(Linearisation):
         x, y, z = load.com if load.mass else load.lever
         tilt = np.pi / 2 if self.cell.load is None else self.cell.load.max_tilt
         return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
-
-
-def as_found(cell: Cell, after: Identification) -> Cell:
-    """The cell with its cameras where they were found: what they see of other poses hangs on that."""
-    if not any(isinstance(i, Camera) for i in cell.instruments):
-        return cell
-    placed = after.model.readout.placed(cell.instruments, after.values)
-    return replace(cell, instruments=placed, markers=after.model.marker_positions(after.values))
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,7 +103,7 @@ def test_what_is_enough_knows_them(plain: Cell, stated: Cell, plan: doe.Design) 
     truth = np.zeros(len(model.parameters))
     poses = poses_at(q, names=[f"p{i}" for i in range(len(q))])
     data = drawn_readings(model, truth, poses, plain.noise, np.random.default_rng(0))
-    now = doe.enough(stated, data, fresh=1)
+    now = doe.enough(stated, data, goal=1e-9)
     step, further = now.steps[0], now.fresh[0]
     assert step.common == pytest.approx(plan.assessment.common, rel=0.01)
     assert step.task_rms == pytest.approx(

@@ -22,7 +22,7 @@ from studies.research.fuzz_days.day import Day, draw_day
 _LONGEST = 1100  # characters of a line that says what is wrong
 _SECONDS = 90  # that a command of a small day may take
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(nan|inf)(?![\w.])", re.IGNORECASE)
-_RARELY = {"diagnose": 0.05, "compare": 0.05, "next": 0.04, "design": 0.07, "enough": 0.07,
+_RARELY = {"diagnose": 0.05, "compare": 0.05, "design": 0.07, "enough": 0.07,
            "compensate": 0.15, "changes": 0.07, "report": 0.05}  # fmt: skip
 
 
@@ -58,7 +58,6 @@ def _calls(rng: np.random.Generator, plain: bool) -> Iterator[list[str]]:
     further = {
         "diagnose": [*data, "--json", "diagnosed.json"],
         "enough": [*data, "--json", "enough.json"],
-        "next": [*data, "--json", "next.json"],
         "design": [
             "cell.toml",
             "--poses",

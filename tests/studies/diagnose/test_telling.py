@@ -177,14 +177,14 @@ def test_what_remains_is_said_with_whose_it_is(
 
 def test_two_causes_are_told_apart_by_a_plan_where_poses_can() -> None:
     both = [likely("joint_compliance", "A2"), likely("bearing_compliance", "A2")]
-    one = effect("joint_compliance", "A2", [], **{"class": both})
+    one = effect("joint_compliance", "A2", [], **{"class": both, "standing": "one_of"})
     said = " ".join(" ".join(shown(diagnosed(verdict="ambiguous", effects=[one]))).split())
     assert (
         "`posecal design CELL --extend DATA --poses 8 --discriminate "
         "joint_compliance:A2,bearing_compliance:A2`" in said.replace(", ", ",")
     )
     drifts = [likely("base_drift", "base"), likely("tracker_drift", "instrument")]
-    one = effect("base_drift", "base", [], **{"class": drifts})
+    one = effect("base_drift", "base", [], **{"class": drifts, "standing": "one_of"})
     assert "--extend" not in " ".join(shown(diagnosed(verdict="ambiguous", effects=[one])))
 
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated
-
-import numpy as np
 
 from studies import document as doc
 from studies.document import Sentence, Shown, listed, mm
-from studies.entries import JointValues, read_joints, shown_joints
+from studies.entries import JointValues, shown_joints
 from studies.record import Count, Entry, From, Maybe, NotNegative, Number
 
 if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
     from doe.day.day import PlannedDay
 
 _MINUTE = 60.0
@@ -116,27 +112,6 @@ def day_entry(day: PlannedDay) -> DayEntry:
         followed=sorted({way.follows for way in day.ways} - {""}),
         visited=() if day.stops is day.poses else names,
     )
-
-
-def ways_in_turn(
-    day: DayEntry | None, moves: Mapping[str, LastMove | None], robot: Robot, q: Array
-) -> list[tuple[str, Array]]:
-    """The poses in the order in which they are visited, and points (k, dof) on the way to each.
-
-    moves : the last move to each of m poses in their order, None where none is prescribed
-    q : ndarray, shape (m, dof), rad or m, where they stand
-    """
-    if day is None:
-        return []
-    around, at = {way.end: way.points for way in day.others}, dict(zip(moves, q, strict=True))
-    visits = [(stop.rpartition("_")[0], stop) for stop in day.visited] or [(p, p) for p in moves]
-    found = []
-    for pose, stop in visits:
-        points, move = [read_joints(robot, own) for own in around.get(stop, ())], moves[pose]
-        if move is not None and not points:
-            points = [at[pose] - read_joints(robot, move)]
-        found.append((pose, np.array(points).reshape(-1, robot.dof)))
-    return found
 
 
 def told(day: DayEntry) -> Iterator[Sentence]:

@@ -230,7 +230,7 @@ def _targets(record: ChangesRecord) -> Iterator[doc.Part]:
         f"come from the parameters. The worst target is {record.worst_at}"
     )
     yield doc.Table(_TARGETS, [*rows, today], "Errors at the targets", caption)
-    yield doc.Figure(lambda: errors_at_targets(record), highlight=False)
+    yield doc.Figure(lambda: errors_at_targets(record))
 
 
 _NARROWEST = 3.0  # standard deviations to either side

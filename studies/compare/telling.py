@@ -80,7 +80,7 @@ def _parts(record: CompareRecord) -> Iterator[doc.Part]:
         yield from _by_approach(record.plans[0], record.trials > 1)
     else:
         yield from _by_plan(record)
-    yield from (doc.Figure(draw, highlight=False) for draw in pictures(record))
+    yield from (doc.Figure(draw) for draw in pictures(record))
     yield from (doc.Sentence(note, "note", "note") for note in record.notes)
 
 

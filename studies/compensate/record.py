@@ -198,7 +198,7 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     columns = doc.heads(place, "RMS [mm]", "p95 [mm]", "max [mm]")
     yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
     yield from _ways(record)
-    yield doc.Figure(lambda: errors_by_target(record), highlight=False)
+    yield doc.Figure(lambda: errors_by_target(record))
     yield from _limited(record)
     joints = joint_columns(record.targets)
     commands = doc.columns(Target, "pose", *joints, "before_mm expected_mm")

@@ -69,7 +69,7 @@ def _parts(record: DesignRecord) -> Iterator[doc.Part]:
     yield from _losses(record)
     yield from _facts(record)
     yield from loads_told(record.load_schedules)
-    yield doc.Table(_poses(record), record.poses, "Poses, in the order of measuring", of_poses=True)
+    yield doc.Table(_poses(record), record.poses, "Poses, in the order of measuring")
     yield from _determined(record)
     if record.against:
         yield _plans(record)

@@ -59,9 +59,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[doc.Part]:
     if record.refused:
         yield doc.Sentence("Found, but not sure enough to be named:")
         yield doc.Table(_REFUSED, list(_refused(record.refused)), "Causes not named")
-    yield doc.Table(
-        _OUTLIERS, record.outliers, "Poses left out", of_poses=True, most=_MOST_OUTLIERS
-    )
+    yield doc.Table(_OUTLIERS, record.outliers, "Poses left out", most=_MOST_OUTLIERS)
     yield from _notes(record)
 
 

@@ -253,7 +253,6 @@ class Table(Generic[S]):
     """Rows by columns.
 
     name : what it is called where it is folded, and for those who do not see it
-    of_poses : whether the first column names poses of the data or the plan
     most : rows that the terminal shows of many, None for all
     fold : whether the page folds it; None for where it is long
     paper : whether it is printed even where it is folded
@@ -263,7 +262,6 @@ class Table(Generic[S]):
     rows: Sequence[S]
     name: str = ""
     caption: str = ""
-    of_poses: bool = False
     most: int | None = None
     fold: bool | None = None
     paper: bool = False
@@ -274,12 +272,10 @@ class Figure:
     """A picture, drawn when it is wanted: on the page, and for --figures.
 
     numbers : whether its numbers stand folded below it
-    highlight : whether the page highlights its poses; plans side by side call theirs alike
     """
 
     draw: Callable[[], Picture]
     numbers: bool = True
-    highlight: bool = True
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count, groupby
 from operator import itemgetter
@@ -26,7 +26,7 @@ from studies.document import (
     Table,
     plural,
 )
-from studies.plots.style import POSE, Picture, svg_text
+from studies.plots.style import Picture, svg_text
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -60,20 +60,17 @@ class Writer:
         """One for a page of its own."""
         return cls(template("studies.document", "parts.html.j2").module, count())
 
-    def section(self, section: Section, highlight: Mapping[str, str]) -> Markup:
-        """The parts of a section.
+    def section(self, section: Section) -> Markup:
+        """The parts of a section."""
+        return self._parts(section.parts)
 
-        highlight : pose -> the name under which the page highlights it
-        """
-        return self._parts(section.parts, highlight)
-
-    def _parts(self, parts: Iterable[Part], highlight: Mapping[str, str]) -> Markup:
+    def _parts(self, parts: Iterable[Part]) -> Markup:
         found = []
         for kind, group in groupby(parts, type):
             if kind is Sentence:
                 found.append(self._sentences(group))  # type: ignore[arg-type]
             else:
-                found += [self._part(part, highlight) for part in group]
+                found += [self._part(part) for part in group]
         return Markup("\n").join(found)
 
     def _sentences(self, sentences: Iterable[Sentence]) -> Markup:
@@ -91,18 +88,18 @@ class Writer:
         made: Markup = self.macros.sentences(plain, labelled)
         return made
 
-    def _part(self, part: Part, highlight: Mapping[str, str]) -> Markup:
+    def _part(self, part: Part) -> Markup:
         if isinstance(part, Table):
             if not part.rows:
                 return Markup()
-            table = self._table(part, highlight)
+            table = self._table(part)
             name = f"{part.name or part.caption} ({len(part.rows)})"
             fold = len(part.rows) > _FOLDED if part.fold is None else part.fold
             return self._folded(name, table, part.paper) if fold else table
         if isinstance(part, Figure):
-            return self._figure(part, highlight)
+            return self._figure(part)
         if isinstance(part, Detail):
-            inner = self._parts(part.parts, highlight)
+            inner = self._parts(part.parts)
             return self._folded(part.title, inner) if part.title else inner
         if isinstance(part, Lines):
             return Markup("<pre>{}</pre>").format(part.text)
@@ -114,28 +111,23 @@ class Writer:
         made: Markup = self.macros.folded(title, inner, paper)
         return made
 
-    def _table(self, table: Table[Any], highlight: Mapping[str, str]) -> Markup:
+    def _table(self, table: Table[Any]) -> Markup:
         right = [column.rule.number for column in table.columns]
         cells = [[_cell(column, row) for column in table.columns] for row in table.rows]
-        poses = [highlight.get(row[0], row[0]) if table.of_poses else None for row in cells]
         heads = [_head(column) for column in table.columns]
         can_sort = len(cells) > _SORTED and bool(heads[0])
         label = table.caption or table.name or "table"
-        made: Markup = self.macros.table(heads, right, cells, poses, table.caption, label, can_sort)
+        made: Markup = self.macros.table(heads, right, cells, table.caption, label, can_sort)
         return made
 
-    def _figure(self, figure: Figure, highlight: Mapping[str, str]) -> Markup:
+    def _figure(self, figure: Figure) -> Markup:
         picture = figure.draw()
-        drawn = inline_svg(
-            picture, f"f{next(self.numbers)}", highlight if figure.highlight else None
-        )
+        drawn = inline_svg(picture, f"f{next(self.numbers)}")
         below = Markup()
         if figure.numbers and picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
             columns = plain_columns(picture.header, picture.rows)
-            of_poses = figure.highlight and picture.header[0] == "pose"
-            numbers = Table(columns, picture.rows, title, of_poses=of_poses)
-            below = self._folded(title, self._table(numbers, highlight))
+            below = self._folded(title, self._table(Table(columns, picture.rows, title)))
         broad = picture.figure.get_figwidth() > _BROAD
         made: Markup = self.macros.figure(picture.title, picture.caption, drawn, below, broad)
         return made
@@ -257,16 +249,15 @@ _LARGEST = 1.3  # of its width, to which it grows where there is room
 _COLOURED = ("style", "fill", "stroke")
 
 
-def inline_svg(picture: Picture, key: str, names: Mapping[str, str] | None) -> Markup:
+def inline_svg(picture: Picture, key: str) -> Markup:
     """The figure as an element of the page, labelled by its title and caption.
 
     key : str, begins the identifiers in it; one of its own for each figure of a page
-    names : pose -> the name under which it is highlighted; None where none is
     """
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
     root = ET.fromstring(svg_text(picture))  # noqa: S314
-    _clean(root, key, names)
+    _clean(root, key)
     width, height = (float(root.attrib.pop(key).removesuffix("pt")) for key in ("width", "height"))
     root.set("class", "plot")
     root.set("role", "img")
@@ -286,7 +277,7 @@ def _themed(grey: re.Match[str]) -> str:
     return next(name for most, name in _THEMED if lightness <= most)
 
 
-def _clean(root: ET.Element, key: str, names: Mapping[str, str] | None) -> None:
+def _clean(root: ET.Element, key: str) -> None:
     """Names of elements that are unique on the page, none that nobody refers to, no metadata."""
     for tag in ("metadata", "title", "desc"):
         for element in root.findall(f"{{{_SVG}}}{tag}"):
@@ -299,11 +290,7 @@ def _clean(root: ET.Element, key: str, names: Mapping[str, str] | None) -> None:
                 referred.add(value[1:])
     for element in root.iter():
         own = element.attrib.pop("id", None)
-        if own is not None and own.startswith(POSE):
-            pose = own.removeprefix(POSE)
-            if names is not None:
-                element.set("data-pose", names.get(pose, pose))
-        elif own in referred:
+        if own in referred:
             element.set("id", f"{key}-{own}")
         for attribute, value in element.attrib.items():
             if attribute in _COLOURED:

@@ -116,7 +116,7 @@ def drift_section(drift: DriftEntry | None, effects: Collection[str]) -> Iterato
          own.rotation_urad, _rms(own.rotation_std_urad), own.length_um, own.p_value)
         for one in drift.references for own in one.moved
     ]  # fmt: skip
-    table = doc.Table(_AGAIN, rows, "Poses read again", of_poses=True, most=_MOST)
+    table = doc.Table(_AGAIN, rows, "Poses read again", most=_MOST)
     yield doc.Section(
         "drift", "Did the setup move between repeated poses?", (table, *_moved(drift, effects))
     )

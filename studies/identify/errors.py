@@ -170,7 +170,7 @@ def told_outliers(
     if not rows:
         yield Detail((Sentence("No pose was rejected.", "good"),))
         return
-    yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", True, _MOST)
+    yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", most=_MOST)
     if share is not None:
         yield Detail((Sentence(_shared(share), "warn"),))
 

@@ -156,9 +156,7 @@ def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
     yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
     if record.rms_mm.heldout is not None:
         yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
-    yield doc.Detail(
-        (doc.Table(_POSES, _by_pose(record), "Errors pose by pose", of_poses=True, fold=True),)
-    )
+    yield doc.Detail((doc.Table(_POSES, _by_pose(record), "Errors pose by pose", fold=True),))
 
 
 def _models(record: IdentifyRecord) -> Iterator[tuple[Any, ...]]:

@@ -60,7 +60,7 @@ def before_and_after(
         value, *ends = np.maximum(values, _LEAST)[None] if values.ndim == 1 else values
         if ends:
             panel.vlines(at, *ends, color=look.color, linewidth=0.8, alpha=0.5)
-        style.dots(panel, names, at, value, **look.mark, markersize=5.0)
+        style.dots(panel, at, value, **look.mark, markersize=5.0)
         handles.append(style.key_of(look))
         every.append(value[np.isfinite(value)])
     if level is not None:

@@ -59,9 +59,7 @@ def by_pose_and_axis(
             aside = 0.55 * ((place + 0.5) / len(marker_names) - 0.5)
             at: Array = np.arange(m, dtype=np.float64) + aside
             mark: Any = {"color": look[marker].color, "marker": look[marker].marker}
-            style.dots(
-                panel, pose_names, at, of_axis[:, place], markersize=4.5 if m <= 40 else 3.0, **mark
-            )
+            style.dots(panel, at, of_axis[:, place], markersize=4.5 if m <= 40 else 3.0, **mark)
             _flag(panel, at, of_axis[:, place], flagged[:, place], limit)
     style.pose_ticks(panels[-1], pose_names)
     panels[-1].set_xlabel("pose")
@@ -149,7 +147,6 @@ _NOISE = style.Look("noise alone", style.INK, "", style.DASHED)
 
 @style.styled
 def against(
-    pose_names: Sequence[str],
     error: Array,
     variables: Mapping[str, Array],
     sigma: float,
@@ -174,9 +171,8 @@ def against(
             np.sqrt(3.0) * sigma * _MM, color=style.INK, linewidth=1.0, linestyle=style.DASHED
         )
         for look, mask in zip(looks, (~heldout, heldout), strict=False):
-            own = [name for name, chosen in zip(pose_names, mask, strict=True) if chosen]
             style.dots(
-                panel, own, values[mask], shown[mask], color=look.color, marker=look.marker,
+                panel, values[mask], shown[mask], color=look.color, marker=look.marker,
                 markersize=size, markeredgewidth=0.0, alpha=0.75,
             )  # fmt: skip
         centre, median = _medians(values, shown)

@@ -49,9 +49,6 @@ ON_LIGHT, ON_DARK = "#262627", "#fffffe"
 DPI = 200
 PANEL = 5.0
 """Inches: width of a figure of one panel, which a phone shows whole with its text still legible."""
-POSE = "pose:"
-"""How elements of an SVG begin their id that stand for a pose."""
-_LIT = 60  # poses that are elements of their own
 _VECTOR = 1500  # points; a larger cloud becomes a picture within the SVG
 _STROKE = 5e-4  # of a cloud's width: length of the stroke that draws a point
 _NAME, _PARAMETER = 24, 48  # letters of a name beside an axis
@@ -227,19 +224,9 @@ def _legend_width(lengths: Sequence[float], columns: int) -> float:
     return sum(max(lengths[i : i + lines]) for i in range(0, len(lengths), lines))
 
 
-def dots(panel: Axes, names: Sequence[str], x: Any, y: Any, **look: Any) -> None:
-    """Points without a line; of few poses each is an element of its own, named for a page.
-
-    names : of the poses, shape (m,)
-    """
-    look = {"linestyle": "", **look}
-    if len(names) > _LIT:
-        panel.plot(x, y, rasterized=len(names) > _VECTOR, **look)
-        return
-    for name, a, b in zip(names, x, y, strict=True):
-        if math.isfinite(b):
-            (mark,) = panel.plot([a], [b], **look)
-            mark.set_gid(f"{POSE}{name}")
+def dots(panel: Axes, x: Any, y: Any, **look: Any) -> None:
+    """Points without a line."""
+    panel.plot(x, y, **{"linestyle": "", "rasterized": len(x) > _VECTOR, **look})
 
 
 def cloud(panel: Axes, x: Array, y: Array, size: float, **look: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from studies.report.surroundings import ArmSurroundings, SceneObject, surroundin
 _SIGNS = {"deg": "\N{DEGREE SIGN}", "mm": " mm"}
 _CARRIED = 0.5  # of the reach with what it carries, an arm's length at least
 _NAMES = 3  # that are named one by one
-_PLACES, _OF_A_WAY = 240, (3, 12)  # places on all ways, and on one of them
 _SLIM = 0.016  # arm lengths; radius of a link where the cell gives the arm no shape
 
 
@@ -36,16 +34,12 @@ class ArmBody:
 
 @dataclass(frozen=True, eq=False)
 class ArmScene:
-    """The arm at m poses, and on the ways between them where these are known.
-
-    Arrays with a row for each pose have further ones for places on the ways.
+    """The arm at m poses.
 
     name : str, of the cell
     poses : tuple of str, identifiers
-    day : tuple of int, rows in the order in which the arm comes to them; empty without ways
     joints, units : tuple of str, names, and ``deg`` or ``mm``
     values : ndarray, shape (m, n), joint values in these units
-    level : int, number of the joint whose values are the plan's levels, or None
     chain : ndarray of int, shape (m, k, 3), mm, from the base over the joints to the tip; what stands
         at one place at all poses is one point
     branches : dict, link -> the same, to another tip, from where the way to it parts from those before
@@ -66,7 +60,6 @@ class ArmScene:
     joints: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
-    level: int | None
     chain: IntArray
     tip_axes: Array
     markers: tuple[str, ...]
@@ -80,14 +73,13 @@ class ArmScene:
     fixtures: tuple[SceneObject, ...] = ()
     beyond: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[str, ...] = ()
-    day: tuple[int, ...] = ()
     branches: Mapping[str, IntArray] = field(default_factory=dict)
 
     def readout(self, pose: int) -> tuple[str, str]:
         """Joint values and markers of a pose in words."""
-        row = zip(self.joint_words, self.values[pose], strict=True)
-        shown = [(f"{value:.2f}".replace("-", "\N{MINUS SIGN}"), said) for said, value in row]
-        joints = [f"{before}{value}{after}" for value, (before, after) in shown]
+        row = zip(self.joints, self.values[pose], self.units, strict=True)
+        shown = [(name, f"{value:.2f}{_SIGNS[unit]}") for name, value, unit in row]
+        joints = [f"{name} {value}".replace(" -", " \N{MINUS SIGN}") for name, value in shown]
         lost = self.lost(pose)
         seen = [name for j, name in enumerate(self.markers) if j not in lost]
         words = f"marker{'s'[: len(seen) > 1]} {', '.join(seen)}" if seen else "no marker"
@@ -96,50 +88,28 @@ class ArmScene:
         told = [self.reads[pose] or "nothing read"] if self.reads else told
         return " \N{MIDDLE DOT} ".join(joints), "; ".join(told)
 
-    @property
-    def joint_words(self) -> list[tuple[str, str]]:
-        """What stands before and after the value of each joint."""
-        return [
-            (f"{name} ", _SIGNS[unit] + " (level)" * (k == self.level))
-            for k, (name, unit) in enumerate(zip(self.joints, self.units, strict=True))
-        ]
-
     def lost(self, pose: int) -> tuple[int, ...]:
         """Markers that are not in sight, or not measured, at a pose."""
         return tuple(j for j in range(len(self.markers)) if (pose, j) in self.hidden)
 
 
-def scene(
-    cell: Cell,
-    plan: Poses | Measurements,
-    *,
-    level_joint: str | None = None,
-    stops: Sequence[tuple[int, Array]] = (),
-) -> ArmScene:
+def scene(cell: Cell, plan: Poses | Measurements) -> ArmScene:
     """The arm of a cell at the poses of a plan, or at measured poses with their measured markers.
-
-    level_joint : joint whose values are the levels of the plan
-    stops : of a plan whose ways are known the poses in the order of the day, by number, and points
-        (k, n) on the way to each
 
     Nominal arm. Which markers of a plan are hidden is what :func:`doe.constraints.hidden_by` says;
     measured ones are those with a reading, brought into the base frame by the placement from which
     an identification starts.
 
-    Raises CalibError where there is no pose, or no such joint.
+    Raises CalibError where there is no pose.
     """
     poses = plan.poses if isinstance(plan, Measurements) else plan
     robot = cell.robot
     if not len(poses):
         raise CalibError("there is no pose to draw")
-    if level_joint is not None and level_joint not in robot.joints:
-        raise CalibError(f"no joint {level_joint!r}; there are {', '.join(robot.joints)}")
-    on_ways, day = _along(poses.q, stops) if stops else (poses.q[:0], ())
-    q = np.concatenate([poses.q, on_ways])
-    placed, own = scene_of(cell, q), list(cell.single_markers)
+    placed, own = scene_of(cell, poses.q), list(cell.single_markers)
     hidden, markers, seen = _markers(cell, plan, placed)
     found = instrument_places(cell, plan)
-    ridden = np.zeros((len(q), 0, 3))
+    ridden = np.zeros((len(poses), 0, 3))
     if not _of_tracker(cell):
         hidden, markers = {}, on_tips(placed, found.markers[own], cell.marker_frames[own])
         # Of a frame its origin alone: markers and points of boards.
@@ -148,7 +118,7 @@ def scene(
     chain, branches = _ways(placed)
     reached = np.concatenate([chain, *branches.values(), whole_mm(ridden)], axis=1)
     length = _length(chain, reached)
-    values = np.where(robot.prismatic, q * 1e3, np.degrees(q))
+    values = np.where(robot.prismatic, poses.q * 1e3, np.degrees(poses.q))
     around = surroundings(cell, reached.reshape(-1, 3), length)
     drawn = () if _of_tracker(cell) else tuple(fixtures(cell, plan, placed, found, length / 1e3))
     kept, beyond, frame = within(drawn, around.frame, length)
@@ -158,13 +128,12 @@ def scene(
         joints=robot.joints,
         units=tuple("mm" if slides else "deg" for slides in robot.prismatic),
         values=np.asarray(values.round(2) + 0.0),
-        level=None if level_joint is None else robot.joints.index(level_joint),
         chain=chain,
         tip_axes=placed.frames.R[:, -1].swapaxes(1, 2),
         markers=tuple(cell.marker_names[j] for j in own),
         marker_points=whole_mm(markers),
         stems=whole_mm(placed.origins[:, cell.marker_frames[own]]),
-        hidden={key: why for key, why in hidden.items() if key[0] < len(poses)},
+        hidden=hidden,
         seen=seen,
         bodies=_bodies(placed, (chain, *branches.values()), _SLIM * length),
         shaped=bool(placed.capsules),
@@ -172,26 +141,8 @@ def scene(
         fixtures=kept,
         beyond=beyond,
         reads=_reads(cell, plan),
-        day=day,
         branches=branches,
     )
-
-
-def _along(q: Array, stops: Sequence[tuple[int, Array]]) -> tuple[Array, tuple[int, ...]]:
-    """Places on the ways (F, n) between poses (m, n), and the order of the rows of both on the day.
-
-    stops : as :func:`scene` has them; the joints move straight from point to point
-    """
-    each = int(np.clip(_PLACES // len(stops), *_OF_A_WAY))
-    found, day = [], [stops[0][0]]
-    for (start, _), (end, points) in pairwise(stops):
-        corners = np.concatenate([q[[start]], points, q[[end]]])
-        far = np.append(0.0, np.cumsum(np.abs(np.diff(corners, axis=0)).max(axis=1)))
-        at = np.linspace(0.0, far[-1], each + 2)[1:-1]
-        found.append(np.column_stack([np.interp(at, far, own) for own in corners.T]))
-        first = len(q) + each * (len(found) - 1)
-        day += [*range(first, first + each), end]
-    return np.concatenate([q[:0], *found]), tuple(day)
 
 
 def _ways(placed: Scene) -> tuple[IntArray, dict[str, IntArray]]:

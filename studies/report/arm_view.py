@@ -1,57 +1,40 @@
-"""The figure of the arm: what it shows, in its order, what turns it, and how to read it."""
+"""The figure of the arm at all poses: the drawing, and how to read it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from calib.arrays import Array, IntArray
-from studies.report.arm_drawing import (
-    START,
-    ArmPicture,
-    Dot,
-    DrawnPart,
-    Rods,
-    Run,
-    Stroke,
-    Text,
-    drawing,
-)
+from studies.report.arm_drawing import Sheet, svg
 from studies.report.arm_instruments import DROPPED
 from studies.report.arm_scene import ArmScene
 from studies.report.surroundings import SceneObject, whole_mm
 
 
 def figure_html(scene: ArmScene, key: str = "arm") -> Markup:
-    """The figure: drawing, controls, a line about the pose shown, legend, and the data for the script.
+    """The figure: drawing, a line about the pose drawn strongly, and legend.
 
     key : str, begins the identifiers in it; one of its own for each figure of a page
     """
     joints, markers = scene.readout(0)
-    shown = picture(scene)
     return Markup(
         """<figure class="arm-view" id="{key}">
-<div class="arm-bar" role="group" aria-label="Pose and view" hidden></div>
 <div class="arm-stage">{drawing}</div>
-<p class="arm-now" aria-live="polite"><b>{pose}</b> <span>{joints}</span> <span>{markers}</span></p>
+<p class="arm-now"><b>{pose}</b> <span>{joints}</span> <span>{markers}</span></p>
 <ul class="arm-legend">{legend}</ul>
 <figcaption>{caption}</figcaption>
-<script type="application/json">{data}</script>
 </figure>"""
     ).format(
         key=key,
-        drawing=drawing(shown, key),
+        drawing=drawing(scene, key),
         pose=scene.poses[0],
         joints=joints,
         markers=markers,
         legend=_legend(scene),
         caption=_caption(scene),
-        data=_in_script(figure_data(scene, shown)),
     )
 
 
@@ -81,7 +64,7 @@ def _legend(scene: ArmScene) -> Markup:
         (_path("arm-all", "M2 9h20"), "all poses"),
         (_marker("arm-marker"), f"marker {scene.seen}".strip()),
     ]
-    if scene.hidden:
+    if scene.lost(0):
         lost = "not measured" if scene.seen == "measured" else "hidden"
         crossed = _marker("arm-marker arm-hidden") + _path("arm-hidden", f"M12 9{CROSS}")
         signs.append((crossed, f"marker {lost}"))
@@ -120,44 +103,6 @@ _SIGNS = {
 }
 
 
-def figure_data(scene: ArmScene, shown: ArmPicture) -> dict[str, Any]:
-    """What the script draws from, in mm and the shown units, and what it says of each pose."""
-    told = [scene.readout(i)[1] for i in range(len(scene.poses))]
-    states = list(dict.fromkeys(zip(told, shown.lost, strict=True)))
-    number = {state: i for i, state in enumerate(states)}
-    return {
-        "poses": scene.poses,
-        "day": scene.day,
-        "joints": scene.joint_words,
-        "values": scene.values.tolist(),
-        "states": states,
-        "state": [number[state] for state in zip(told, shown.lost, strict=True)],
-        # Where each point is at each pose, one after the other; once, where it stands still.
-        "points": [
-            (own if (own != own[0]).any() else own[0]).ravel().tolist()
-            for own in shown.points.swapaxes(0, 1)
-        ],
-        "tip": shown.tip,
-        "frame": shown.frame.ravel().tolist(),
-        "view": [START.azimuth, START.elevation],
-        "parts": [_plain(part) for part in shown.parts],
-    }
-
-
-def _plain(part: DrawnPart) -> dict[str, Any]:
-    """A part by its kind, and what of it is not as usual."""
-    said = {f.name: v for f in fields(part) if (v := getattr(part, f.name)) != f.default}
-    return {"kind": type(part).__name__, **said}
-
-
-def _in_script(data: Any) -> Markup:
-    """JSON that no text in it can end: neither ``</script>`` nor ``<!--`` nor an entity is left."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return Markup(text)  # noqa: S704
-
-
 CROSS = "m-6 -6l12 12m-12 0l12 -12"
 MARKER = 4.5  # px, radius
 DOT = {
@@ -166,196 +111,162 @@ DOT = {
 }  # fmt: skip
 _JOINT = 4  # px, radius
 _TARGET = "m-11 0h22m-11 -11v22"
-_FAINT = 20  # poses; of more, those that are not picked fade
+_FAINT = 20  # poses; of more, the faint ones fade
 _TIP_AXIS = 0.35  # floor cells
 _SIGHT = 3.0  # floor cells of a line of sight whose instrument is not in the picture
+_FLOOR = np.array([1, 1, 0])
 
 
-class _Canvas:
-    """Points of a picture by number, as parts are made; equal ones are one."""
-
-    def __init__(self, rows: int) -> None:
-        self._rows = rows
-        self._numbers: dict[bytes, int] = {}
-
-    def at(self, points: Array) -> Run:
-        """Points (k, 3) or (rows, k, 3), m, one after the other."""
-        return self.run(whole_mm(points))
-
-    def run(self, points: IntArray) -> Run:
-        """The same in mm."""
-        placed = np.broadcast_to(points, (self._rows, *points.shape[-2:])).swapaxes(0, 1)
-        return tuple(self._numbers.setdefault(own.tobytes(), len(self._numbers)) for own in placed)
-
-    def runs(self, points: IntArray) -> tuple[Run, ...]:
-        """As many runs as there are in an array (l, k, 3) mm of what stands still."""
-        return tuple(map(self.run, points))
-
-    @property
-    def points(self) -> IntArray:
-        """All of them, shape (rows, k, 3), mm."""
-        held = np.frombuffer(b"".join(self._numbers), dtype=int)
-        return held.reshape(-1, self._rows, 3).swapaxes(0, 1)
-
-
-def picture(scene: ArmScene) -> ArmPicture:
-    """The arm at each pose, faintly at all others, and what stands around it."""
-    canvas = _Canvas(len(scene.values))
-    chain = canvas.run(scene.chain)
-    markers, stems = canvas.run(scene.marker_points), canvas.run(scene.stems)
-    tip_axes = np.rint(scene.tip_axes * scene.around.step * _TIP_AXIS).astype(int)
+def drawing(scene: ArmScene, key: str) -> Markup:
+    """The arm at the first pose, faintly at all others, and what stands around it."""
+    sheet, tip = Sheet(scene.around.frame), scene.chain[0, -1]
+    tip_axes = np.rint(scene.tip_axes[0] * scene.around.step * _TIP_AXIS).astype(int)
     parts = (
-        *_stage(scene, canvas),
-        *_all_arms(scene, canvas),
-        *_arm(scene, canvas, chain),
-        *_branches(scene, canvas),
-        *_sight(scene, canvas, markers),
-        *_triad(chain[-1], canvas.run(scene.chain[:, -1:] + tip_axes), "xyz", "arm-tip-axis"),
-        *_fixtures(scene, canvas),
-        *_markers(scene, markers, stems),
+        *_stage(scene, sheet),
+        *_all_arms(scene, sheet),
+        *_arm(scene, sheet),
+        *_branches(scene, sheet),
+        *_sight(scene, sheet),
+        *_triad(sheet, tip, tip + tip_axes, "xyz", "arm-tip-axis"),
+        *_fixtures(scene, sheet),
+        *_markers(scene, sheet),
     )
     count, (joints, read) = len(scene.poses), scene.readout(0)
-    return ArmPicture(
-        title=f"{scene.name}: the arm at {count} {'pose' if count == 1 else 'poses'}",
-        description=f"The arm in its base frame over a floor with cells of {scene.around.step} mm: "
+    return svg(
+        f"{scene.name}: the arm at {count} {'pose' if count == 1 else 'poses'}",
+        f"The arm in its base frame over a floor with cells of {scene.around.step} mm: "
         f"faintly at every pose, strongly at {scene.poses[0]}. Joints: {joints}. Markers: {read}.",
-        points=canvas.points,
-        tip=chain[-1],
-        lost=tuple(scene.lost(i) for i in range(count)),
-        frame=scene.around.frame,
-        parts=parts,
+        parts,
+        key,
     )
 
 
-def _stage(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
+def _first(points: Array) -> IntArray:
+    """Points (k, 3) or (m, k, 3), m, at the first pose, mm."""
+    return whole_mm(points if points.ndim == 2 else points[0])
+
+
+def _stage(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """Floor and obstacles."""
     around = scene.around
-    yield Stroke("arm-floor", canvas.runs(around.floor))
-    yield Stroke("arm-foot", (canvas.run(around.foot),))
+    yield sheet.lines("arm-floor", around.floor)
+    yield sheet.lines("arm-foot", [around.foot])
     for own in around.obstacles:
-        yield from _lines(own, canvas)
-        yield from _dots(own, canvas)
-        yield Text("arm-label", (canvas.at(own.label),), own.words)
+        yield from _lines(own, sheet)
+        yield from _dots(own, sheet)
+        yield sheet.words("arm-label", _first(own.label)[0], own.words)
 
 
-def _lines(own: SceneObject, canvas: _Canvas) -> Iterator[DrawnPart]:
+def _lines(own: SceneObject, sheet: Sheet) -> Iterator[Markup]:
     if own.lines:
-        yield Stroke(f"arm-{own.kind}", tuple(map(canvas.at, own.lines)))
+        yield sheet.lines(f"arm-{own.kind}", map(_first, own.lines))
 
 
-def _dots(own: SceneObject, canvas: _Canvas) -> Iterator[DrawnPart]:
-    if dots := canvas.at(own.dots):
+def _dots(own: SceneObject, sheet: Sheet) -> Iterator[Markup]:
+    if len(dots := _first(own.dots)):
         px = 0.0 if own.radius else DOT[own.kind]
-        yield Dot(f"arm-{own.kind}", (dots,), mm=round(1e3 * own.radius), px=px)
+        yield sheet.dots(f"arm-{own.kind}", dots, px, round(1e3 * own.radius))
 
 
-def _all_arms(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
+def _all_arms(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """All poses faintly, each from the last point on that all have in common."""
     opacity = round(min(1.0, (_FAINT / len(scene.poses)) ** 0.5), 2)
     for way in (scene.chain, *scene.branches.values()):
         moves = (way != way[:1]).any(axis=(0, 2))
-        moving = canvas.run(way)[max(0, int(moves.argmax()) - 1) :]
-        yield Stroke("arm-all", (moving,), every=True, opacity=opacity)
-        yield Stroke("arm-tips", (moving[-1:],), tail="h0", every=True, opacity=opacity)
+        moving = way[:, max(0, int(moves.argmax()) - 1) :]
+        yield sheet.lines("arm-all", moving, opacity=opacity)
+        yield sheet.lines("arm-tips", moving[:, -1:], "h0", opacity)
 
 
-def _arm(scene: ArmScene, canvas: _Canvas, chain: Run) -> Iterator[DrawnPart]:
-    """The arm at the picked pose, with its shadow and the base frame."""
-    yield Stroke("arm-shadow", (tuple(~c for c in chain),))
-    yield Stroke("arm-drop", ((chain[-1], ~chain[-1]),))
-    yield Rods(
+def _arm(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
+    """The arm at the first pose, with its shadow and the base frame."""
+    chain = scene.chain[0]
+    yield sheet.lines("arm-shadow", [chain * _FLOOR])
+    yield _drop(sheet, chain[-1])
+    yield sheet.rods(
         "arm-shape" if scene.shaped else "arm-links",
-        tuple(canvas.run(body.ends) for body in scene.bodies),
-        mm=tuple(body.radius for body in scene.bodies),
-        layers=(("arm-rim", 2), ("arm-body", 0)),
+        [body.ends[0] for body in scene.bodies],
+        [body.radius for body in scene.bodies],
+        ("arm-rim", "arm-body"),
     )
     if scene.shaped:
-        yield Stroke("arm-chain", (chain,))
-    yield Dot("arm-joint", (chain[:-1],), px=_JOINT)
-    origin, *ends = canvas.run(np.eye(4, 3, -1, dtype=int) * scene.around.step)
-    yield from _triad(origin, ends, "XYZ", "arm-base-axis")
+        yield sheet.lines("arm-chain", [chain])
+    yield sheet.dots("arm-joint", chain[:-1], _JOINT)
+    origin, *ends = np.eye(4, 3, -1, dtype=int) * scene.around.step
+    yield from _triad(sheet, origin, ends, "XYZ", "arm-base-axis")
 
 
-def _branches(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
+def _branches(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """The ways to other tips, with their shadows and the names of these."""
     for link, points in scene.branches.items():
-        way = canvas.run(points)
-        yield Stroke("arm-shadow", (tuple(~c for c in way),))
+        way = points[0]
+        yield sheet.lines("arm-shadow", [way * _FLOOR])
         if scene.shaped:
-            yield Stroke("arm-chain", (way,))
-        yield Dot("arm-joint", (way[:-1],), px=_JOINT)
-        yield Text("arm-label", (way[-1:],), link, down=14)
+            yield sheet.lines("arm-chain", [way])
+        yield sheet.dots("arm-joint", way[:-1], _JOINT)
+        yield sheet.words("arm-label", way[-1], link, down=14)
 
 
-def _triad(origin: int, ends: Iterable[int], names: str, kind: str) -> Iterator[DrawnPart]:
+def _drop(sheet: Sheet, point: IntArray) -> Markup:
+    """From a point down to the floor."""
+    return sheet.lines("arm-drop", [np.stack([point, point * _FLOOR])])
+
+
+def _triad(
+    sheet: Sheet, origin: IntArray, ends: Iterable[IntArray], names: str, kind: str
+) -> Iterator[Markup]:
     """Axes with their letters; one that is seen end on has none."""
     for end, name in zip(ends, names, strict=True):
-        yield Stroke(kind, ((origin, end),))
-        yield Text(f"{kind}-name", ((end,),), name, beyond=(origin, 8), least=20, down=4)
+        yield sheet.lines(kind, [np.stack([origin, end])])
+        yield sheet.words(f"{kind}-name", end, name, 4, (origin, 8), least=20)
 
 
-def _sight(scene: ArmScene, canvas: _Canvas, markers: Run) -> Iterator[DrawnPart]:
+def _sight(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """Lines from the markers to the instrument, or towards it, where it stands far off."""
-    around = scene.around
+    around, points = scene.around, scene.marker_points[0]
     if around.instrument is None:
         return
+    ends = np.broadcast_to(around.instrument, points.shape)
     if around.far:
-        away = around.instrument - scene.marker_points
+        away = around.instrument - points
         length = np.linalg.norm(away, axis=-1, keepdims=True)
-        sights = scene.marker_points + _SIGHT * around.step / length * away
-        ends = canvas.run(np.rint(sights).astype(int))
-    else:
-        ends = canvas.run(around.instrument[None]) * len(markers)
-    for j, line in enumerate(zip(markers, ends, strict=True)):
-        yield from _seen_or_lost(
-            scene, j, [Stroke("arm-sight", (line,))], [Stroke("arm-blocked", (line,))]
-        )
+        ends = np.rint(points + _SIGHT * around.step / length * away).astype(int)
+    for j, line in enumerate(np.stack([points, ends], axis=1)):
+        yield sheet.lines("arm-blocked" if j in scene.lost(0) else "arm-sight", [line])
     if around.far:
         far = float(np.linalg.norm(around.instrument)) / 1e3
-        yield Text("arm-label", (ends[:1],), f"instrument {far:.1f} m from base")
+        yield sheet.words("arm-label", ends[0], f"instrument {far:.1f} m from base")
         return
-    place = canvas.run(around.instrument[None])
-    yield Stroke("arm-drop", ((place[0], ~place[0]),))
-    yield Dot("arm-instrument", (place,), px=7)
-    yield Stroke("arm-instrument", (place,), tail=_TARGET)
-    yield Text("arm-label", (place,), "instrument", down=-17)
+    yield _drop(sheet, around.instrument)
+    yield sheet.dots("arm-instrument", around.instrument[None], 7)
+    yield sheet.lines("arm-instrument", [around.instrument[None]], _TARGET)
+    yield sheet.words("arm-label", around.instrument, "instrument", down=-17)
 
 
-def _fixtures(scene: ArmScene, canvas: _Canvas) -> Iterator[DrawnPart]:
+def _fixtures(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """Cameras with what they see, boards, sockets, what is touched, wires to the marker."""
-    names: list[DrawnPart] = []
+    names: list[Markup] = []
     for own in scene.fixtures:
-        label = canvas.at(own.label)
-        yield from _lines(own, canvas)
+        label = _first(own.label)
+        yield from _lines(own, sheet)
         if own.stem is not None:
-            yield Stroke("arm-tool", ((*canvas.at(own.stem), *label),))
+            yield sheet.lines("arm-tool", [np.concatenate([_first(own.stem), label])])
         if own.kind in DROPPED:
-            yield Stroke("arm-drop", ((label[0], ~label[0]),))
-        yield from _dots(own, canvas)
+            yield _drop(sheet, label[0])
+        yield from _dots(own, sheet)
         if own.words:
-            names.append(Text("arm-label", (label,), own.words, down=-10))
+            names.append(sheet.words("arm-label", label[0], own.words, down=-10))
     yield from names
 
 
-def _markers(scene: ArmScene, points: Run, stems: Run) -> Iterator[DrawnPart]:
+def _markers(scene: ArmScene, sheet: Sheet) -> Iterator[Markup]:
     """Markers on their stems; a lost one is hollow and crossed."""
-    for j, (name, point, tip) in enumerate(zip(scene.markers, points, stems, strict=True)):
-        place = (point,)
-        yield Stroke("arm-tool", ((tip, point),))
-        crossed = [
-            Dot("arm-marker arm-hidden", (place,), px=MARKER),
-            Stroke("arm-hidden", (place,), tail=CROSS),
-        ]
-        yield from _seen_or_lost(scene, j, [Dot("arm-marker", (place,), px=MARKER)], crossed)
-        yield Text("arm-name", (place,), name, beyond=(tip, 13), down=4)
-
-
-def _seen_or_lost(
-    scene: ArmScene, marker: int, seen: list[DrawnPart], lost: list[DrawnPart]
-) -> Iterator[DrawnPart]:
-    """The one at poses where a marker is seen, the other where it is lost."""
-    times = sum((i, marker) in scene.hidden for i in range(len(scene.poses)))
-    if times < len(scene.poses):
-        yield from (replace(part, when=(marker, False)) if times else part for part in seen)
-    if times:
-        yield from (replace(part, when=(marker, True)) for part in lost)
+    each = zip(scene.markers, scene.marker_points[0], scene.stems[0], strict=True)
+    for j, (name, point, tip) in enumerate(each):
+        yield sheet.lines("arm-tool", [np.stack([tip, point])])
+        if j in scene.lost(0):
+            yield sheet.dots("arm-marker arm-hidden", point[None], MARKER)
+            yield sheet.lines("arm-hidden", [point[None]], CROSS)
+        else:
+            yield sheet.dots("arm-marker", point[None], MARKER)
+        yield sheet.words("arm-name", point, name, 4, (tip, 13))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from studies.document import Document
 
 R = TypeVar("R", bound=Record)
-_SAME_JOINTS = 1e-6  # rad or m
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,29 +106,6 @@ class ReportEvidence:
                         "figures do not belong together."
                     )
         return tuple(dict.fromkeys(found))
-
-    @cached_property
-    def highlight(self) -> dict[Path, dict[str, str]]:
-        """For each result the name by which a pose is highlighted: poses of equal joints share it."""
-        known: dict[tuple[int, ...], str] = {}
-        taken: set[str] = set()
-        found: dict[Path, dict[str, str]] = {}
-        for path, poses in self._sets():
-            own = found.setdefault(path, {})
-            rounded = np.round(poses.q / _SAME_JOINTS).astype(np.int64)
-            for name, q in zip(poses.names, map(tuple, rounded.tolist()), strict=True):
-                if q not in known:
-                    known[q] = name if name not in taken else f"{name} of {path.name}"
-                    taken.add(known[q])
-                own.setdefault(name, known[q])
-        return found
-
-    def _sets(self) -> Iterator[tuple[Path, Poses]]:
-        for path, measured in self.data.items():
-            yield path, measured.data.poses
-            if measured.heldout is not None:
-                yield path, measured.heldout.poses
-        yield from self.plans.items()
 
 
 def load_evidence(paths: Sequence[Path]) -> ReportEvidence:

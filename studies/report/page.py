@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -13,13 +13,11 @@ from markupsafe import Markup
 
 from calib import Cell
 from calib.arm.robot import Robot
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.instruments import ArmCamera, Camera, Instrument, Tracker
 from calib.instruments.detection import Board
 from calib.instruments.posit import LEAST, posed
 from calib.poses import Measurements, Poses
-from studies.day import ways_in_turn
-from studies.design.record import DesignRecord
 from studies.document import (
     Detail,
     Document,
@@ -146,7 +144,7 @@ def coverage(cell: Cell, data: Measurements) -> Iterator[Section]:
     """Which parts of the images were used; nothing where no camera saw a board."""
     views = list(board_views(cell, data))
     if views:
-        figure = Figure(lambda: seen_where(views), highlight=False)
+        figure = Figure(lambda: seen_where(views))
         yield Section("coverage", "Where the boards were seen", (figure,))
 
 
@@ -184,6 +182,7 @@ def _places(camera: Camera, board: Board, uv: Array, seen: Mask) -> tuple[Array,
 
 
 Reading = tuple[Poses, int]
+_SAME_JOINTS = 1e-6  # rad or m
 
 
 def against(cell: Cell, data: MeasuredTables, record: IdentifyRecord) -> Iterator[Section]:
@@ -196,7 +195,7 @@ def against(cell: Cell, data: MeasuredTables, record: IdentifyRecord) -> Iterato
     found = found.take(np.array([row is not None for row in read], dtype=bool))
     variables, sigma = dict(_variables(cell.robot, rows)), record.noise.instrument_mm * 1e-3
     rms = found.by_pose(found.after)
-    figure = Figure(lambda: residuals.against(found.poses, rms, variables, sigma, found.heldout))
+    figure = Figure(lambda: residuals.against(rms, variables, sigma, found.heldout))
     yield Section("against", "What is left, against what it may depend on", (figure,))
 
 
@@ -243,60 +242,43 @@ def provenance(evidence: ReportEvidence, told: dict[str, str]) -> Section:
 def arm(evidence: ReportEvidence, cell: Cell) -> Iterator[Section]:
     """The measured poses where there are any, else those of the first plan."""
     shown: Poses | Measurements
-    level, ways = None, list[tuple[str, Array]]()
     design = evidence.first("design")
     if evidence.data:
-        path, measured = next(iter(evidence.data.items()))
-        shown = measured.data
+        shown = next(iter(evidence.data.values())).data
     elif design is not None and design.path in evidence.plans:
-        path, shown = design.path, evidence.plans[design.path]
-        if isinstance(design.record, DesignRecord):
-            level = design.record.level_joint
-            moves = {row.pose: row.last_move for row in design.record.poses}
-            ways = ways_in_turn(design.record.day, moves, cell.robot, shown.q)
+        shown = evidence.plans[design.path]
     else:
         return
-    lit = evidence.highlight[path]
-    kept = _once(lit, shown)
-    names = (kept.poses if isinstance(kept, Measurements) else kept).names
-    number = {name: i for i, name in enumerate(names)}
-    stops = [(number[lit[name]], way) for name, way in ways]
-    drawn = scene(cell, kept, level_joint=level, stops=stops)
-    yield Section("arm", "The arm at each pose", (Raw(figure_html(drawn, "arm-view")),))
+    drawn = scene(cell, shown.take(_once(shown)))
+    yield Section("arm", "The arm at all poses", (Raw(figure_html(drawn, "arm-view")),))
 
 
-def _once(highlight: Mapping[str, str], shown: Poses | Measurements) -> Poses | Measurements:
-    """One pose of each configuration, under the name that the page lights."""
+def _once(shown: Poses | Measurements) -> IntArray:
+    """Where each configuration comes first."""
     poses = shown.poses if isinstance(shown, Measurements) else shown
-    names = [highlight[name] for name in poses.names]
-    first = np.array([names.index(name) for name in dict.fromkeys(names)])
-    kept = replace(poses.take(first), names=tuple(names[i] for i in first))
-    return replace(shown.take(first), poses=kept) if isinstance(shown, Measurements) else kept
+    rounded = np.round(poses.q / _SAME_JOINTS).astype(np.int64)
+    return np.sort(np.unique(rounded, axis=0, return_index=True)[1])
 
 
-def sections(
-    evidence: ReportEvidence, told: dict[str, str]
-) -> Iterator[tuple[Section, Mapping[str, str]]]:
-    """All sections that the evidence allows, each with the names of its poses that the page highlights.
+def sections(evidence: ReportEvidence, told: dict[str, str]) -> Iterator[Section]:
+    """All sections that the evidence allows.
 
     told : what the user tells of the measurement, by label
     """
-    yield summary(evidence, told), {}
+    yield summary(evidence, told)
     if evidence.cell is not None:
-        for section in (*arm(evidence, evidence.cell), cell(evidence.cell)):
-            yield section, {}
+        yield from arm(evidence, evidence.cell)
+        yield cell(evidence.cell)
     for kind in KINDS:
         several = evidence.of(kind)
         for number, result in enumerate(several, 1):
-            highlight = evidence.highlight.get(result.path, {})
             for own in _of(evidence, result):
                 if len(several) > 1:  # under a name of its own
                     key, title = f"{own.key}-{number}", f"{own.title}: {result.path.name}"
                     own = replace(own, key=key, title=title)
-                yield own, highlight
-    for section in certificate(evidence, told):
-        yield section, {}
-    yield provenance(evidence, told), {}
+                yield own
+    yield from certificate(evidence, told)
+    yield provenance(evidence, told)
 
 
 def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:
@@ -313,8 +295,8 @@ def asset(name: str) -> Markup:
     return Markup((files("studies.report") / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
-_STYLES = ("page.css", "highlight.css", "arm_view.css")
-_SCRIPTS = ("page.js", "arm_view.js")
+_STYLES = ("page.css", "arm_view.css")
+_SCRIPTS = ("page.js",)
 
 
 def report_page(
@@ -333,7 +315,7 @@ def report_page(
     html = template("studies.report", "page.html.j2").render(
         title=title or name,
         told=told,
-        sections=[(own, writer.section(own, poses)) for own, poses in sections(evidence, told)],
+        sections=[(own, writer.section(own)) for own in sections(evidence, told)],
         styles=[asset(name) for name in _STYLES],
         scripts=[asset(name) for name in _SCRIPTS],
     )

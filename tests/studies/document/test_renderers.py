@@ -71,7 +71,7 @@ def printed(told: Document, of: str = "") -> str:
 
 def paged(told: Document) -> str:
     writer = Writer.fresh()
-    return "".join(writer.section(section, {}) for section in told.sections)
+    return "".join(writer.section(section) for section in told.sections)
 
 
 def test_the_terminal_shows_the_short_form() -> None:
@@ -161,7 +161,7 @@ def test_greys_of_a_figure_follow_the_page() -> None:
     for row, grey in enumerate(("0.965", "0.92", "0.15", "1.0")):
         panel.axhspan(row, row + 1, color=grey)
     panel.axhspan(5, 6, color="#0072b2")
-    made = str(inline_svg(Picture("x", "X", "It.", figure, (), ()), "f0", None))
+    made = str(inline_svg(Picture("x", "X", "It.", figure, (), ()), "f0"))
     for name in ("raised", "faint", "ink", "paper"):
         assert f"fill: var(--{name})" in made
     assert "#0072b2" in made

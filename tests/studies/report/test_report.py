@@ -29,7 +29,6 @@ class Outline(HTMLParser):
         self.sections: list[str] = []
         self.links: list[str] = []
         self.tags: dict[str, int] = {}
-        self.poses: dict[str, int] = {}
         self.handlers: list[str] = []
         self.feed(html)
 
@@ -43,9 +42,6 @@ class Outline(HTMLParser):
         for key in ("href", "src", "xlink:href"):
             if given.get(key):
                 self.links.append(str(given[key]))
-        if given.get("data-pose"):
-            name = str(given["data-pose"])
-            self.poses[name] = self.poses.get(name, 0) + 1
         self.handlers += [key for key, _ in attrs if key.startswith("on")]
 
 
@@ -82,15 +78,6 @@ def test_figures_are_described_and_have_their_numbers(html: str, outline: Outlin
     assert all('role="img"' in svg and "aria-label=" in svg for svg in drawn)
     assert html.count("<summary>The numbers:") == len(drawn)
     assert outline.tags["figcaption"] > len(drawn)  # that of the arm too
-
-
-def test_a_pose_stands_in_tables_and_figures(demo_folder: Path, outline: Outline) -> None:
-    plan = json.loads((demo_folder / "design.json").read_text())["poses"]
-    assert len(plan) == 15
-    # Free, loaded and planned are one: they share their joints.
-    assert {f"{pose['pose']}_free" for pose in plan} <= set(outline.poses)
-    assert not {pose["pose"] for pose in plan} & set(outline.poses)
-    assert min(outline.poses[f"{pose['pose']}_free"] for pose in plan) > 6
 
 
 def test_figures_of_the_results_stand_in_it(demo_folder: Path, html: str) -> None:
@@ -193,27 +180,6 @@ def test_results_that_do_not_belong_together_are_said_to(moved: Path) -> None:
     assert done.exit_code == 0, done.output
     text = re.sub(r"\s+", " ", (moved / "page.html").read_text().replace("<wbr>", ""))
     assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
-
-
-def test_plans_with_equal_names_are_highlighted_apart(moved: Path) -> None:
-    cell = moved / "cell.toml"
-    few = 'effects = ["joint_compliance:A2,A3,A4,A5,A6"]'  # their plans are found in no time
-    cell.write_text(re.sub(r"^effects = .*$", few, cell.read_text(), flags=re.M))
-    for seed in (1, 2):
-        run(
-            "design", "--candidates", 300, "--no-polish", "--seed", seed, "--json",
-            moved / f"plan{seed}.json", cell,
-        )  # fmt: skip
-    evidence = load_evidence([moved / "plan1.json", moved / "plan2.json"])
-    first, second = (evidence.highlight[moved / f"plan{seed}.json"] for seed in (1, 2))
-    shared = set(first.values()) & set(second.values())
-    for name in shared:
-        (one,) = (pose for pose, highlight in first.items() if highlight == name)
-        (other,) = (pose for pose, highlight in second.items() if highlight == name)
-        poses = evidence.plans[moved / "plan1.json"], evidence.plans[moved / "plan2.json"]
-        q = [p.q[p.names.index(pose)] for p, pose in zip(poses, (one, other), strict=True)]
-        np.testing.assert_allclose(q[0], q[1], atol=1e-5)
-    assert len(shared) < 15
 
 
 @pytest.mark.usefixtures("without_figures")

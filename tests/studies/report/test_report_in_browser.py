@@ -42,7 +42,7 @@ THINNED = """() => {
     document.querySelectorAll("tbody").forEach(own => [...own.rows].slice(4).forEach(r => r.remove()));
     document.querySelectorAll("svg.plot").forEach(svg => {
         const kept = new Set();
-        for (const [kind, most] of [["text", 9], ["[data-pose]", 4]])
+        for (const [kind, most] of [["text", 9]])
             for (let own of [...svg.querySelectorAll(kind)].slice(0, most)) {
                 own.querySelectorAll("*").forEach(e => kept.add(e));
                 for (; own !== svg; own = own.parentElement) kept.add(own);
@@ -74,21 +74,6 @@ def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, sc
 def test_it_prints_on_few_pages(open_page: Callable[..., Any], html: str) -> None:
     pdf = open_page(html).pdf(format="A4")
     assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= PAGES
-
-
-def test_a_pose_lights_up_everywhere(open_page: Callable[..., Any], html: str) -> None:
-    page = open_page(html)
-    row = page.locator("#plan tr[data-pose]").nth(3)
-    row.scroll_into_view_if_needed()
-    row.hover()
-    name = row.get_attribute("data-pose")
-    highlight = page.evaluate(
-        "[...document.querySelectorAll('.highlight')].map(e => e.closest('section').id)"
-    )
-    assert {"plan", "errors"} <= set(highlight)
-    assert page.locator("#arm .arm-now b").inner_text() == name
-    page.mouse.move(2, 2)
-    assert page.evaluate("document.querySelectorAll('tr.highlight').length") == 0
 
 
 def test_text_in_figures_stays_legible_and_words_whole_on_a_phone(
@@ -123,19 +108,6 @@ def test_the_contents_are_in_view(open_page: Callable[..., Any], html: str) -> N
                 const box = a.getBoundingClientRect();
                 return box.left >= 0 && box.right <= document.documentElement.clientWidth; })"""
         )
-
-
-def test_a_tooltip_names_the_pose(open_page: Callable[..., Any], html: str) -> None:
-    page = open_page(html)
-    page.evaluate("document.querySelectorAll('#errors details').forEach(own => own.open = true)")
-    row = page.locator("#errors tr[data-pose]").first
-    row.scroll_into_view_if_needed()
-    row.hover()
-    told = page.locator(".tip").inner_text()
-    assert row.get_attribute("data-pose") in told
-    assert "A1" in told
-    page.mouse.move(2, 2)
-    assert not page.locator(".tip").is_visible()
 
 
 def test_the_verdict_stands_on_the_first_screen(open_page: Callable[..., Any], html: str) -> None:

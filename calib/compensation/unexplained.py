@@ -170,7 +170,7 @@ def unexplained(fit: Fitted, heldout: Measurements | None, footprint: float) -> 
 def at_held_out(fit: Fitted, heldout: Measurements) -> Unseen:
     """What poses show that the parameters never saw, at least one point of them seen."""
     points, J = fit.model.jacobian(fit.values, heldout.poses)
-    off = fit.model.readout.difference(heldout.readings, points)
+    off = heldout.readings - points
     return _unseen(fit, heldout, off, J @ half(fit.covariance), "held-out poses")
 
 
@@ -324,7 +324,7 @@ def _excess(off: Array, spread: Array, sigma: float, together: float = 1.0) -> t
 def _shares(fit: Fitted, data: Measurements) -> tuple[Array, Array]:
     """Squared error of every point (m, M), and what the parameters' uncertainty adds to it, m^2."""
     points, J = fit.model.jacobian(fit.values, data.poses)
-    off = fit.model.readout.difference(data.readings, points)
+    off = data.readings - points
     error = (off**2 * fit.lengths).sum(axis=-1) * data.seen
     J = J * fit.lengths[..., None]
     return error, np.einsum("mjip,pq,mjiq->mj", J, fit.covariance, J, optimize=True)

@@ -154,7 +154,7 @@ class GapEntry(Entry):
         nothing was found or held out
     """
 
-    unit: Literal["mm", "px"]
+    unit: Literal["mm", "mrad", "px"]
     floor_mm: Annotated[Positive, OWN_UNIT]
     fit_before_mm: Annotated[NotNegative, OWN_UNIT]
     fit_after_mm: Annotated[NotNegative, OWN_UNIT]
@@ -217,7 +217,7 @@ class ErrorSteps(Entry):
     """RMS error before and after each effect, added one to the other by their share of the gap."""
 
     of: str
-    unit: Literal["mm", "px"]
+    unit: Literal["mm", "mrad", "px"]
     added: tuple[str, ...]
     rms_mm: tuple[NotNegative, ...]
 

@@ -39,12 +39,13 @@ def one_split(name: str, seed: int) -> Row:
     else:
         kept, held = data.split(HELD_OUT, np.random.default_rng(seed))
     models = {"nominal": replace(cell, effects=("base", "tool")), "identified": cell}
-    found = {}
+    found: Row = {}
     for model, own in models.items():
         result = calib.identify(own, kept, heldout=held)
-        found[model] = 1e3 * rms_3d(result.heldout.vectors[held.seen])
-    gap = calib.diagnose(cell, kept, heldout=held).gap
-    return {**found, "diagnosed": 1e3 * gap.heldout_after}
+        if result.heldout is not None:
+            found[model] = 1e3 * rms_3d(result.heldout.vectors[held.seen])
+    after = calib.diagnose(cell, kept, heldout=held).gap.heldout_after
+    return {**found, "diagnosed": None if after is None else 1e3 * after}
 
 
 @bench(count("--splits", 3), workers=True)

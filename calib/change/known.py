@@ -16,7 +16,7 @@ from calib.uncertainty.expanded import freedom
 
 _CHANCE = 3.0  # standard deviations of a mean square
 # Numbers that a parameter is taken from at one pose. Of two days that are compared fewer than the stays
-# give, so that false alarms are held (``studies.research.benchmarks.changes``).
+# give, so that false alarms are held.
 _COORDINATES = 3
 
 

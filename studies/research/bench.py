@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -117,12 +116,6 @@ def clocked(work: Callable[[], T]) -> tuple[T, float]:
     return work(), time.process_time() - begun
 
 
-def median_or_more(counts: Sequence[int | None], most: int) -> str:
-    """Median of counts of which None stands for more than were tried."""
-    middle = float(np.median([np.inf if n is None else n for n in counts]))
-    return f"{middle:g}" if np.isfinite(middle) else f"> {most}"
-
-
 def rms(values: ArrayLike) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -142,14 +135,6 @@ def data_folder(name: str = "") -> Path:
     if not folder.is_dir():
         raise InputError(f"{folder}", "", "holds no real measurements; set POSECAL_DATA to theirs")
     return folder
-
-
-def cell_from(text: str, urdf: str) -> calib.Cell:
-    """The cell of a text that calls its robot's file ``robot.urdf``."""
-    with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "robot.urdf").write_text(urdf, encoding="utf-8")
-        (Path(name) / "cell.toml").write_text(text, encoding="utf-8")
-        return calib.load_cell(Path(name) / "cell.toml")
 
 
 def real_data(name: str) -> tuple[calib.Cell, calib.Measurements]:

@@ -28,11 +28,6 @@ def standing(position: ArrayLike, rpy_deg: Sequence[float]) -> Array:
     return frame(position, Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix())
 
 
-def quaternion(R: Array) -> Array:
-    """As MuJoCo takes it, w first."""
-    return np.roll(Rotation.from_matrix(R).as_quat(), 1)
-
-
 def corners(across: int, down: int, pitch: float) -> Array:
     """Inner corners of a chessboard in its frame, (n, 3), row by row."""
     grid = [[x, y, 0.0] for y in range(1, down + 1) for x in range(1, across + 1)]

@@ -168,7 +168,7 @@ def _filmed(count: int) -> tuple[Any, Any]:
     from studies.research.benchmarks.lenses import written
 
     with TemporaryDirectory() as folder:
-        path, table_path = written(Path(folder), "N", 0, poses=count)
+        path, table_path = written(Path(folder), "N", 0, count)
         cell = calib.load_cell(path)
         return cell, calib.load_measurements(cell, table_path)
 
@@ -211,17 +211,6 @@ def _peak(of: Callable[[], tuple[Any, Any]], repeats: int) -> list[float]:
     return [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB]
 
 
-def camera_plan(repeats: int) -> list[float]:
-    """40 poses of a camera on a Panda's hand, from 4 000 candidates."""
-    import doe
-    from studies.research.benchmarks.camera_plans import PLACES
-
-    with TemporaryDirectory() as folder:
-        cell = PLACES["panda"].cell(Path(folder), "tip")
-    plan = partial(doe.design, cell, poses=40, candidates=4000, reapproach=0)
-    return [clocked(plan) for _ in range(repeats + 1)][1:]
-
-
 def refits(repeats: int) -> list[float]:
     """1000 simulated experiments of 15 poses and 9 parameters."""
     run = _refits()
@@ -262,7 +251,7 @@ def _refits() -> Callable[..., Any]:
 
 _TABLES = {"poses": partial(_tracked, 10_000), "filmed": partial(_filmed, 5000)}
 LIBRARY: dict[str, Runs] = {
-    **{f.__name__: f for f in (pool, pool_mb, identify, images, camera_plan, refits, two_workers)},
+    **{f.__name__: f for f in (pool, pool_mb, identify, images, refits, two_workers)},
     **{name: partial(_whole, of) for name, of in _TABLES.items()},
     **{f"{name}_mb": partial(_peak, of) for name, of in _TABLES.items()},
 }
@@ -284,7 +273,6 @@ SPEEDS: dict[str, tuple[str, str, Runs]] = {
     "poses-mb": ("their memory", "MB", inside("poses_mb")),
     "filmed": ("identify and diagnose 5 000 images of 88 corners", "s", inside("filmed")),
     "filmed-mb": ("their memory", "MB", inside("filmed_mb")),
-    "camera-plan": ("40 poses of a camera, in the library", "s", inside("camera_plan")),
     "refits": ("1000 refits of 15 poses, in the library", "s", inside("refits")),
     "workers": ("their gain by two workers", "x", inside("two_workers")),
     "readings": ("identify 12 000 readings of one marker", "s", readings(12_000)),

@@ -5,9 +5,9 @@
 approach; ``make .. --real-arms`` arms as real ones are, from several causes at once, in place of the
 first families; ``make .. --foreign`` causes of the catalogue by other formulas; ``make ..
 --instruments`` arms that cameras, wires, motion capture and sockets read.
-``run FOLDER --answers aic`` lets a rival answer the same cases (``bic`` and
-``black-box`` are the others); ``score`` sets all that answered side by side. ``run .. --first N`` where
-time is short: only the first cases are answered and count.
+``run FOLDER --answers NAME --command ..`` lets another program answer the same cases; ``score`` sets
+all that answered side by side. ``run .. --first N`` where time is short: only the first cases are
+answered and count.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from studies.research.withheld.seal import COMMANDS, DIAGNOSIS, BrokenSeal, write_json
+from studies.research.withheld.seal import DIAGNOSIS, BrokenSeal, write_json
 
 _FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 
@@ -60,7 +60,7 @@ def make(count: int, folder: Path, seed: int, **kinds: bool) -> None:
     "program",
     default=DIAGNOSIS,
     show_default=True,
-    help=f"Who answers: {', '.join(COMMANDS)}, or any other name with a --command.",
+    help="Who answers; any other name needs a --command.",
 )
 @click.option("--command", help="Own program, with {cell} {data} {heldout} {answer}.")
 @click.option("--first", type=click.IntRange(min=1), help="Only so many cases, in their order.")
@@ -72,14 +72,12 @@ def run(
     command: str | None,
     first: int | None,
 ) -> None:
-    """Let the diagnosis, or a rival, answer every case, and commit the answers."""
+    """Let the diagnosis, or another program, answer every case, and commit the answers."""
     from studies.research.withheld.seal import COMMITMENT, answers_folder, case_names
     from studies.research.withheld.seal import run as run_cases
 
-    if command is None and program not in COMMANDS:
-        raise click.UsageError(
-            f"--answers {program}: nobody of that name; choose {', '.join(COMMANDS)}, or give --command"
-        )
+    if command is None and program != DIAGNOSIS:
+        raise click.UsageError(f"--answers {program}: nobody of that name; give --command")
     if not program.replace("-", "").replace("_", "").isalnum():
         raise click.UsageError(f"--answers {program}: use letters, digits, - and _")
     if not (folder / COMMITMENT).exists():

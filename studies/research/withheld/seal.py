@@ -18,7 +18,7 @@ from typing import Any
 
 COMMITMENT = "commitment.json"
 DIAGNOSIS = "diagnosis"
-"""Name of the answers that are judged against the bars; rivals have names of their own."""
+"""Name of the answers that are judged against the bars; other programs have names of their own."""
 
 
 class BrokenSeal(Exception):
@@ -149,17 +149,6 @@ DIAGNOSE = shlex.join(
     ]
 )
 """``posecal diagnose CELL DATA --holdout HELDOUT --json ANSWER`` of the package that runs this."""
-RIVALS = {
-    name: shlex.join(
-        [
-            *(sys.executable, "-m", "studies.research.rivals", name),
-            *("{cell}", "{data}", "{heldout}", "{answer}"),
-        ]
-    )
-    for name in ("aic", "bic", "black-box")
-}
-"""Simple programs for the same cases, by the names of their answers."""
-COMMANDS = {DIAGNOSIS: DIAGNOSE, **RIVALS}
 
 
 def run(
@@ -176,12 +165,12 @@ def run(
 
     program : name of the answers, which lie in a folder of that name
     command : template with {cell}, {data}, {heldout} and {answer}, which are absolute paths; by
-        default that of ``COMMANDS``
+        default that of the diagnosis
     limit : s, for one case; first : how many cases, all without
     Returns what became of each case: "answered", "failed" or "too slow", and its seconds.
     """
     names = case_names(folder)[:first]
-    parts = shlex.split(COMMANDS[program] if command is None else command)
+    parts = shlex.split(DIAGNOSE if command is None else command)
     answers = answers_folder(folder, program).resolve()
     commitment_of(folder, program).unlink(missing_ok=True)
     shutil.rmtree(answers, ignore_errors=True)

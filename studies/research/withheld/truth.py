@@ -254,26 +254,3 @@ class Mechanism:
         R_in, p_in = instrument
         aimed = points @ R_in.T + p_in
         return State(R, o, R_link, wrench, torque, points, aimed, aimed + action.reading)
-
-
-def tip_in_numpy(arm: Arm, q: Array, errors: Array) -> tuple[Array, Array]:
-    """The weightless arm's tip in base axes by NumPy alone, (m, 3, 3) and (m, 3), m.
-
-    errors : ndarray, shape (n + 2, 6), m and rad: displacement of each frame in its own axes
-    """
-    R, p = _displaced(np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3)), errors[0])
-    for k, joint in enumerate(arm.joints):
-        p = p + R @ np.array(joint.xyz)
-        R = R @ Rotation.from_euler("xyz", joint.rpy).as_matrix()
-        R, p = _displaced(R, p, errors[k + 1])
-        axis = np.array(joint.axis)
-        if joint.slides:
-            p = p + (R @ axis) * q[:, k, None]
-        else:
-            R = R @ Rotation.from_rotvec(q[:, k, None] * axis).as_matrix()
-    p, R = p + R @ np.array(arm.tip_xyz), R @ Rotation.from_euler("xyz", arm.tip_rpy).as_matrix()
-    return _displaced(R, p, errors[-1])
-
-
-def _displaced(R: Array, p: Array, error: Array) -> tuple[Array, Array]:
-    return R @ Rotation.from_rotvec(error[3:]).as_matrix(), p + R @ error[:3]

@@ -1,19 +1,12 @@
 """DLR's humanoid Agile Justin: two arms of seven joints on one torso, a marker on each hand.
 
-    python -m studies.research.benchmarks.justin [--days 0] [--model NAME ..] [--alone]
-        [--plan [--match]] [--write FOLDER]
+    python -m studies.research.benchmarks.justin [--model NAME ..] [--alone] [--write FOLDER]
 
 The public table has 400 poses of both arms; each fifth of them is held out in turn, and nothing is
 fitted again on it. Both arms are one robot with two tips. The torso's fourth joint has no drive: it is
 moved by the two before it. ``--alone`` fits each arm as a chain of its own, which knows nothing of the
-other's weight. ``--days`` draws so many days from what the last model finds, and counts how often the
-intervals of 95 % hold the truth. Published (Tenhumberg and Baeuml 2021), mean of all 500 poses in mm:
-21.33 nominal, 18.18 with offsets, 10.5 with DH parameters, 5.64 with joint compliances, 3.12 (8.23 at
-most) with lateral ones.
-``--plan`` plans forty poses for both arms with joint compliance, read by a tracker or watched from a
-head, and sets what the plan promises beside simulated days; ``--match`` seeks how many planned poses
-tell as much as 500 at random. ``--write`` only writes cell and table, with the last model, for
-``posecal diagnose``.
+other's weight. Published (Tenhumberg and Baeuml 2021) are means of all 500 poses, mm. ``--write`` only
+writes cell and table, with the last model, for ``posecal diagnose``.
 """
 
 from __future__ import annotations
@@ -22,7 +15,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -30,9 +22,8 @@ import numpy as np
 import calib
 from calib.arrays import Array
 from calib.poses import Measurements
-from studies.research.bench import Output, Row, bench, count, several, table
-from studies.research.benchmarks.justin import planned
-from studies.research.benchmarks.justin.robot import SIDES, SIGMA_MM, alone, justin, write
+from studies.research.bench import Output, Row, bench, several, table
+from studies.research.benchmarks.justin.robot import SIDES, alone, justin, write
 
 _GEOMETRY = ("base", "tool", "geometry")
 _SOFT = ("joint_compliance", "bearing_compliance", "base_compliance")
@@ -47,7 +38,6 @@ MODELS: Mapping[str, tuple[str, ...]] = {
 }
 PUBLISHED = dict(zip(MODELS, (21.33, 18.18, 10.5, 5.64, 3.12), strict=False))
 _FOLDS = 5
-_PLANNED = "+ joint compliance"  # the gear ratios of the torso no camera on the head can tell
 
 
 def folds(data: Measurements) -> Iterator[tuple[Measurements, Measurements]]:
@@ -85,40 +75,9 @@ def fitted(cell: calib.Cell, data: Measurements, effects: Sequence[str]) -> Row:
     }
 
 
-def coverage(cell: calib.Cell, data: Measurements, effects: Sequence[str], days: int) -> Row:
-    """How often intervals of 95 % hold the truth, on days drawn from what a model finds in the data."""
-    cell = replace(cell, effects=tuple(effects))
-    found = calib.identify(cell, data)
-    model = found.model
-    inside = []
-    for day in range(days):
-        rng = np.random.default_rng(day)
-        readings = model.predict(found.values, data.poses)
-        drawn = readings + rng.normal(size=readings.shape) * SIGMA_MM * 1e-3
-        again = calib.identify(cell, replace(data, readings=drawn))
-        told = {p.id: i for i, p in enumerate(again.model.parameters)}
-        for p, truth in zip(model.parameters, found.values, strict=True):
-            i = told.get(p.id)
-            if i is not None and np.isfinite(again.std[i]) and again.std[i] > 0.0:
-                inside.append(abs(again.values[i] - truth) < 1.96 * again.std[i])
-    return {"days": days, "intervals": len(inside), "inside": float(np.mean(inside))}
-
-
-def _turned(rows: Sequence[Row]) -> list[Row]:
-    """A row of each figure, a column of each of these rows."""
-    named = [str(row["instrument"]) for row in rows]
-    return [
-        {"": key, **dict(zip(named, (row[key] for row in rows), strict=True))} for key in rows[0]
-    ]
-
-
 @bench(
-    count("--days", 0, least=0, help="Simulated days whose intervals are counted."),
     several("--model", tuple(MODELS), help="Models that are fitted."),
     click.option("--alone", "chains", is_flag=True, help="Each arm as a chain of its own, too."),
-    click.option("--plan", is_flag=True, help="Plan days, and nothing else."),
-    click.option("--match", is_flag=True, help="With --plan: plans like 500 poses at random."),
-    count("--refits", 30, least=2, help="Simulated days of each plan."),
     click.option(
         "--write",
         "folder",
@@ -128,20 +87,14 @@ def _turned(rows: Sequence[Row]) -> list[Row]:
 )
 def main(
     seed: int,
-    days: int,
     model: Sequence[str],
     chains: bool,
-    plan: bool,
-    match: bool,
-    refits: int,
     folder: Path | None,
 ) -> Output:
     """Identify both arms of Agile Justin, model by model, and judge them on held-out poses."""
+    del seed
     if folder is not None:
         return [f"wrote {write(folder, MODELS[model[-1]])}"], {}
-    if plan:
-        rows = planned.rows(MODELS[_PLANNED], refits, seed, match)
-        return [table(_turned(rows))], {"plans": rows}
     cell, data = justin()
     rows = []
     for name in model:
@@ -164,12 +117,7 @@ def main(
         }
         for row in rows
     ]
-    found: Row = {"models": rows}
-    parts: list[Any] = [table(shown)]
-    if days:
-        found["intervals"] = own = coverage(cell, data, MODELS[model[-1]], days)
-        parts.append(f"{own['inside']:.1%} of {own['intervals']} intervals hold the truth")
-    return parts, found
+    return [table(shown)], {"models": rows}
 
 
 if __name__ == "__main__":

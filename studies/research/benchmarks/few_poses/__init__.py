@@ -1,1 +1,0 @@
-"""What an identification is worth when poses are few."""

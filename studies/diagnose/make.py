@@ -301,7 +301,7 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
     fits += [found.after] if added else []
     shown = found.before.model.readout.channels.shown
     return ErrorSteps(
-        unit=shown.unit,
+        unit="mm" if shown.unit == "mm" else "px",
         of="fitted poses" if found.heldout is None else "held-out poses",
         added=tuple(map(label, added)),
         rms_mm=tuple(rms(squared_errors(fit, data)) / shown.scale for fit in fits),

@@ -132,9 +132,10 @@ def test_a_pose_is_read_by_what_it_touches_alone() -> None:
 
 
 def test_levels_are_kept_while_the_others_move() -> None:
-    q = planned(cell_with(PLANE), poses=None, levels="j2=-40,-20x6").poses.q
+    through = replace(PLANE, standing=place_of(SITES[0], NORMAL)[None])
+    q = planned(cell_with(through), poses=None, levels="j2=-40,-20x6").poses.q
     assert set(np.round(np.degrees(q[:, 1]), 6)) == {-40.0, -20.0}
-    assert np.abs(to_plane(at(q), q)).max() < 1e-6
+    assert np.abs((at(q) - SITES[0]) @ NORMAL).max() < 1e-6
 
 
 def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:

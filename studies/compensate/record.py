@@ -215,7 +215,7 @@ def _ways(record: CompensateRecord) -> Iterator[doc.Part]:
     if day is None or not day.checked or not day.ways:
         return
     checked = doc.listed([name.replace("_", " ") for name in day.checked])
-    rest = "" if day.direct == day.ways else ". `posecal program` leads the others round"
+    rest = "" if day.direct == day.ways else ". Lead the others round"
     yield doc.Sentence(
         f"{day.direct} of {day.ways} between the corrected commands are free if the joints move "
         f"straight (checked: {checked}){rest}",

@@ -13,18 +13,15 @@ from studies.command.options import PATH, cell_argument, result_options
 @click.command()
 @cell_argument
 @click.argument("plan_path", metavar="PLAN", type=PATH)
-@click.option("-o", "--output", "program_path", metavar="FILE", required=True,
-              type=PATH,
+@click.option("-o", "--output", "path", metavar="FILE", required=True, type=PATH,
               help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for "
                    "ABB (RAPID), FILE.ls for FANUC.")  # fmt: skip
 @result_options(figures=False, seed=False)
-def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str | None) -> None:
+def program(cell_path: Path, plan_path: Path, path: Path, json_path: str | None) -> None:
     """Write a plan as a robot program that stops at every pose to be measured.
 
-    PLAN is a table of poses, from posecal design or by hand. The program is a skeleton. Read the
-    notes at its head. Check zero positions and directions of rotation. The way between poses is checked
-    against what the cell knows of the arm and its surroundings, and led round obstacles. Run it in T1
-    first.
+    The program is a skeleton that drives from pose to pose. Read the notes at its head. The way between
+    poses is not checked. Run it in T1 first.
 
     \b
     Example:
@@ -32,36 +29,27 @@ def program(cell_path: Path, plan_path: Path, program_path: Path, json_path: str
     """
     import calib
     from calib.errors import InputError
-    from calib.files.read import sha256
-    from doe.constraints.self_collision import unchecked
-    from doe.day.day import day_of
-    from studies.programs.languages import LANGUAGES, checked_lines, plain_text, plan_stops
-    from studies.programs.record import program_record
+    from studies.programs.record import LANGUAGES, ProgramRecord, plain_text, program_text
     from studies.record import envelope
 
-    language = LANGUAGES.get(program_path.suffix.lower())
-    if language is None:
-        known = " or ".join(LANGUAGES)
-        raise InputError(
-            program_path,
-            "",
-            f"ends in {program_path.suffix or 'nothing'}",
-            f"let it end in {known}",
-        )
+    if path.suffix.lower() not in LANGUAGES:
+        what = f"ends in {path.suffix or 'nothing'}"
+        raise InputError(path, "", what, f"let it end in {' or '.join(LANGUAGES)}")
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, plan_path]
-    check_outputs([program_path, output_file(json_path)], inputs)
-    day = day_of(cell, calib.load_plan(cell, plan_path))
-    stops = plan_stops(day, str(plan_path))
-    made_from = envelope(cell.name, inputs, about=cell.about)
-    warning = unchecked(cell)
-    head = (
-        *([plain_text(warning, len(warning))] if warning else []),
-        f"Written by posecal {made_from['version']} from {plain_text(plan_path.name)}, "
-        f"sha256 {sha256(plan_path)[:16]}",
-        f"Cell {plain_text(cell.name)}, {len(day.poses)} poses",
-        *checked_lines(day),
+    check_outputs([path, output_file(json_path)], inputs)
+    made_from, plan = (
+        envelope(cell.name, inputs, about=cell.about),
+        calib.load_plan(cell, plan_path),
     )
-    made = language(program_path.stem, cell, stops, head)
-    record = program_record(day, stops, made, str(program_path), warning, made_from)
-    deliver(record, json_path, files={program_path: made.text})
+    head = [
+        f"Written by posecal {made_from['version']} from {plan_path.name}",
+        f"Zero positions and senses of rotation are those of the {cell.robot.source}.",
+        "Check them. Select tool and load data of the controller first.",
+        "Nothing is checked for collisions: look at each way first, in T1.",
+        f"Axes: {', '.join(cell.robot.joints)}",
+    ]
+    text = program_text(path.suffix.lower(), path.stem, cell, plan, str(plan_path), head)
+    names, stops = tuple(map(plain_text, plan.names)), (1 + (cell.load is not None)) * len(plan)
+    record = ProgramRecord(**made_from, warnings=(), program=str(path), poses=names, stops=stops)
+    deliver(record, json_path, files={path: text})

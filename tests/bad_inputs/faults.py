@@ -559,16 +559,9 @@ def _drifting(more: str) -> Edit:
     return lambda text: re.sub(levels, "poses = 15", model(text)) + more
 
 
-def _from_beyond(table: str) -> str:
-    """The first pose at the lower end of A2, with a last move that comes from below."""
-    table = _all_approaches(table)
-    return field(2, "A2_deg", "-140")(table)
-
-
 DAYS = [
     Fault("an obstacle around the base", f"design cell.toml {_FEW}", "cell.toml",
           added(_AROUND + _SHAPE)),
-    Fault("a pose in an obstacle", _PROGRAM, "cell.toml", added(_AROUND + _SHAPE)),
     Fault("a mesh without a unit", f"design cell.toml {_FEW}", "cell.toml",
           added('\n[[design.obstacle]]\ntype = "mesh"\nfile = "table.stl"\n')),
     Fault("a mesh that is not there", f"design cell.toml {_FEW}", "cell.toml",
@@ -579,7 +572,6 @@ DAYS = [
           _drifting(_SPEEDS)),
     Fault("a drift planned after a plan without times", f"design cell.toml --extend plan.csv {_FEW}",
           "cell.toml", _drifting(_SPEEDS)),
-    Fault("a last move from beyond a joint's limit", _PROGRAM, "plan.csv", _from_beyond),
     Fault("temperatures that go back in time", _PROGRAM, "cell.toml",
           _heated("[[0, 20], [60, 22], [30, 23]]")),
     Fault("temperatures without times", _PROGRAM, "cell.toml", _heated("[20, 22]")),

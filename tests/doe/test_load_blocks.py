@@ -21,7 +21,6 @@ from calib.poses import poses_at
 from calib.poses.load_blocks import even_blocks, turns
 from doe.ahead.coming import match, whole_day
 from doe.day.day import day_of
-from studies.programs.languages import checked_lines, plan_stops
 from tests.doe.test_run_order import SLOW, cell_of
 
 OPTIONS: dict[str, Any] = {"candidates": 300, "reapproach": 0}
@@ -111,22 +110,6 @@ def test_half_a_day_is_gone_on_with(plan: doe.Design) -> None:
     expected = in_turn(cell, plan.poses)
     np.testing.assert_array_equal(day.poses.q, expected.q)
     np.testing.assert_array_equal(pose[10:], turn_of(cell, plan.poses)[10:] % 12)
-
-
-def test_the_program_says_when_the_load_is_changed(plan: doe.Design) -> None:
-    names = plan.poses.names
-    stops = plan_stops(plan.day, "plan.csv")
-    tasks = {stop.name: stop.tasks for stop in stops}
-    assert tasks[f"{names[0]}_free"] == (f"measure pose {names[0]}_free",)
-    assert tasks[f"{names[3]}_loaded"] == (
-        f"hang 5 kg, wait until it is still, measure pose {names[3]}_loaded",
-    )
-    assert tasks[f"{names[7]}_free"] == (
-        f"take the load off, wait until the arm is still, measure pose {names[7]}_free",
-    )
-    for checked in ((), ("self_collision",)):
-        lines = checked_lines(replace(plan.day, checked=checked))
-        assert any("the arm moves with 5 kg" in line for line in lines)
 
 
 REFUSED: list[tuple[Cell, dict[str, Any], str]] = [

@@ -26,7 +26,7 @@ from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
 from calib.poses import poses_at
 from doe.problem.pool import drawn
-from studies.programs.languages import plan_stops
+from studies.programs.record import program_text
 from tests.helpers import all_seen, cell_of, random_robot
 from tests.trees import Joint, placed
 
@@ -168,8 +168,8 @@ def test_a_plan_keeps_to_it_and_tells_the_master(
     assert text.splitlines()[0].split(",")[:8] == ["pose", *joints]
     (tmp_path / "plan.csv").write_text(text)
     np.testing.assert_allclose(load_plan(here, tmp_path / "plan.csv").q, plan.poses.q, atol=1e-9)
-    with pytest.raises(InputError, match="joint a: mimics lift, and no language here"):
-        plan_stops(plan.day, "plan.csv")
+    with pytest.raises(InputError, match="6 after them at most, each with a drive"):
+        program_text(".src", "p", here, plan.poses, "plan.csv", [])
     lead = robot.joints[0]
     with pytest.raises(CalibError, match=f"levels of b: it moves with {lead}; give levels of"):
         doe.design(here, levels="b=2x3", candidates=100)

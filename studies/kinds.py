@@ -20,7 +20,7 @@ _HOMES = {
     "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
     "enough": ("enough.record", "EnoughRecord", "enough.telling"),
     "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
-    "changes": ("changes.record", "ChangesRecord", "changes.telling"),
+    "changes": ("changes.record", "ChangesRecord", "changes.record"),
     "report": ("report.page", "ReportRecord", "report.page"),
     "demo": ("demo.record", "DemoRecord", "demo.record"),
 }

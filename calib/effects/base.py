@@ -22,7 +22,6 @@ class Base(Effect):
     station: int | None
     of: Instrument = TRACKER
     kind: ClassVar[str] = "base"
-    event: ClassVar[str] = "the robot's base or the instrument was knocked (both look the same)"
     lasting: ClassVar[bool] = False
 
     @classmethod

@@ -25,7 +25,6 @@ class JointCompliance(ElasticDrive):
     """Elastic drive of a joint: ``dq = compliance * torque`` (paper, equation 2, diagonal k_theta)."""
 
     kind: ClassVar[str] = "joint_compliance"
-    event: ClassVar[str] = "the stiffness of {} changed"
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:

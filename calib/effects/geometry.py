@@ -36,7 +36,6 @@ class LinkGeometry(Geometry):
     """Error of one link: a constant displacement of the frame at its end."""
 
     kind: ClassVar[str] = "link_geometry"
-    event: ClassVar[str] = "the link before {} was bent"
     parts: ClassVar[tuple[str, ...]] = ()
 
 
@@ -45,7 +44,6 @@ class JointOffset(AlongJoint, Constant):
     """Zero error of a joint: ``q_true = q_read + offset``."""
 
     kind: ClassVar[str] = "joint_offset"
-    event: ClassVar[str] = "the zero of {} slipped"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

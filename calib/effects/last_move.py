@@ -34,7 +34,6 @@ class Backlash(DriveError):
     """
 
     kind: ClassVar[str] = "backlash"
-    event: ClassVar[str] = "the gear of {} is worn, or was adjusted"
     uses: ClassVar[tuple[str, ...]] = ("approach",)
 
     @classmethod

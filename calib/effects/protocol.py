@@ -92,7 +92,6 @@ class Effect(ABC):
     flexible : whether at its place it can follow nearly any curve
     drawn : whether its error can be drawn as a curve over a few knots
     decided_by : what would tell it from causes that look alike, beyond further poses; empty for nothing
-    event : what happened if it differs from an earlier day, with {} for the place
     lasting : whether its values are the robot's own, on one day as on another
     allowance : None, or for a suspect how many times the limits of its parameters stand for one
         standard deviation a priori
@@ -107,7 +106,6 @@ class Effect(ABC):
     flexible: ClassVar[bool] = False
     drawn: ClassVar[bool] = True
     decided_by: ClassVar[str] = ""
-    event: ClassVar[str] = ""
     lasting: ClassVar[bool] = True
 
     @classmethod

@@ -23,7 +23,6 @@ class Tool(Effect):
     marker: int
     components: tuple[int, ...] = (0, 1, 2)
     kind: ClassVar[str] = "tool"
-    event: ClassVar[str] = "the tool was moved on its flange, or exchanged"
     lasting: ClassVar[bool] = False
 
     @classmethod

@@ -23,7 +23,6 @@ class TransmissionScale(DriveError):
     """Wrong gear ratio or encoder scale: ``dq = scale * q``, q as read."""
 
     kind: ClassVar[str] = "transmission_scale"
-    event: ClassVar[str] = "the gear or encoder of {} has another ratio"
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -48,7 +47,6 @@ class TransmissionHarmonic(DriveError):
     """
 
     kind: ClassVar[str] = "transmission_harmonic"
-    event: ClassVar[str] = "the gear of {} is worn, or was exchanged"
     turns: ClassVar[bool] = True
 
     @property

@@ -1,1 +1,1 @@
-"""``posecal changes``: its record, how it is told and drawn, its command."""
+"""``posecal changes``: its command, its record and how it is told."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import (
-    PATH,
-    Finite,
-    faults_in,
-    result_options,
-)
+from studies.command.options import PATH, Finite, faults_in, result_options
+
+if TYPE_CHECKING:
+    from calib import Cell
+    from calib.change import DayEstimate
+    from studies.identify.record import IdentifyRecord
 
 
 @click.command()
@@ -22,20 +23,17 @@ from studies.command.options import (
               help="The cell of AFTER. Default: the cell that AFTER names.")  # fmt: skip
 @click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
               help="Largest allowed error at any target.")  # fmt: skip
-@result_options(seed=False)
+@result_options(figures=False, seed=False)
 def changes(
     before_path: Path,
     after_path: Path,
     cell_path: Path | None,
     tolerance_mm: float | None,
-    folder: Path | None,
     json_path: str | None,
 ) -> None:
-    """Say what moved on a robot between two results, how large the effect is, and its likely cause.
+    """Say what moved on a robot between two results, and whether the first still holds.
 
-    BEFORE and AFTER are JSON results of identify. The command compares the parameters that both results
-    determine. The instrument and the markers may stand elsewhere. With --tolerance-mm it says whether
-    the calibration of BEFORE still holds.
+    BEFORE and AFTER are JSON results of identify with the same [model] effects.
 
     \b
     Example:
@@ -43,16 +41,85 @@ def changes(
       posecal identify cell.toml june.csv --json june.json
       posecal changes may.json june.json --tolerance-mm 0.2
     """
+    from calib.change import FALSE_ALARM, verdict
     from calib.change import changes as compared
-    from studies.changes.days import days_of
-    from studies.changes.record import changes_record
+    from calib.files.estimate import load_estimate
+    from studies.changes.record import ChangedParameter, ChangesRecord
+    from studies.identify.record import IdentifyRecord
     from studies.record import envelope
+    from studies.results import read_as
 
-    days = days_of(before_path, after_path, cell_path)
-    inputs = [days.cell.path, *days.cell.robot_files, before_path, after_path]
-    check_outputs([output_file(json_path)], inputs, folder)
-    tolerance = None if tolerance_mm is None else tolerance_mm * 1e-3
+    paths = (before_path, after_path)
+    days = {path: read_as(path, IdentifyRecord) for path in paths}
+    cell = _cell(days, cell_path)
+    inputs = [cell.path, *cell.robot_files, *paths]
+    check_outputs([output_file(json_path)], inputs)
+    estimate = load_estimate(cell, after_path)
     with faults_in(after_path), working("comparing the days"):
-        found = compared(days.cell, days.before, days.after, days.estimate, tolerance)
-    record = changes_record(found, days, envelope(days.cell.name, inputs))
-    deliver(record, json_path, folder)
+        before, after = (known_of_record(days[path]) for path in paths)
+        found = compared(cell, before, after, estimate)
+    between = found.difference
+    columns = {name: getattr(between, name) for name in ("change", "std", "family_p", "moved")}
+    own = {p.key: p for p in estimate.model.parameters}
+    record = ChangesRecord.from_result(
+        found,
+        between,
+        **envelope(cell.name, inputs),
+        warnings=estimate.notes,
+        before=before_path.name,
+        after=after_path.name,
+        status="changed" if between.p_value < FALSE_ALARM else "unchanged",
+        parameters=ChangedParameter.from_each([own[key] for key in between.keys], **columns),
+        tolerance_mm=tolerance_mm,
+        verdict=None if tolerance_mm is None else verdict(found.kept[1], tolerance_mm * 1e-3),
+    )
+    deliver(record, json_path)
+
+
+def _cell(days: dict[Path, IdentifyRecord], path: Path | None) -> Cell:
+    """The cell of the later result, whose robot must be that of both. Raises InputError."""
+    from calib import load_cell
+    from calib.errors import InputError
+    from calib.files.read import sha256
+    from studies.results import located
+
+    for result, record in days.items():
+        if not record.estimate.converged:
+            raise InputError(result, "", "did not converge", "mend the identification first")
+    source = located(result, record.inputs[0].file, record.inputs[0].sha256)
+    path = path or source.path
+    if path is None:
+        what = f"its cell {source.file} is {source.state}"
+        raise InputError(result, "inputs", what, "give it with --cell")
+    cell = load_cell(path)
+    for result, record in days.items():
+        for file in cell.robot_files:
+            if sha256(file) not in {entry.sha256 for entry in record.inputs}:
+                what = f"was not made with the {cell.robot.source} {file} as it stands"
+                remedy = "compare results of one robot, identified from one nominal model"
+                raise InputError(result, "inputs", what, remedy)
+    return cell
+
+
+def known_of_record(record: IdentifyRecord) -> DayEstimate:
+    """What a result knows of a robot."""
+    import numpy as np
+
+    from calib.change import COORDINATES, DayEstimate
+    from calib.uncertainty.expanded import freedom
+
+    estimate, scatter = record.estimate, record.estimate.scatter_si
+    scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
+    noise = np.inf if record.noise.source == "cell" else record.noise.degrees_of_freedom
+    noise = record.degrees_of_freedom if noise is None else noise
+    keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
+    return DayEstimate(
+        keys,
+        np.array([p.value_si for p in estimate.parameters]),
+        np.array(estimate.covariance_si),
+        np.array(
+            [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
+        ),
+        {name: np.array(at) * 1e-3 for name, at in record.markers_mm.items()},
+        freedom(noise, record.poses, len(keys), as_a_whole=scatters, numbers=COORDINATES),
+    )

@@ -85,7 +85,7 @@ def _powers(low: float, high: float) -> list[float]:
     return [tick for tick in found if low < tick < high]
 
 
-_MATTERS = ("identify", "compensate", "diagnose", "changes", "enough")
+_MATTERS = ("identify", "compensate", "diagnose", "enough")
 """Kinds of results with an error before and after, what a reader asks for first."""
 _WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
 _KEYS: dict[str, tuple[str, ...]] = {

@@ -39,7 +39,8 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arrays import Array, Mask
-from calib.change import changes, known_of
+from calib.cell.targets import targets_of
+from calib.change import FALSE_ALARM, changes, known_of, verdict
 from calib.compensation.estimate import estimate_of
 from calib.uncertainty.budget import accuracy_at_targets
 from doe.ahead.enough import enough
@@ -201,18 +202,17 @@ def _changes(
     times: float,
 ) -> Iterator[Said]:
     found = changes(cell, known_of(before), known_of(after), estimate_of(after))
-    moved, size = rms_3d(then.reached - first.reached), found.change.rms
+    moved, size = rms_3d(then.reached - first.reached), found.there
+    seen = found.difference.p_value < FALSE_ALARM
     if not moved:
-        yield Said("changes alarm", right=not found.difference.changed)
-    elif found.difference.changed:
+        yield Said("changes alarm", right=not seen)
+    elif seen:
         yield Said("changes size", size.value, moved, size.low <= moved <= size.high)
     else:
         yield Said("changes hidden", size.high, moved, moved <= size.high)
-    off = before.predict(found.targets) - then.approached
+    off = before.predict(targets_of(cell)[0]) - then.approached
     worst = float(np.sqrt((off**2).sum(axis=-1).mean(axis=-1)).max())
-    judged = changes(
-        cell, known_of(before), known_of(after), estimate_of(after), tolerance=times * worst
-    ).verdict
+    judged = verdict(found.kept[1], times * worst)
     if judged in ("holds", "does_not"):
         yield Said("changes verdict", right=(judged == "holds") == (times > 1.0))
 

@@ -23,7 +23,6 @@ class Assessment:
     value : float, the problem's criterion, as shown
     determinant, trace : float, det(M)^(1/p) and the trace of the covariance, parameters in their units
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
-    at_targets : ndarray, shape (K,), m, expected error at each target pose, inf where one is open
     task_rms, task_worst : float, m, over the target poses
     common : float, m, RMS part of it by errors common to all readings, which the criterion is without
     observability : dict, indices O1 to O5 of rows scaled to plausible sizes
@@ -37,7 +36,6 @@ class Assessment:
     determinant: float
     trace: float
     std: Array
-    at_targets: Array
     task_rms: float
     task_worst: float
     observability: dict[str, float]
@@ -69,7 +67,6 @@ def assess(problem: Problem, visits: Visits) -> Assessment:
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
         trace=np.inf if lost.any() else float(np.trace(cov)),
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
-        at_targets=np.sqrt(squared),
         task_rms=_task(problem, M, crossed),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
         observability=observability(problem, M, len(visits)),

@@ -16,8 +16,6 @@ from studies.record import Entry, From, Maybe, Number
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
     from calib.arrays import Array
-    from calib.poses import Poses
-    from studies.plots.style import Picture
 
 
 class CauseEntry(Entry):
@@ -123,13 +121,6 @@ def read_joints(robot: Robot, shown: JointValues) -> Array:
     )
 
 
-def check_same_joints(rows: Sequence[JointValues]) -> None:
-    """Raise ValueError where an entry has other joints than the first."""
-    names = {(frozenset(row.joints_deg), frozenset(row.joints_mm)) for row in rows}
-    if len(names) > 1:
-        raise ValueError("its poses have not all the same joints")
-
-
 def joint_columns(
     rows: Sequence[JointValues], rule: Rule = JOINT, *, detail: bool = True
 ) -> tuple[Column[JointValues], ...]:
@@ -143,42 +134,3 @@ def joint_columns(
         [n for r in first for n in getattr(r, f"joints_{u}")] for u in ("deg", "mm")
     )
     return (*(column(n, "deg") for n in turning), *(column(n, "mm") for n in sliding))
-
-
-_MM = 1e3
-
-
-class TargetAccuracy(Entry):
-    """Where a target puts the tip (nominal model, base frame), and the error expected there.
-
-    expanded_mm : within which 95 % of errors stay there
-    """
-
-    tip_x_mm: Annotated[Number, From("tip.0")]
-    tip_y_mm: Annotated[Number, From("tip.1")]
-    tip_z_mm: Annotated[Number, From("tip.2")]
-    expected_mm: Maybe
-    expanded_mm: Maybe
-
-
-def at_targets(
-    robot: Robot, targets: Poses, errors: Array, expanded: Array | None = None
-) -> tuple[TargetAccuracy, ...]:
-    """The entries of all targets.
-
-    errors, expanded : ndarray, shape (m,), m, infinite where a parameter is open
-    """
-    from calib.arm.kinematics import forward
-
-    tips = forward(robot, targets.q).o[:, -1]
-    covered = np.full(len(tips), np.nan) if expanded is None else expanded
-    return TargetAccuracy.from_each(targets.q, tip=tips, expected=errors, expanded=covered)
-
-
-def over_the_workspace(rows: Sequence[TargetAccuracy]) -> Picture:
-    """The error that the parameters' uncertainty leaves, where the tip is at the targets."""
-    from studies.plots.accuracy import workspace
-
-    tips = np.array([[row.tip_x_mm, row.tip_y_mm, row.tip_z_mm] for row in rows])
-    errors = [np.inf if row.expected_mm is None else row.expected_mm for row in rows]
-    return workspace(tips / _MM, np.array(errors) / _MM)

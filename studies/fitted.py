@@ -166,8 +166,6 @@ class ResidualEntry(Entry):
                 for unit, names in by_unit.items():
                     told[f"{cls.beside}_{unit}"] = tuple(old[i, c, list(names.values())].tolist())
                     told |= {name: float(new[i, c, k]) for name, k in names.items()}
-                if "u_px" in told and "at_px" in cls.model_fields:
-                    told["at_px"] = tuple(measured[i, c, :2].tolist())
                 yield cls(
                     pose=poses.names[i],
                     marker=model.channel_names[part][c],

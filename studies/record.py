@@ -48,12 +48,6 @@ Owner = Literal["instrument", "arm", "model", "undecided"]
 """Whose an error from pose to pose is."""
 
 
-def three(values: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float, float]:
-    """A vector of an array, shape (3,)."""
-    x, y, z = values.tolist()
-    return x, y, z
-
-
 _HOUR = 3600.0
 _PER_UNIT = {
     "nm": 1e9,
@@ -245,12 +239,6 @@ class IntervalEntry(Entry):
     value: Number
     low: Maybe
     high: Maybe
-
-
-def intervals(entries: Iterable[IntervalEntry | None]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Values and both ends, shape (3, n), NaN where there is none."""
-    rows = [(None,) * 3 if own is None else (own.value, own.low, own.high) for own in entries]
-    return np.array(rows, dtype=np.float64).T
 
 
 class InputFile(Entry):

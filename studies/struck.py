@@ -11,6 +11,7 @@ INSTEAD: dict[str, str] = {
     "--with": "call `posecal compare` once for each cell",
     "next": "use `posecal design CELL --extend DATA`, with `--discriminate A,B` to separate causes",
     "--next": "use `posecal design CELL --extend DATA --discriminate A,B`",
+    "--figures": "read the tables: identify, diagnose, compare and design draw figures",
     "--prove": "read the certified efficiency: the bound of the relaxation proves it",
     "--robust": "read what the loss of a pose costs, and ask for more poses with `--poses`",
     **dict.fromkeys(

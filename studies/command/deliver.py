@@ -135,7 +135,7 @@ def say_written(
         count = len({path.stem for path in written if path.parent == folder})
         figures = f"{count} figure{'s' * (count != 1)}"
         click.echo(
-            f"wrote {figures} to {folder} as .svg and .png, with their numbers as .csv",
+            f"wrote {figures} to {folder} as .svg, with their numbers as .csv",
             err=json_path == "-",
         )
 

@@ -31,7 +31,7 @@ _figures_option = click.option(
     "folder",
     metavar="FOLDER",
     type=PATH,
-    help="Write figures as SVG and PNG, and their numbers as CSV.",
+    help="Write figures as SVG, and their numbers as CSV.",
 )
 _workers_option = click.option(
     "--workers",

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.effects.protocol import Parameter
 from calib.effects.tool import Tool
+from calib.model.covariance import correlation
 from calib.observations import orientable
 from studies.compare.agreement import BELIEVED, FEWEST, Agreement, band
 from studies.compare.compare import PlanComparison, PlanStudy, Verdict
@@ -17,11 +18,13 @@ from studies.compare.record import (
     ComparedParameter,
     ComparedPlan,
     CompareRecord,
+    CorrelatedPair,
     ImprovementFactor,
 )
 from studies.record import Envelope
 
 _MM = 1e3
+_PAIRS = 6  # error ellipses: the parameters most entangled
 _NO_PLACE = (
     "the cell does not say where the instrument stands ([instrument] position_mm): its ranges count "
     "from the robot's base"
@@ -71,7 +74,29 @@ def _plan(study: PlanStudy) -> ComparedPlan:
         improvement=()
         if study.improvement is None
         else ImprovementFactor.from_each(_parameters(study), factor=study.improvement),
+        entangled=_entangled(study),
     )
+
+
+def _entangled(study: PlanStudy) -> tuple[CorrelatedPair, ...]:
+    """The robot's parameters that go together most, or all parameters where it has but one."""
+    parameters, R = _parameters(study), correlation(study.points.prediction.covariance)
+    own = [i for i, p in enumerate(parameters) if p.effect not in ("base", "tool")]
+    own = own if len(own) > 1 else list(range(len(parameters)))
+    ranked = sorted(
+        ((abs(R[a, b]), a, b) for n, a in enumerate(own) for b in own[n + 1 :]), reverse=True
+    )
+    return tuple(_pair(study, [a, b]) for _, a, b in ranked[:_PAIRS])
+
+
+def _pair(study: PlanStudy, pair: list[int]) -> CorrelatedPair:
+    a, b = (_parameters(study)[i] for i in pair)
+    scales = np.array([a.scale, b.scale])
+    covariance = {}
+    for v in study.verdicts:
+        C = v.prediction.covariance[np.ix_(pair, pair)] / np.outer(scales, scales)
+        covariance[v.way.key] = ((C[0, 0], C[0, 1]), (C[1, 0], C[1, 1]))
+    return CorrelatedPair(ids=(a.id, b.id), covariance=covariance)
 
 
 def _parameters(study: PlanStudy) -> Sequence[Parameter]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.identification.estimators import choose_directions
-from calib.model.covariance import accuracy, gain
+from calib.model.covariance import accuracy
 from calib.poses import Poses
 from studies.compare.experiment import FULL, POINTS, SimulatedExperiment, Way
 
@@ -60,32 +60,3 @@ def accuracy_at(
     if (np.diag(covariance) == 0.0).any():
         return np.inf, np.inf
     return accuracy(experiment.model, experiment.nominal, covariance, targets, weights)
-
-
-def influence(
-    experiment: SimulatedExperiment, prediction: Prediction, configurations: int
-) -> Array:
-    """How much of each parameter's variance comes from each configuration, shape (m, p).
-
-    Columns sum to one; their sum over the parameters is what a configuration's noise counts for.
-    configurations : int, m; the readings of a plan are a whole number of times as many
-    """
-    points = experiment.model.predict(experiment.nominal, experiment.poses)
-    observation, start = experiment.observe(POINTS, points)
-    squared = gain(observation.flat(start)[1], prediction.span) ** 2
-    read = squared.shape[1] - experiment.model.known_rows  # what is known beside them comes last
-    by_reading = squared[:, :read].reshape(len(squared), len(experiment.poses), -1).sum(axis=2)
-    share = by_reading.reshape(len(squared), -1, configurations).sum(axis=1)
-    total = share.sum(axis=1, keepdims=True)
-    return np.asarray((share / np.where(total > 0.0, total, np.nan)).T)
-
-
-def influence_by_effect(
-    experiment: SimulatedExperiment, prediction: Prediction, configurations: int
-) -> tuple[Array, list[str]]:
-    """Influence summed over the parameters of each effect, shape (m, effects), and their names."""
-    share = influence(experiment, prediction, configurations)
-    effects = np.array([p.effect for p in experiment.model.parameters])
-    groups = list(dict.fromkeys(effects.tolist()))
-    summed = [np.nansum(share[:, effects == group], axis=1) for group in groups]
-    return np.stack(summed, axis=1), groups

@@ -69,6 +69,16 @@ class ImprovementFactor(Entry):
     factor: Maybe
 
 
+Pair = tuple[Number, Number]
+
+
+class CorrelatedPair(Entry):
+    """Two parameters that go together, and their covariance by approach, in their units."""
+
+    ids: tuple[str, str]
+    covariance: dict[str, tuple[Pair, Pair]]
+
+
 class ComparedPlan(Entry):
     """One plan under every approach, the last of them that of points."""
 
@@ -79,6 +89,7 @@ class ComparedPlan(Entry):
     readings_without_pose: Count
     approaches: tuple[ComparedApproach, ...] = Field(min_length=1)
     improvement: tuple[ImprovementFactor, ...]
+    entangled: tuple[CorrelatedPair, ...]
 
     @property
     def points(self) -> ComparedApproach:

@@ -12,10 +12,10 @@ import numpy as np
 
 from calib.arrays import Array
 from studies import document as doc
-from studies.compare.agreement import BELIEVED, band
+from studies.compare.agreement import BELIEVED
 from studies.compare.record import ComparedApproach, ComparedPlan, CompareRecord
 from studies.document import Shown, listed, mm, plural
-from studies.plots import deviations
+from studies.plots import deviations, ellipses
 from studies.plots.style import APPROACHES, Picture
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
@@ -270,7 +270,7 @@ def pictures(record: CompareRecord) -> Iterator[Draw]:
     if 1 < len(record.plans) <= _MOST:
         yield lambda: by_plan(record)
     for plan in record.plans:
-        for draw in of_plan(plan, record.trials):
+        for draw in of_plan(plan):
             yield draw if len(record.plans) == 1 else partial(_named, plan, draw)
 
 
@@ -292,11 +292,11 @@ def by_plan(record: CompareRecord) -> Picture:
     )
 
 
-def of_plan(plan: ComparedPlan, trials: int) -> Iterator[Draw]:
+def of_plan(plan: ComparedPlan) -> Iterator[Draw]:
     """Figures of one plan, as far as the result holds what they show."""
     yield lambda: by_approach(plan)
-    if any(own.agreement for own in plan.approaches):
-        yield lambda: simulated(plan, trials)
+    if plan.entangled:
+        yield lambda: entangled(plan)
 
 
 def by_approach(plan: ComparedPlan) -> Picture:
@@ -306,15 +306,12 @@ def by_approach(plan: ComparedPlan) -> Picture:
     )
 
 
-def simulated(plan: ComparedPlan, trials: int) -> Picture:
-    """Predicted and simulated ones, where there are trials."""
-    tried = [own for own in plan.approaches if own.agreement]
-    scatter = {
-        own.key: np.array([p.monte_carlo_std for p in own.parameters], dtype=float) for own in tried
-    }
-    predicted = {own.key: _deviations(own) for own in tried}
-    return deviations.predicted_against_simulated(
-        plan.ids, _units(plan), predicted, scatter, trials, band(trials)
+def entangled(plan: ComparedPlan) -> Picture:
+    """Error ellipses of the parameters that go together most."""
+    unit, first = dict(zip(plan.ids, _units(plan), strict=True)), plan.entangled[0]
+    return ellipses.ellipses(
+        [(a, unit[a], b, unit[b]) for a, b in (pair.ids for pair in plan.entangled)],
+        {k: np.array([pair.covariance[k] for pair in plan.entangled]) for k in first.covariance},
     )
 
 

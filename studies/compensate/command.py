@@ -28,14 +28,13 @@ from studies.command.options import (
     help="Write the table of targets with corrected joints; it can be read as a plan.",
 )
 @click.option("--tip", metavar="LINK", help="Of several tips the one that is to be in place.")
-@result_options(seed=False)
+@result_options(figures=False, seed=False)
 def compensate(
     cell_path: Path,
     result_path: Path,
     targets_path: Path,
     plan_path: Path | None,
     tip: str | None,
-    folder: Path | None,
     json_path: str | None,
 ) -> None:
     """Correct joint commands, so that the real arm goes where the nominal arm should be.
@@ -60,7 +59,7 @@ def compensate(
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, result_path, targets_path]
-    check_outputs([plan_path, output_file(json_path)], inputs, folder)
+    check_outputs([plan_path, output_file(json_path)], inputs)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)
     if not estimate.converged:
@@ -72,4 +71,4 @@ def compensate(
     tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
     tips = is_cartesian(cell.robot, table.columns)
     said = solution_said(cell.robot, targets.names, targets.q) if tips else ()
-    deliver(record, json_path, folder, tables, warnings=said)
+    deliver(record, json_path, files=tables, warnings=said)

@@ -15,8 +15,7 @@ from studies.day import DayEntry, day_entry
 from studies.document import Shown, mm, plural
 from studies.entries import JointValues, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
-from studies.plots.errors import before_and_after
-from studies.plots.style import BLUE, VERMILLION, Look, Picture, short
+from studies.plots.style import BLUE, VERMILLION, Look
 from studies.record import BeforeAfter, Count, Entry, Envelope, From, NotNegative, Number, Record
 
 if TYPE_CHECKING:
@@ -198,7 +197,6 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     columns = doc.heads(place, "RMS [mm]", "p95 [mm]", "max [mm]")
     yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
     yield from _ways(record)
-    yield doc.Figure(lambda: errors_by_target(record))
     yield from _limited(record)
     joints = joint_columns(record.targets)
     commands = doc.columns(Target, "pose", *joints, "before_mm expected_mm")
@@ -238,28 +236,6 @@ def _errors(record: CompensateRecord) -> Iterator[_ErrorRow]:
     yield "  of it: what the model lacks", rms.unexplained, None, None
     if rms.trend:
         yield "  of it: drift until then", rms.trend, None, None
-
-
-def errors_by_target(record: CompensateRecord) -> Picture:
-    """By how much each target is missed, with its nominal and with its corrected command."""
-    names = [target.pose for target in record.targets]
-    series = [
-        (_NOMINAL, np.array([target.before_mm for target in record.targets])),
-        (_CORRECTED, np.array([target.expected_mm for target in record.targets])),
-    ]
-    figure = before_and_after(names, series, "error at the target [mm]", of="target", log=True)
-    caption = (
-        "By how much the arm misses each target with its nominal command, and is expected to with its "
-        "corrected one: what is left is the parameters' uncertainty, what the model lacks, and what "
-        "the arm cannot reach."
-    )
-    rows = tuple(
-        (t.pose, t.before_mm, t.left_mm, t.expected_mm, t.limited_by) for t in record.targets
-    )
-    header = ("target", "before [mm]", "left [mm]", "expected [mm]", "limited by")
-    was, now = (short(value, 2) for value in (record.rms_mm.before, record.rms_mm.expected))
-    title = f"Error at each target: {was} mm RMS before, {now} mm expected after correction"
-    return Picture("errors_by_target", title, caption, figure, header, rows)
 
 
 _LIMITED = doc.columns(Target, "pose left_mm turn_left_mrad limited_by")

@@ -12,8 +12,6 @@ from studies.day import DayEntry, LastMove, LoadScheduleEntry, TrendPriceEntry, 
 from studies.document import FOUR, Shown
 from studies.entries import (
     JointValues,
-    TargetAccuracy,
-    at_targets,
     shown_joints,
 )
 from studies.record import (
@@ -175,13 +173,6 @@ class CurveStepEntry(Entry):
     efficiency: Annotated[Maybe, Shown("efficiency\n(bound)")]
 
 
-class InformationShare(Entry):
-    """What a pose tells of the parameters of each effect."""
-
-    pose: str
-    effects: dict[str, Number]
-
-
 class DesignRecord(Record, PlanAccuracy):
     """The poses to measure, and the proof of how good they are.
 
@@ -201,7 +192,6 @@ class DesignRecord(Record, PlanAccuracy):
     levels_mm: dict[str, tuple[Number, ...]]
     predicted_std: tuple[PredictedStd, ...]
     targets: Annotated[str, From("problem.cell.targets_in_words")]
-    at_targets: tuple[TargetAccuracy, ...]
     survives: Survives
     candidates: CandidatesEntry
     joint_travel_deg: NotNegative
@@ -216,7 +206,6 @@ class DesignRecord(Record, PlanAccuracy):
     seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
     pays_until: Count | None
     matches: dict[str, Count | None]
-    by_pose: tuple[InformationShare, ...]
     unchecked: str
     day: DayEntry | None
     timed: Annotated[bool, From("problem.choice.timed")]
@@ -265,7 +254,6 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         poses=_poses(found, levels),
         **_levels(found, levels),
         predicted_std=PredictedStd.from_each(problem.model.parameters, std=judged.std),
-        at_targets=at_targets(robot, problem.targets, judged.at_targets),
         survives=_survives(found),
         joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
         joint_travel_mm=_MM * travel(found.poses.q[:, robot.prismatic]),
@@ -278,7 +266,6 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         seconds=sum(found.seconds.values()),
         pays_until=stops_paying(counts, errors),
         matches=poses_that_match(found.curve, found) if found.curve else {},
-        by_pose=_by_pose(found),
         unchecked=unchecked(problem.cell),
         day=day_entry(found.day),
     )
@@ -367,17 +354,4 @@ def _reapproaches(found: Design) -> ReapproachesEntry | None:
         return None
     return ReapproachesEntry.from_result(
         own, repeatability_relative_std=RelativeStd.from_result(own)
-    )
-
-
-def _by_pose(found: Design) -> tuple[InformationShare, ...]:
-    from studies.compare.experiment import POINTS, experiment_of
-    from studies.compare.prediction import influence_by_effect, predict
-
-    experiment = experiment_of(found.problem.cell, found.poses)
-    prediction = predict(experiment, POINTS)
-    shares, effects = influence_by_effect(experiment, prediction, len(found.poses))
-    return tuple(
-        InformationShare(pose=name, effects=dict(zip(effects, own.tolist(), strict=True)))
-        for name, own in zip(found.poses.names, shares, strict=True)
     )

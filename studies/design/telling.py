@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from studies.design.record import (
     RivalPlan,
 )
 from studies.document import FOUR, Shown, mm, plural
-from studies.entries import joint_columns, over_the_workspace
-from studies.plots import accuracy, deviations, information, run_order
+from studies.entries import joint_columns
+from studies.plots import deviations
 from studies.plots.style import Picture
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
@@ -76,10 +76,7 @@ def _parts(record: DesignRecord) -> Iterator[doc.Part]:
     if record.curve:
         yield doc.Table(_steps(record), record.curve, "Fewer and more poses")
         yield from _reading(record)
-    drawn = [doc.Figure(draw) for draw in pictures(record)]
-    if record.at_targets:
-        drawn.append(doc.Figure(lambda: over_the_workspace(record.at_targets)))
-    yield doc.Detail(tuple(drawn), "Figures of the plan")
+    yield doc.Figure(lambda: deviations_by_plan(record))
     yield from (doc.Sentence(note, "note", "note") for note in record.notes)
 
 
@@ -279,35 +276,6 @@ def _reading(record: DesignRecord) -> Iterator[doc.Sentence]:
         yield doc.Sentence(f"{said} as good as {name} with {record.against[name].poses}")
 
 
-def pictures(record: DesignRecord) -> Iterator[Callable[[], Picture]]:
-    """What each pose brings, the plans judged beside it, and the curve if there is one."""
-    if record.by_pose and record.by_pose[0].effects:
-        yield lambda: information_by_pose(record)
-    yield lambda: deviations_by_plan(record)
-    if record.timed or any(row.moves for row in record.poses):
-        yield lambda: in_its_order(record)
-    if record.curve:
-        yield lambda: against_poses(record)
-
-
-def in_its_order(record: DesignRecord) -> Picture:
-    """When each pose is read, how warm it is then, and from which side joints come."""
-    rows = record.poses
-    joints = dict.fromkeys(joint for row in rows for joint in row.moves)
-    return run_order.over_the_day(
-        [row.pose for row in rows],
-        np.array([row.minutes for row in rows], dtype=float),
-        np.array([row.temperature_degC for row in rows], dtype=float),
-        {joint: np.array([row.moves.get(joint, 0.0) for row in rows]) for joint in joints},
-    )
-
-
-def information_by_pose(record: DesignRecord) -> Picture:
-    """What each pose tells of the parameters, by effect."""
-    poses = record.by_pose
-    return information.by_pose([own.pose for own in poses], [own.effects for own in poses])
-
-
 def deviations_by_plan(record: DesignRecord) -> Picture:
     """Standard deviations of the plan and of those judged beside it."""
     plans = {"this plan": [p.std for p in record.predicted_std]}
@@ -318,9 +286,3 @@ def deviations_by_plan(record: DesignRecord) -> Picture:
         {name: np.array(std, dtype=float) for name, std in plans.items()},
         title="Uncertainty of each parameter, by plan",
     )
-
-
-def against_poses(record: DesignRecord) -> Picture:
-    """Accuracy of the best plans found of fewer and more poses."""
-    rms = np.array([step.task_rms_mm for step in record.curve], dtype=float) / 1e3
-    return accuracy.against_number([step.poses for step in record.curve], {"best plans": rms})

@@ -63,10 +63,14 @@ def diagnose(
 
     cell = calib.load_cell(cell_path)
     if plan_only:
-        for name, value in (("--holdout", holdout), ("--cell-out", cell_out)):
+        for name, value in (
+            ("--holdout", holdout),
+            ("--cell-out", cell_out),
+            ("--figures", folder),
+        ):
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
-        _foresee(cell, data_path, folder, json_path, seed)
+        _foresee(cell, data_path, json_path, seed)
         return
     with working(f"reading {data_path.name}"):
         session = read_session(cell, data_path, holdout, seed)
@@ -84,9 +88,7 @@ def diagnose(
     show(notes, json_path)
 
 
-def _foresee(
-    cell: Cell, plan_path: Path, folder: Path | None, json_path: str | None, seed: int
-) -> None:
+def _foresee(cell: Cell, plan_path: Path, json_path: str | None, seed: int) -> None:
     """What a plan, or the readings of a table without their points, could show."""
     import calib
     from calib.files.tables import holds_points
@@ -95,9 +97,9 @@ def _foresee(
     from studies.record import envelope
 
     inputs = [cell.path, *cell.robot_files, plan_path]
-    check_outputs([output_file(json_path)], inputs, folder)
+    check_outputs([output_file(json_path)], inputs)
     load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
     plan = load(cell, plan_path)
     with faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
         found = foresee(cell, plan)
-    deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path, folder)
+    deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path)

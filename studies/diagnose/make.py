@@ -213,14 +213,9 @@ def _outliers(found: Diagnosis) -> Iterator[Outlier]:
 
 
 def spectrum_entry(spectrum: Spectrum) -> SpectrumEntry:
-    """Thinned to the highest of every few that follow each other, so that every peak stays."""
-    cycles, fall = spectrum.cycles, spectrum.fall
-    step = -(-len(cycles) // _MOST_CYCLES)
-    kept = [i + int(np.argmax(fall[i : i + step])) for i in range(0, len(cycles), max(step, 1))]
+    """What a spectrum shows of gears."""
     return SpectrumEntry.from_result(
         spectrum,
-        cycles_1_turn=_rounded(cycles[kept]),
-        fall=_rounded(fall[kept]),
         lines=SpectrumLine.from_each(
             spectrum.lines, aliases=[_rounded(line.aliases) for line in spectrum.lines]
         ),

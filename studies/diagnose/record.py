@@ -202,13 +202,10 @@ class SpectrumLine(Entry):
 
 
 class SpectrumEntry(Entry):
-    """The residual along a joint's axis; repeats is None where its steps are not equal."""
+    """Lines of the residual along a joint's axis; repeats is None where its steps are not equal."""
 
     joint: str
-    cycles_1_turn: tuple[Number, ...]
-    fall: tuple[Number, ...]
     false_alarm: Positive
-    width_1_turn: NotNegative
     repeats_1_turn: Positive | None
     lines: tuple[SpectrumLine, ...]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from studies import document as doc
 from studies.diagnose.conclusion import headline, rest_words, rivals, standing_words, to_do
-from studies.diagnose.pictures import error_curve, spectra, waterfall
+from studies.diagnose.pictures import error_curve, waterfall
 from studies.diagnose.record import (
     CauseParameter,
     DiagnoseRecord,
@@ -53,8 +53,7 @@ def _parts(record: DiagnoseRecord) -> Iterator[doc.Part]:
     if record.steps is not None:
         yield doc.Figure(partial(waterfall, record.steps, record.gap.floor_mm))
     yield from (doc.Figure(partial(error_curve, curve)) for curve in record.curves)
-    if record.spectra:
-        yield doc.Figure(partial(spectra, record.spectra))
+    yield doc.Detail((doc.Table(_LINES, list(_lines(record)), "Spectrum lines of joints"),))
     yield doc.Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
     if record.refused:
         yield doc.Sentence("Found, but not sure enough to be named:")
@@ -163,6 +162,24 @@ def _refused(entries: Sequence[RefusedCause]) -> Iterator[tuple[str, str]]:
 
 
 _OUTLIERS = doc.columns(Outlier, "pose reason")
+
+
+_LINES = doc.heads(
+    "joint",
+    Shown("cycles\nper turn", doc.FOUR),
+    Shown("standard\ndeviation", doc.STD),
+    Shown("amplitude", doc.STD, "urad"),
+    "gear ratio",
+    "or cycles",
+)
+
+
+def _lines(record: DiagnoseRecord) -> Iterator[tuple[Any, ...]]:
+    for spectrum in record.spectra:
+        for line in spectrum.lines:
+            ratios = " or ".join(map(doc.TENTH, line.ratios))
+            others = ", ".join(map(doc.TENTH, line.aliases))
+            yield spectrum.joint, line.cycles, line.std, line.amplitude_urad, ratios, others
 
 
 def _aliasing(spectra: Sequence[SpectrumEntry]) -> Iterator[str]:

@@ -32,14 +32,13 @@ from studies.command.session import held_out
               help="Goal: expected RMS error at the targets.")  # fmt: skip
 @click.option("--holdout", "holdout_path", metavar="FILE", type=PATH,
               help="Measured poses for a check; they take no part in the fit.")  # fmt: skip
-@result_options()
+@result_options(figures=False)
 def enough(
     cell_path: Path,
     data_path: Path,
     plan_path: Path | None,
     goal_mm: float | None,
     holdout_path: Path | None,
-    folder: Path | None,
     json_path: str | None,
     seed: int,
 ) -> None:
@@ -64,7 +63,7 @@ def enough(
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, data_path, *cell.named_files]
     inputs += [path for path in (plan_path, holdout_path) if path is not None]
-    check_outputs([output_file(json_path)], inputs, folder)
+    check_outputs([output_file(json_path)], inputs)
     whole = calib.load_measurements(cell, data_path)
     holdout = None if holdout_path is None else str(holdout_path.resolve())  # never a share
     data, heldout, _, warnings = held_out(cell, whole, holdout, seed, data_path)
@@ -76,4 +75,4 @@ def enough(
     record = enough_record(
         answer, planned, cell.targets_in_words, envelope(cell.name, inputs, seed)
     )
-    deliver(record, json_path, folder, warnings=warnings)
+    deliver(record, json_path, warnings=warnings)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from studies import document as doc
 from studies.document import Shown, listed, mm, plural
 from studies.enough.record import (
@@ -15,7 +13,6 @@ from studies.enough.record import (
     StateEntry,
 )
 from studies.noise import counts, in_its_unit, lacks, moves_on, undecided
-from studies.plots import style
 
 _WEAKEST = 5
 _SOURCES = {
@@ -138,8 +135,6 @@ def _systematic(record: EnoughRecord) -> Iterator[doc.Sentence]:
 def _parts(record: EnoughRecord) -> Iterator[doc.Part]:
     yield from _facts(record)
     yield doc.Table(_ORDER, list(_coming(record)), "Poses to come, the most useful first")
-    if record.order:
-        yield doc.Figure(lambda: expected_by_pose(record))
     yield _weakest(record)
     yield from _open(record.end.unidentifiable)
 
@@ -244,42 +239,3 @@ def _open(names: tuple[str, ...]) -> Iterator[doc.Sentence]:
         yield doc.Sentence(
             f"these poses do not determine {listed(names)}. Run `posecal design`", "warn", "open"
         )
-
-
-@style.styled
-def expected_by_pose(record: EnoughRecord) -> style.Picture:
-    """What is expected now and after each pose of the order, beside the goal and what stays."""
-    steps = (record.now, *record.order)
-    names = ["now", *(step.pose or "" for step in record.order)]
-    at = np.arange(len(steps))
-    rms = np.array([step.task_rms_mm for step in steps], dtype=float)
-    most = np.array([step.task_most_mm for step in steps], dtype=float)
-    figure = style.sheet(style.PANEL, 3.8)
-    panel = figure.subplots()
-    style.tidy(panel, "y")
-    lines = [
-        *panel.plot(at, most, color=style.VERMILLION, marker="^", linestyle="--",
-                    label="19 times in 20 below"),
-        *panel.plot(at, rms, color=style.BLUE, marker="o", label="expected RMS"),
-    ]  # fmt: skip
-    if record.goal_mm is not None:
-        lines.append(panel.axhline(record.goal_mm, color=style.INK, linestyle="-.", label="goal"))
-    if record.lacking.rms_mm:
-        label = "what no pose lowers"
-        lines.append(
-            panel.axhline(record.lacking.rms_mm, color=style.SOFT, linestyle=":", label=label)
-        )
-    panel.set(xlabel="after which pose", ylabel="error at the targets [mm]", ylim=(0.0, None))
-    style.pose_ticks(panel, names)
-    style.legend_below(figure, lines)
-    caption = (
-        "The error expected at the targets now and after each pose still to come, in the order that "
-        "pays most, and what it exceeds once in twenty."
-    )
-    rows: tuple[tuple[style.Cell, ...], ...] = tuple(
-        (name, float(step.readings), step.task_rms_mm, step.task_worst_mm, step.task_most_mm)
-        for name, step in zip(names, steps, strict=True)
-    )
-    header = ("after", "readings", "task RMS [mm]", "worst [mm]", "19 in 20 below [mm]")
-    title = "What the poses still to come would bring: expected error at the targets"
-    return style.Picture("expected_by_pose", title, caption, figure, header, rows)

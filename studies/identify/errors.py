@@ -63,7 +63,7 @@ class IdentifyResidual(ResidualEntry):
 
     Of a point in the instrument's frame, of one that touches a socket in the base's; of a body's pose
     in its own, turns beside it; of what reads one length that alone, d; of a camera's reading in the
-    image, ``at_px`` where it was measured.
+    image.
     """
 
     beside = "nominal"
@@ -72,7 +72,6 @@ class IdentifyResidual(ResidualEntry):
     rz_mrad: Maybe = None
     nominal_mm: Lengths | None = None
     nominal_px: Pixels | None = None
-    at_px: Pixels | None = None
     nominal_mrad: Three | None = None
 
 

@@ -22,7 +22,6 @@ from calib.uncertainty.acceptance import judged
 from calib.uncertainty.budget import accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
-from studies.entries import at_targets
 from studies.fitted import estimated
 from studies.identify.budget import acceptance_entry, budget_entry
 from studies.identify.drift import drift_entry
@@ -142,12 +141,6 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         task_rms_mm=accuracy.rms(accuracy.expected.errors) * _MM,
         task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
         targets=accuracy.source,
-        at_targets=at_targets(
-            found.model.robot,
-            accuracy.targets,
-            accuracy.expected.errors,
-            accuracy.expected.expanded,
-        ),
         budget=budget_entry(accuracy),
         acceptance=acceptance and acceptance_entry(acceptance),
         drift=drift and drift_entry(drift),

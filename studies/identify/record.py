@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from studies.entries import TargetAccuracy
 from studies.fitted import Estimated
 from studies.identify.budget import AcceptanceEntry, BudgetEntry
 from studies.identify.drift import DriftEntry
@@ -108,7 +107,6 @@ class IdentifyRecord(Record):
     task_rms_mm: Maybe
     task_worst_mm: Maybe
     targets: str
-    at_targets: tuple[TargetAccuracy, ...] = Field(min_length=1)
     budget: BudgetEntry
     acceptance: AcceptanceEntry | None
     drift: DriftEntry | None

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calib.arrays import Array
 from studies import document as doc
 from studies.document import MRAD, Shown, listed, mm, plural
-from studies.entries import over_the_workspace
 from studies.identify.budget import accepted, budget_section
 from studies.identify.drift import drift_section
 from studies.identify.errors import Model, OfInstrument, rms_of, told_outliers
@@ -24,9 +23,7 @@ from studies.identify.parameters import (
 )
 from studies.identify.record import IdentifyRecord
 from studies.noise import lacks, noise_words, unusual
-from studies.plots import ellipses, residuals
-from studies.plots.errors import by_pose, histogram
-from studies.plots.residuals import over_image
+from studies.plots.errors import by_pose
 from studies.plots.style import Picture
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
@@ -40,7 +37,6 @@ _WRONG_TABLE = (
 def told(record: IdentifyRecord) -> doc.Document:
     """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
     kin, lenses = record.of_type, tuple(told_lenses(record.lenses))
-    workspace = doc.Figure(lambda: over_the_workspace(record.at_targets))
     return doc.Document(
         (_fell(record), *accepted(record.acceptance), _next(record)),
         (
@@ -49,7 +45,6 @@ def told(record: IdentifyRecord) -> doc.Document:
             doc.Section("parameters", "What was identified", tuple(_parameters(record))),
             *([doc.Section("lenses", "Lenses", lenses)] if record.lenses else []),
             *([] if kin is None else [doc.Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
-            doc.Section("workspace", "Accuracy to expect elsewhere", (workspace,)),
             budget_section(record.budget, record.targets, record.noise.missing),
         ),
     )
@@ -131,7 +126,6 @@ def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
     caption = f"Distances in space; the instrument alone would leave {floor} RMS"
     if rows := list(_models(record)):
         yield doc.Table(_ERRORS, rows, "Errors by model", caption)
-        yield doc.Figure(lambda: distances(record))
     if len(record.instruments) > 1 or not rows:
         caption = "Root mean squares; of whole poses, the length of the translation and of the turn"
         yield doc.Table(_OF_INSTRUMENTS, record.instruments, "Errors by instrument", caption)
@@ -148,14 +142,9 @@ def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
         (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
     )
     yield from told_outliers(record.outliers, record.heldout_outliers, record.outliers_share)
-    if any(row.at_px is not None for row in record.residuals):
-        yield doc.Figure(lambda: errors_over_image(record))
     if not rows:
         return
     yield doc.Figure(lambda: errors_by_pose(record))
-    yield doc.Figure(lambda: residuals_by_pose(record, heldout=False))
-    if record.rms_mm.heldout is not None:
-        yield doc.Figure(lambda: residuals_by_pose(record, heldout=True))
     yield doc.Detail((doc.Table(_POSES, _by_pose(record), "Errors pose by pose", fold=True),))
 
 
@@ -240,7 +229,6 @@ def _parameters(record: IdentifyRecord) -> Iterator[doc.Part]:
     pairs = sorted(_correlated(record), key=lambda pair: -abs(pair[2]))
     table = doc.Table(_CORRELATED, pairs, "Correlated pairs", caption)
     yield doc.Detail((table,) if pairs else ())
-    yield doc.Detail((doc.Figure(lambda: correlation(record)),), "Correlation of all parameters")
     absorbed = doc.Table(_ABSORBED, record.absorbed, "Redundant parameters",
                      fold=True)  # fmt: skip
     yield doc.Detail((absorbed,) if record.absorbed else ())
@@ -383,51 +371,8 @@ def _places(keys: Iterable[K]) -> dict[K, int]:
     return {key: i for i, key in enumerate(dict.fromkeys(keys))}
 
 
-def distances(record: IdentifyRecord) -> Picture:
-    """Distances before and after as a histogram."""
-    fitted = _part(record, heldout=False)
-    sigma = record.noise.instrument_mm / _MM
-    return histogram(fitted.before[fitted.seen], fitted.after[fitted.seen], sigma)
-
-
 def errors_by_pose(record: IdentifyRecord) -> Picture:
     """How far each pose was off and is now."""
     found, sigma = point_errors(record), record.noise.instrument_mm / _MM
     before, after = (found.by_pose(own) for own in (found.before, found.after))
     return by_pose(found.poses, before, after, found.heldout, sigma)
-
-
-def residuals_by_pose(record: IdentifyRecord, heldout: bool) -> Picture:
-    """Residuals by pose and axis, of the poses fitted or held out."""
-    own = _part(record, heldout)
-    out = {entry.pose for entry in (record.heldout_outliers if heldout else record.outliers)}
-    where = "held-out" if heldout else "fitted"
-    return residuals.by_pose_and_axis(
-        own.poses, own.after, own.seen, own.markers, record.noise.instrument_mm / _MM,
-        np.array([pose.removesuffix(HELD_OUT) in out for pose in own.poses]),
-        name=f"residuals{'_heldout' * heldout}", title=f"Residuals at the {where} poses",
-    )  # fmt: skip
-
-
-def errors_over_image(record: IdentifyRecord) -> Picture:
-    """What cameras measured beyond what is predicted, over their images."""
-    fields = {}
-    seen = [row for row in record.residuals if row.at_px is not None]
-    for camera in dict.fromkeys(row.instrument for row in seen):
-        own = [row for row in seen if row.instrument == camera]
-        at, off = np.array([row.at_px for row in own]), np.array([row.vector for row in own])
-        fields[camera] = at, off, tuple(f"{row.pose} {row.marker}" for row in own)
-    return over_image(fields)
-
-
-def correlation(record: IdentifyRecord) -> Picture:
-    """Correlation of the parameters that were estimated."""
-    known = np.array([p.std is not None for p in record.parameters])
-    matrix = np.array(record.correlation, dtype=np.float64)
-    matrix = np.where(known[:, None] & known, matrix, np.nan)
-    return ellipses.correlation([p.id for p in record.parameters], matrix)
-
-
-def _part(record: IdentifyRecord, heldout: bool) -> PointErrors:
-    errors = point_errors(record)
-    return errors.take(errors.heldout == heldout)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from doe.ahead.foresee import Detectability, PowerAnalysis
 
 _UM = 1e6
-_TOLD = 1e6  # noncentrality from which on anything is told
 Probability = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -43,14 +42,11 @@ class SeenCause(DetectionLimitEntry):
     """The smallest size of one parameter, the best seen, or the reason why none would be found.
 
     plausible : a usual size; rms_um : how far the smallest moves the markers
-    noncentrality : of the smallest size, in so many directions
     """
 
     parameter: Annotated[str, Shown("of")]
     plausible: Annotated[Positive, Shown("usual", STD, detail=True)]
     rms_um: Maybe
-    noncentrality: Annotated[float, Field(gt=0, lt=_TOLD)] | None
-    directions: Count
     reason: str | None
     parameters: tuple[DetectableSize, ...] = Field(min_length=1)
 
@@ -170,8 +166,6 @@ def _seen(cause: Detectability) -> SeenCause:
         unit=main.unit,
         plausible=main.size / main.scale,
         rms_um=cause.moved[lead] * _UM,
-        noncentrality=None if cause.reason else cause.needed,
-        directions=cause.directions,
         reason=cause.reason or None,
         parameters=DetectableSize.from_each(parameters, smallest=cause.smallest, left=cause.share),
     )

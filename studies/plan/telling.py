@@ -10,7 +10,6 @@ from itertools import groupby
 from studies import document as doc
 from studies.document import labelled, plural
 from studies.entries import by_reason, gathered, not_asked
-from studies.plan.pictures import look_alikes, power
 from studies.plan.record import EquivalentCauses, LookAlike, PlanRecord, SeenCause
 
 _MOST_PAIRS = 12
@@ -66,8 +65,6 @@ def _parts(record: PlanRecord) -> Iterator[doc.Part]:
     if rows:
         sizes = doc.Table(_CAUSES, record.seen, fold=False)
         yield doc.Detail((sizes,), f"Every cause with its usual size ({len(record.seen)})")
-    if record.seen:
-        yield doc.Detail((doc.Figure(lambda: power(record)),), "Detection power against size")
     yield from labelled("hidden", _hidden(record.could_not_see))
     yield from not_asked(record.not_asked)
 
@@ -166,8 +163,6 @@ _ALIKE = doc.columns(
 def _alike(record: PlanRecord) -> Iterator[doc.Part]:
     """Equivalent causes, and each other two causes once, the harder way round, which comes first."""
     yield from labelled("equivalent", map(_twins, record.twins))
-    if record.look_alikes:
-        yield doc.Detail((doc.Figure(lambda: look_alikes(record)),), "Map of similar causes")
     twins = [{member.key for member in group.members} for group in record.twins]
     once: dict[frozenset[str], LookAlike] = {}
     for pair in record.look_alikes:

@@ -1,4 +1,4 @@
-"""Standard deviations of the parameters by approach, predicted and simulated."""
+"""Standard deviations of the parameters by approach."""
 
 from __future__ import annotations
 
@@ -60,61 +60,6 @@ def by_approach(
         caption += " A cross at the right edge: this approach cannot estimate the parameter."
     header, table = _table(names, units, std)
     return style.Picture(name, title, caption, figure, header, table)
-
-
-@style.styled
-def predicted_against_simulated(
-    names: Sequence[str],
-    units: Sequence[str],
-    predicted: Mapping[str, Array],
-    simulated: Mapping[str, Array],
-    trials: int,
-    chance: tuple[float, float],
-) -> style.Picture:
-    """Ratio of simulated to predicted standard deviations with the band of chance.
-
-    names, units : of the p parameters
-    predicted, simulated : approach -> ndarray, shape (p,), in these units
-    trials : int, number of simulated experiments behind each simulated value
-    chance : in which 95 of 100 ratios lie where the prediction holds
-    """
-    look = style.looks(predicted)
-    ratios = {key: _positive(simulated[key]) / _positive(predicted[key]) for key in predicted}
-    low, high = chance
-    figure, panels = _panels(names, [""] * len(names))
-    everything = np.concatenate([*ratios.values(), [low, high]])
-    left, right = np.nanmin(everything), np.nanmax(everything)
-    wide = right / left > 4.0
-    pad = 0.06 * (right - left)
-    for panel, rows in panels:
-        panel.axvspan(low, high, color=style.FAINT, linewidth=0, zorder=0.5)
-        panel.axvline(1.0, color=style.SOFT, linewidth=1.0)
-        _dots(panel, {key: r[rows] for key, r in ratios.items()}, look)
-        panel.set_xlabel("simulated / predicted standard deviation [-]")
-        if wide:
-            panel.set(xscale="log", xlim=(left / 1.15, right * 1.3))
-            style.log_ticks(panel.xaxis, left, right)
-        else:
-            panel.set_xlim(left - pad, right + pad * (1.0 + _any_missing(ratios)))
-    handles = [style.key_of(look[key], linestyle="") for key in predicted]
-    handles.append(style.patch_key(f"95 % of chance, {trials} trials", facecolor=style.FAINT))
-    style.legend_below(figure, handles)
-    every = np.concatenate(list(ratios.values()))
-    counted = np.isfinite(every)
-    inside = counted & (every >= low) & (every <= high)
-    caption = (
-        f"Standard deviation over {trials} simulated experiments, divided by the predicted one. "
-        f"Where the prediction holds, 95 % of the marks lie in the grey band, {low:.3f} to {high:.3f}; "
-        f"here {inside.sum()} of {counted.sum()} do."
-    )
-    header = ["parameter", "unit"]
-    columns: list[Array] = []
-    for key in predicted:
-        header += [f"{look[key].label}: {what}" for what in ("predicted", "simulated", "ratio")]
-        columns += [np.asarray(predicted[key]), np.asarray(simulated[key]), ratios[key]]
-    title = f"Simulation against prediction: {inside.sum()} of {counted.sum()} marks in the band"
-    table = _rows(names, units, columns)
-    return style.Picture("predicted_simulated", title, caption, figure, tuple(header), table)
 
 
 # -- rows of parameters ------------------------------------------------------------------------

@@ -44,8 +44,6 @@ BLACK, BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = (
 )
 INK, SOFT, FAINT = "0.15", "0.45", "0.85"
 DASHED: Any = (0, (4, 2))
-ON_LIGHT, ON_DARK = "#262627", "#fffffe"
-"""Text on coloured cells: no greys, which a page turns round in dark colours."""
 DPI = 200
 PANEL = 5.0
 """Inches: width of a figure of one panel, which a phone shows whole with its text still legible."""
@@ -229,28 +227,6 @@ def dots(panel: Axes, x: Any, y: Any, **look: Any) -> None:
     panel.plot(x, y, **{"linestyle": "", "rasterized": len(x) > _VECTOR, **look})
 
 
-def cloud(panel: Axes, x: Array, y: Array, size: float, **look: Any) -> None:
-    """Points of no name, as one element of the page however many there are.
-
-    Each is a stroke far shorter than it is wide, with round ends; size in points.
-    """
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    at = np.column_stack([x, y])
-    at = at[np.isfinite(at).all(axis=1)]
-    if not len(at):
-        return
-    ends = at + np.array([_STROKE * max(float(np.ptp(at[:, 0])), 1e-300), 0.0])
-    strokes = Path(
-        np.stack([at, ends], axis=1).reshape(-1, 2), [Path.MOVETO, Path.LINETO] * len(at)
-    )
-    strokes.should_simplify = False  # which would leave them out
-    look = {"fill": False, "capstyle": "round", "snap": False, **look}
-    panel.add_patch(PathPatch(strokes, linewidth=size, **look))
-    panel.autoscale_view()
-
-
 def aside(values: Array, most: float) -> Array:
     """Values (m,) moved apart by as much at most, by a golden-ratio sequence: even and repeatable."""
     golden = (np.arange(len(values)) * 0.6180339887498949) % 1.0
@@ -372,14 +348,13 @@ def cell(value: Any) -> float | None:
 
 
 def files(picture: Picture, folder: Path) -> dict[Path, str | bytes]:
-    """``name.svg``, ``name.png`` and ``name.csv`` of a picture, for ``calib.files.write_files``.
+    """``name.svg`` and ``name.csv`` of a picture, for ``calib.files.write_files``.
 
     A file stands alone, so its title stands in the figure; on a page it stands above.
     """
     base = folder / picture.name
     return {
         base.with_name(f"{picture.name}.svg"): svg_text(picture, headed=True),
-        base.with_name(f"{picture.name}.png"): png_bytes(picture, headed=True),
         base.with_name(f"{picture.name}.csv"): csv_text(picture),
     }
 
@@ -389,13 +364,26 @@ def svg_text(picture: Picture, headed: bool = False) -> str:
 
     headed : whether the title is drawn above it
     """
-    text = _saved(picture, "svg", headed, Date=None, Creator="posecal").decode("utf-8")
+    import matplotlib as mpl
+
+    buffer = io.BytesIO()
+    described = {"Title": picture.title, "Description": picture.caption}
+    # The name in the salt keeps identifiers apart where several pictures stand on one page.
+    with (
+        mpl.rc_context({**RC, "svg.hashsalt": f"posecal {picture.name}"}),
+        warnings.catch_warnings(),
+    ):
+        # The viewer's fonts write the names; numbers without measure may leave no room for the axes.
+        # Neither is news to who reads the figure.
+        warnings.filterwarnings("ignore", "Glyph .* missing|constrained_layout not", UserWarning)
+        settle(picture.figure)
+        with title_above(picture) if headed else nullcontext() as whole:
+            picture.figure.savefig(
+                buffer, format="svg", dpi=DPI, bbox_inches=whole, pad_inches=0.0,
+                metadata={**described, "Date": None, "Creator": "posecal"},
+            )  # fmt: skip
+    text = buffer.getvalue().decode("utf-8")
     return _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)
-
-
-def png_bytes(picture: Picture, headed: bool = False) -> bytes:
-    """The figure as PNG at 200 dots per inch; equal for equal data. headed : as in svg_text."""
-    return _saved(picture, "png", headed, Software="posecal")
 
 
 def csv_text(picture: Picture) -> str:
@@ -405,27 +393,6 @@ def csv_text(picture: Picture) -> str:
     writer.writerow(picture.header)
     for row in picture.rows:
         writer.writerow(v if v is None or isinstance(v, str) else f"{v:.6g}" for v in row)
-    return buffer.getvalue()
-
-
-def _saved(picture: Picture, kind: str, headed: bool, **metadata: str | None) -> bytes:
-    import matplotlib as mpl
-
-    buffer = io.BytesIO()
-    described = {"Title": picture.title, "Description": picture.caption, **metadata}
-    # The name in the salt keeps identifiers apart where several pictures stand on one page.
-    with (
-        mpl.rc_context({**RC, "svg.hashsalt": f"posecal {picture.name}"}),
-        warnings.catch_warnings(),
-    ):
-        # The viewer's fonts write an SVG's names, in a PNG what ours lacks stands as a box; numbers
-        # without measure may leave no room for the axes. Neither is news to who reads the figure.
-        warnings.filterwarnings("ignore", "Glyph .* missing|constrained_layout not", UserWarning)
-        settle(picture.figure)
-        with title_above(picture) if headed else nullcontext() as whole:
-            picture.figure.savefig(
-                buffer, format=kind, dpi=DPI, metadata=described, bbox_inches=whole, pad_inches=0.0
-            )
     return buffer.getvalue()
 
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from markupsafe import Markup
 
 from calib import Cell
 from calib.arm.robot import Robot
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray
 from calib.instruments import ArmCamera, Camera, Instrument, Tracker
-from calib.instruments.detection import Board
-from calib.instruments.posit import LEAST, posed
 from calib.poses import Measurements, Poses
 from studies.document import (
     Detail,
@@ -33,7 +31,7 @@ from studies.document.page import Writer, shown, table_of, template
 from studies.identify.record import IdentifyRecord
 from studies.identify.telling import point_errors
 from studies.kinds import KINDS
-from studies.plots import residuals, style
+from studies.plots import residuals
 from studies.record import Record
 from studies.report.arm_scene import scene
 from studies.report.arm_view import figure_html
@@ -41,7 +39,7 @@ from studies.report.evidence import MeasuredTables, ReportedResult, ReportEviden
 from studies.report.summary import certificate, summary
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 def cell(own: Cell) -> Section:
@@ -138,47 +136,6 @@ def _noise(own: Cell) -> str:
         for along, across in parts
     )
     return f"{near} at 1 m, {far} at 5 m"
-
-
-def coverage(cell: Cell, data: Measurements) -> Iterator[Section]:
-    """Which parts of the images were used; nothing where no camera saw a board."""
-    views = list(board_views(cell, data))
-    if views:
-        figure = Figure(lambda: seen_where(views))
-        yield Section("coverage", "Where the boards were seen", (figure,))
-
-
-def board_views(cell: Cell, data: Measurements) -> Iterator[BoardViews]:
-    """Every board as every camera saw it."""
-    for camera, part in cell.channels.blocks:
-        for board in camera.boards if isinstance(camera, Camera) else ():
-            own = slice(part.start + board.channels.start, part.start + board.channels.stop)
-            uv, seen = data.readings[:, own, :2], data.seen[:, own]
-            if isinstance(camera, Camera) and seen.any():
-                size = uv[seen].max(axis=0) if camera.image is None else camera.image
-                distance, tilt = _places(camera, board, uv, seen)
-                yield BoardViews(camera.name, board.name, size, uv[seen], distance, tilt)
-
-
-def _places(camera: Camera, board: Board, uv: Array, seen: Mask) -> tuple[Array, Array]:
-    """Distance, m, and tilt, rad, of the board in each image that shows enough of it, (k,)."""
-    ideal = camera.lens.ideal(uv)
-    found = []
-    for rays, here in zip(ideal, seen, strict=True):
-        if here.sum() < LEAST:
-            continue
-        points = board.points[here]
-        R, t, sound = posed(rays[here], points)
-        if not sound:
-            continue
-        viewed = np.einsum("kij,nj->kni", R, points) + t[:, None]
-        off = viewed[..., :2] / viewed[..., 2:] - rays[here]
-        best = int((off**2).sum(axis=(1, 2)).argmin())
-        middle = R[best] @ board.points.mean(axis=0) + t[best]
-        away = float(np.linalg.norm(middle))
-        found.append((away, float(np.arccos(min(1.0, abs(R[best][:, 2] @ middle) / away)))))
-    distance, tilt = np.array(found).reshape(-1, 2).T
-    return distance, tilt
 
 
 Reading = tuple[Poses, int]
@@ -286,7 +243,6 @@ def _of(evidence: ReportEvidence, result: ReportedResult) -> Iterator[Section]:
     yield from result.told.sections
     tables, record = evidence.data.get(result.path), result.record
     if evidence.cell is not None and tables is not None and isinstance(record, IdentifyRecord):
-        yield from coverage(evidence.cell, tables.data)
         yield from against(evidence.cell, tables, record)
 
 
@@ -339,92 +295,3 @@ def told(record: ReportRecord) -> Document:
     about = Sentence(f"{record.page}: one page of {plural(len(record.inputs), 'result')}")
     parts = (about, *labelled("note", record.notes))
     return Document((), (Section("report", "A page of results", (Detail(parts),)),))
-
-
-_ACROSS, _DOWN = 8, 6  # fields of an image
-
-
-@dataclass(frozen=True, eq=False)
-class BoardViews:
-    """A board as one camera saw it, at k poses.
-
-    at : ndarray, shape (n, 2), px, all of its points; distance, tilt : ndarray, shape (k,), m and rad,
-        of its middle along the line of sight, and between that line and its normal
-    """
-
-    camera: str
-    board: str
-    image: Array
-    at: Array
-    distance: Array
-    tilt: Array
-
-    @property
-    def fields(self) -> Array:
-        """Points in each field of the image, shape (8, 6)."""
-        counts = [_ACROSS, _DOWN]
-        ends = [(0.0, float(size)) for size in self.image]
-        return np.histogramdd(self.at, bins=counts, range=ends)[0]
-
-
-@style.styled
-def seen_where(views: Sequence[BoardViews]) -> style.Picture:
-    """A row for each camera: points over the image, and distance and tilt of the boards."""
-    cameras = list(dict.fromkeys(own.camera for own in views))
-    look = style.looks(list(dict.fromkeys(own.board for own in views)))
-    figure = style.sheet(9.0, 3.2 * len(cameras) + 0.5)
-    axes = figure.subplots(len(cameras), 2, squeeze=False)
-    rows = []
-    for (image, aside), camera in zip(axes, cameras, strict=True):
-        own = [view for view in views if view.camera == camera]
-        fields = np.sum([view.fields for view in own], axis=0)
-        covered = float((fields > 0).mean())
-        _over_image(image, own[0].image, fields)
-        image.set_title(
-            f"{camera}: {100 * covered:.0f} % of the image", fontsize=9, color=style.INK
-        )
-        style.tidy(aside)
-        for view in own:
-            own_look: Any = {"color": look[view.board].color, "marker": look[view.board].marker}
-            aside.plot(
-                np.degrees(view.tilt), view.distance, linestyle="", markersize=4.5, **own_look
-            )
-            span = [
-                *np.degrees(np.quantile(view.tilt, [0, 1])),
-                *np.quantile(view.distance, [0, 1]),
-            ]
-            rows.append(
-                (
-                    camera,
-                    view.board,
-                    len(view.tilt),
-                    style.cell(100 * covered),
-                    *map(style.cell, span),
-                )
-            )
-        aside.set(xlabel="tilt [deg]", ylabel="distance [m]", xlim=(0.0, 90.0))
-        aside.set_ylim(bottom=0.0)
-    style.legend_below(figure, [style.key_of(own, linestyle="") for own in look.values()])
-    return style.Picture(
-        "coverage",
-        "Where the boards were seen",
-        "Left: points in each field of the image; a lens is known where it was tried, so its corners "
-        "should be covered. Right: each board at each pose. Several distances and tilts tell focal "
-        "length, lens and the camera's place apart.",
-        figure,
-        ("camera", "board", "poses", "image covered [%]", "least tilt [deg]", "largest tilt [deg]",
-         "nearest [m]", "farthest [m]"),
-        tuple(rows),
-    )  # fmt: skip
-
-
-def _over_image(panel: Axes, size: Array, fields: Array) -> None:
-    edges = (np.linspace(0.0, size[0], _ACROSS + 1), np.linspace(0.0, size[1], _DOWN + 1))
-    shades = np.where(fields > 0, fields, np.nan).T
-    drawn = panel.pcolormesh(*edges, shades, cmap="Blues", vmin=0.0, edgecolors="face")
-    panel.figure.colorbar(drawn, ax=panel, label="points", fraction=0.04)
-    panel.set_facecolor("none")
-    panel.set_aspect("equal")
-    panel.set(xlim=(0.0, size[0]), ylim=(size[1], 0.0), xlabel="u [px]", ylabel="v [px]")
-    for spine in panel.spines.values():
-        spine.set(visible=True, color=style.SOFT)

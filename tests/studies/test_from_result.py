@@ -19,7 +19,6 @@ from studies.record import (
     Maybe,
     Number,
     Three,
-    intervals,
 )
 
 
@@ -108,8 +107,6 @@ def test_columns_fill_an_entry_for_each() -> None:
     moves, spans = np.array([[0.0, 1e-6], [0.0, np.nan]]), [None, SPAN]
     made = Placed.from_each([SCALED] * 2, value=np.array([1.0, 2.0]), moves=moves, span=spans)
     assert [(own.value, own.after_um) for own in made] == [(1000.0, 1.0), (2000.0, None)]
-    assert np.isnan(intervals(own.within_mm for own in made)).tolist() == [
-        [True, False], [True, False], [True, True]
-    ]  # fmt: skip
+    assert [own.within_mm for own in made] == [None, IntervalEntry(value=1.0, low=0.0, high=None)]
     with pytest.raises(ValueError, match="shorter"):
         Placed.from_each([SCALED], value=[], moves=moves, span=spans)

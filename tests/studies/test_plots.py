@@ -15,11 +15,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from studies.compare.agreement import band
-from studies.plots.accuracy import against_number
-from studies.plots.deviations import by_approach, predicted_against_simulated
-from studies.plots.ellipses import correlation, correlations
-from studies.plots.errors import histogram
-from studies.plots.residuals import by_pose_and_axis
+from studies.plots.deviations import by_approach
+from studies.plots.ellipses import ellipse, ellipses
+from studies.plots.errors import by_pose
 from studies.plots.style import (
     APPROACHES,
     RC,
@@ -42,29 +40,10 @@ def _deviations() -> Picture:
 
 
 @cache
-def _ratios() -> Picture:
-    simulated = {key: 1.05 * value for key, value in STD.items()}
-    return predicted_against_simulated(NAMES, UNITS, STD, simulated, 200, band(200))
-
-
-@cache
-def _correlation() -> Picture:
-    return correlation(NAMES, np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 0.0]]))
-
-
-@cache
-def _accuracy() -> Picture:
-    return against_number([3, 6, 12], {"points": np.array([np.nan, 2e-5, 1e-5])})
-
-
-@cache
-def _residuals() -> Picture:
-    residuals = np.random.default_rng(5).normal(size=(4, 2, 3)) * 1e-5
-    residuals[2, 0, 1] = 1e-3
-    seen = np.ones((4, 2), dtype=bool)
-    seen[3] = False
-    outliers = np.array([False, False, True, False])
-    return by_pose_and_axis(["p1", "p2", "p3", "p4"], residuals, seen, ["m1", "m2"], 1e-5, outliers)
+def _ellipses() -> Picture:
+    C = np.array([[[4.0, 1.0], [1.0, 1.0]], [[np.nan, np.nan], [np.nan, 1.0]]])
+    pairs = [("dl1", "mm", "dq1", "mdeg"), ("dl2", "mm", "dq2", "mdeg")]
+    return ellipses(pairs, {"points": C})
 
 
 def table(picture: Picture) -> list[dict[str, str]]:
@@ -80,7 +59,7 @@ def column(picture: Picture, name: str) -> list[Any]:
 
 
 def test_equal_data_give_equal_bytes() -> None:
-    first, second = _ratios(), _ratios.__wrapped__()
+    first, second = _deviations(), _deviations.__wrapped__()
     made = files(first, Path())
     assert made == files(first, Path())
     assert made == files(second, Path())
@@ -99,8 +78,8 @@ def test_user_settings_do_not_reach_the_figures() -> None:
     import matplotlib as mpl
 
     with mpl.rc_context({"font.size": 30.0, "font.family": "serif", "svg.hashsalt": "other"}):
-        own = svg_text(_accuracy.__wrapped__())
-    assert own == svg_text(_accuracy())
+        own = svg_text(_ellipses.__wrapped__())
+    assert own == svg_text(_ellipses())
     assert (
         mpl.rcParams["font.size"] == RC["font.size"]
     )  # matplotlib's own default, not ours left over
@@ -123,41 +102,24 @@ def test_band_of_chance_is_that_of_samples(rng: np.random.Generator) -> None:
     low, high = band(40)
     std = rng.normal(size=(20000, 40)).std(axis=1, ddof=1)
     assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
-    assert column(_ratios(), "#2 points: ratio") == pytest.approx([1.05] * 3)
 
 
-def test_correlation_is_that_of_the_covariance() -> None:
-    picture = _correlation()
-    assert picture.rows[0] == (NAMES[0], NAMES[1], pytest.approx(0.95))
-    assert np.isnan(correlations(np.diag([1.0, 0.0]))[1, 1])
-    image = picture.figure.axes[0].images[0]
-    assert image.get_clim() == (-1.0, 1.0)
-
-
-def test_residuals_mark_what_is_outside() -> None:
-    picture = _residuals()
-    panels = picture.figure.axes
-    assert [axes.get_ylabel() for axes in panels] == ["x [mm]", "y [mm]", "z [mm]"]
-    assert len({axes.get_ylim() for axes in panels}) == 1
-    assert panels[0].get_ylim()[1] < 0.1  # an outlier of a millimetre does not set the scale
-    assert picture.rows[2][1:] == (
-        pytest.approx(0.71, abs=0.01),
-        pytest.approx(1.0),
-        "y",
-        "m1",
-        "yes",
+def test_ellipse_holds_its_share() -> None:
+    C = np.array([[4.0, 1.0], [1.0, 1.0]])
+    edge = ellipse(C)
+    np.testing.assert_allclose(
+        np.einsum("ki,ij,kj->k", edge, np.linalg.inv(C), edge), -2 * np.log(0.05)
     )
-    assert picture.rows[3] == ("p4", None, None, None, None, "")
+    rows = table(_ellipses())
+    assert float(rows[0]["correlation"]) == pytest.approx(0.5)
+    assert rows[1]["correlation"] == ""
 
 
 @pytest.mark.filterwarnings("error")
 def test_names_in_any_script_are_drawn_in_silence() -> None:
     """Signs that the font lacks, and such as XML may not hold."""
     names = ["\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\x07"]
-    seen = np.ones((3, 1), dtype=bool)
-    picture = by_pose_and_axis(
-        names, np.full((3, 1, 3), 1e-5), seen, ["m1"], 1e-5, np.zeros(3, dtype=bool)
-    )
+    picture = by_pose(names, np.full(3, 1e-4), np.full(3, 1e-5), np.zeros(3, dtype=bool), 1e-5)
     text = "".join(ElementTree.fromstring(svg_text(picture)).itertext())
     assert all(
         name in text for name in ("\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\N{REPLACEMENT CHARACTER}")
@@ -176,14 +138,3 @@ def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
     assert 3 <= len(ticks) <= 10
     gaps = np.diff(np.log10(ticks)) / math.log10(high / low)
     assert min(gaps) > 0.05, "labels do not meet"
-
-
-def test_the_first_bin_holds_no_others() -> None:
-    """Points far below those of the nominal model have bins of their own."""
-    rng = np.random.default_rng(0)
-    before, after = rng.normal(0, 5e-3, (400, 3)), rng.normal(0, 5e-7, (400, 3))
-    picture = histogram(before, after, 1e-6)
-    below = picture.figure.axes[1]
-    heights = [bar.get_height() for bar in below.patches]
-    assert sum(heights) == 400
-    assert heights[0] < 0.25 * max(heights)

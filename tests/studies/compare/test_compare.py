@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,12 @@ from calib.errors import CalibError
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from doe.constraints import scene_of, visible
-from doe.problem.pool import drawn as drawn_poses
 from studies.compare.agreement import agreement, band
 from studies.compare.compare import PlanComparison, compare
-from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, SimulatedExperiment, experiment_of
+from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, experiment_of
 from studies.compare.make import compare_record
-from studies.compare.prediction import influence, influence_by_effect, predict
+from studies.compare.prediction import predict
 from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
-from tests.two_arms import EYE, PLATE, written
 
 
 def fields_of(result: PlanComparison) -> dict[str, Any]:
@@ -194,59 +190,6 @@ def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
     assert found.total == pytest.approx(1.0, abs=0.3)
     assert agreement(errors[:1], joined) is None
     assert agreement(errors, np.zeros((2, 2))) is None
-
-
-# -- anatomy -----------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def nine(kr270: Cell, table_two: Poses) -> SimulatedExperiment:
-    return experiment_of(with_effects(kr270, *[e for e in kr270.effects if ":" in e]), table_two)
-
-
-def test_influence_of_the_poses_sums_to_one(nine: SimulatedExperiment) -> None:
-    prediction = predict(nine, POINTS)
-    share = influence(nine, prediction, 15)
-    assert share.shape == (15, 9)
-    np.testing.assert_allclose(share.sum(axis=0), 1.0)
-    summed, groups = influence_by_effect(nine, prediction, 15)
-    assert groups == ["stiffness_vs_angle", "joint_compliance"]
-    np.testing.assert_allclose(summed.sum(axis=0), [5.0, 4.0])
-    knots = [p.name for p in nine.model.parameters[:5]]
-    at = share[:3, knots.index("compliance@-0.01")].sum()
-    assert at > 0.5, "the compliance at a level comes from the poses at that level"
-
-
-def test_noise_at_a_pose_counts_as_its_influence_says(nine: SimulatedExperiment) -> None:
-    """More noise at one pose raises each variance by that pose's share."""
-    share = influence(nine, predict(nine, POINTS), 15)
-    rows = calib_rows(nine)
-    gain = np.linalg.pinv(rows.reshape(-1, 9))
-    weights = np.ones((30, 9))
-    weights[[3, 18]] = np.sqrt(2.0)
-    variance = ((gain * weights.ravel()) ** 2).sum(axis=1)
-    np.testing.assert_allclose(variance / (gain**2).sum(axis=1), 1.0 + share[3], rtol=1e-8)
-
-
-def test_influence_where_a_pose_shows_one_of_two_boards(tmp_path: Path) -> None:
-    """Rows of channels that are not read are left out of an observation."""
-    other = PLATE.replace("plate", "other").replace('on = "tip"', 'on = "left_hand"')
-    cell = calib.load_cell(written(tmp_path, PLATE, other, EYE, effects='"tool", "joint_offset"'))
-    q = np.concatenate([own.q for own in drawn_poses(cell, 300, None, 0)])
-    poses = poses_at(q[visible(scene_of(cell, q)).any(axis=1)][:12])
-    experiment = experiment_of(cell, poses)
-    seen = visible(scene_of(cell, poses.q))
-    assert not seen.all()
-    np.testing.assert_array_equal(calib.simulate(cell, poses).seen, seen)
-    prediction = predict(experiment, POINTS)
-    share = influence(experiment, prediction, 12)
-    estimated = np.abs(prediction.span).any(axis=1)
-    np.testing.assert_allclose(share[:, estimated].sum(axis=0), 1.0)
-
-
-def calib_rows(experiment: SimulatedExperiment) -> Array:
-    _, J = experiment.model.jacobian(experiment.nominal, experiment.poses)
-    return np.asarray(J.reshape(len(experiment.poses), 9, -1))
 
 
 def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:

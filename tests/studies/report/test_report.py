@@ -58,7 +58,7 @@ def outline(html: str) -> Outline:
 def test_every_section_is_there_and_in_the_contents(outline: Outline) -> None:
     assert outline.sections == [
         "summary", "arm", "cell", "plan", "sight", "alike", "approaches", "errors", "parameters",
-        "workspace", "budget", "against", "diagnosis", "unseen", "provenance",
+        "budget", "against", "diagnosis", "unseen", "provenance",
     ]  # fmt: skip
     assert {f"#{key}" for key in outline.sections} <= set(outline.links)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,19 +31,6 @@ _figures_option = click.option(
     metavar="FOLDER",
     type=PATH,
     help="Write figures as SVG, and their numbers as CSV.",
-)
-_workers_option = click.option(
-    "--workers",
-    metavar="N",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of processes. Default: one for each processor.",
-)
-_scheduler_option = click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    default=None,
-    help="Compute on a dask scheduler, such as tcp://host:8786.",
 )
 _seed_option = click.option(
     "--seed",
@@ -86,18 +72,6 @@ def result_options(
         return _figures_option(made) if figures else made
 
     return taken
-
-
-def engine_options(function: Callable[P, T]) -> Callable[P, T]:
-    """Who computes, where there is much to compute: --workers and --scheduler."""
-    return _workers_option(_scheduler_option(function))
-
-
-def processes(workers: int | None, pays: bool) -> int:
-    """As many as were asked for, else one for each processor where more than one pays."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if pays else 1
-    return workers
 
 
 class Finite(click.FloatRange):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -11,10 +12,8 @@ from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
-    engine_options,
     faults_in,
     plan_names,
-    processes,
     result_options,
 )
 
@@ -37,7 +36,19 @@ from studies.command.options import (
     show_default=True,
     help="Simulated experiments for each plan. 0: only predict.",
 )
-@engine_options
+@click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Number of processes. Default: one for each processor.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    default=None,
+    help="Compute on a dask scheduler, such as tcp://host:8786.",
+)
 @click.option(
     "--length-mm",
     metavar="MM",
@@ -96,8 +107,9 @@ def compare(
         values = None
         if values_path is not None:
             values = load_values(values_path, build(cell, loaded[0]).model.parameters)
+        several = len(os.sched_getaffinity(0)) if trials > MOST_TRIALS else 1
         with (
-            engine(processes(workers, trials > MOST_TRIALS), scheduler) as executor,
+            engine(workers or several, scheduler) as executor,
             progress_bar(trials * len(plans), "simulated experiments") as progress,
         ):
             result = compare_plans(

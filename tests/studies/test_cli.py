@@ -62,6 +62,7 @@ def test_help_lists_the_commands_in_three_groups() -> None:
     for name in (name for names in GROUPS.values() for name in names):
         assert re.search(rf"^  {name} +{re.escape(COMMANDS[name][1])}$", said, flags=re.M)
     listed, _, end = said.rpartition("\n\n")
+    assert {*COMMANDS} == {"explain", "schema"}.union(*GROUPS.values())
     for name in ("explain", "schema"):
         assert f"\n  {name} " not in listed
         assert f"posecal {name}" in end

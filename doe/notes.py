@@ -40,16 +40,6 @@ def _left_out(design: Design) -> Iterator[str]:
         yield f"not planned for, as the arm's own weight does not show it: {told(lost)}"
 
 
-def _of_type(design: Design) -> Iterator[str]:
-    """That the plan leans on what is known before."""
-    prior = design.problem.model.own_prior
-    if prior is not None and prior.robots:
-        yield (
-            f"the plan uses what {prior.robots} robots of {prior.type} tell of {len(prior.keys)} "
-            "parameters. A robot that differs from them needs more poses"
-        )
-
-
 def _common(design: Design) -> Iterator[str]:
     """That the criterion is without what all readings err by together."""
     common, rms = design.assessment.common, design.assessment.task_rms
@@ -244,7 +234,6 @@ _NOTES = (
     _odd_limits,
     _reference,
     _reapproaches,
-    _of_type,
     _common,
     _unseen,
     _no_targets,

@@ -16,7 +16,6 @@ from calib.cell.planned import Hull, Pace, Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
-from calib.population.prior import Prior
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,6 @@ class Cell:
     bodies : dict, name -> slice, the markers that are points of it: frames have an origin and the ends
         of two axes, boards all their points
     seats : dict, link -> slice, the three markers that stand for one on which an instrument rides
-    prior : Prior or None, what the robot's type says of it; prior_file : Path or None, where it stands
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     acceptance : Acceptance, or None without a tolerance
     lens_files : tuple of Path, calibrations of cameras
@@ -127,8 +125,6 @@ class Cell:
     known_distances: tuple[KnownDistance, ...] = ()
     bodies: Mapping[str, slice] = field(default_factory=dict)
     seats: Mapping[str, slice] = field(default_factory=dict)
-    prior: Prior | None = None
-    prior_file: Path | None = None
     size_prior: SizePrior = "estimated"
     acceptance: Acceptance | None = None
     lens_files: tuple[Path, ...] = ()
@@ -243,10 +239,10 @@ class Cell:
 
     @property
     def named_files(self) -> tuple[Path, ...]:
-        """What the cell names beside the robot: targets, what the robot's type knows, meshes."""
+        """What the cell names beside the robot: targets and meshes."""
         targets = None if self.design.targets is None else self.design.targets.path
         meshes = dict.fromkeys(own.path for own in self.design.obstacles if isinstance(own, Hull))
-        return tuple(path for path in (targets, self.prior_file, *meshes) if path is not None)
+        return tuple(path for path in (targets, *meshes) if path is not None)
 
     @property
     def targets_in_words(self) -> str:

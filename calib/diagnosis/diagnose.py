@@ -176,7 +176,7 @@ def _stage(cell: Cell, data: Measurements) -> Stage:
     """What the readings are fitted by, refused where they cannot be; without those before a move."""
     model = build(cell, data.poses).model
     if model.prior_rows or cell.size_prior == "estimated":
-        # What these readings let be believed of the robot's type and of the sizes of its errors.
+        # What these readings let be believed of the sizes of errors.
         model = replace(model, prior=identify(cell, data).model.prior)
     check_counts(model, data)
     start = initial_values(model, data)

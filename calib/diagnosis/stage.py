@@ -71,7 +71,7 @@ class Fit:
     def prior_weight(self) -> float:
         """By how many standard deviations of the instrument a row errs under the levels.
 
-        One where nothing errs as a whole and nothing is known of the robot's type.
+        One where nothing errs as a whole and nothing is known of the sizes of errors.
         """
         return self.observation.prior_weight
 
@@ -111,7 +111,7 @@ class Fit:
 
     @property
     def spent(self) -> int:
-        """Parameters that the readings determine: what the robot's type says of them is no reading."""
+        """Parameters that the readings determine: what sizes of errors say of them is no reading."""
         rows = self.model.by_prior * (self.prior_weight if self.mixing is None else 1.0)
         by_prior = np.trace(rows @ self.covariance @ rows.T) if len(rows) else 0.0
         return int(self.span.shape[1]) - round(float(by_prior))

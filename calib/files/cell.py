@@ -178,13 +178,7 @@ def load_cell(path: str | Path) -> Cell:
     except UnknownEffect as error:
         raise InputError(path, "diagnosis.exclude", str(error)) from None
     cell = replace(cell, excluded=tuple(excluded))
-    cell = with_targets(cell, table.design.targets)
-    if table.model.prior is None:
-        return cell
-    from calib.files.estimate import load_prior
-
-    source = path.parent / table.model.prior.file
-    return replace(cell, prior=load_prior(source, cell), prior_file=source)
+    return with_targets(cell, table.design.targets)
 
 
 def _payload(table: CellFile, robot: Robot) -> Payload:

@@ -1,4 +1,4 @@
-"""What earlier results say: identified values, a whole model, and what a type of robots knows."""
+"""What earlier results say: identified values, and a whole model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
-from calib.population.prior import Prior
 from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner
 
@@ -182,54 +181,3 @@ def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]
             raise InputError(path, f"parameter {p.id}", f"has no value in {p.unit}", remedy)
         values[p.id] = value * p.scale
     return values
-
-
-_LEARN = "learn one with posecal fleet --prior"
-
-
-def load_prior(path: Path, cell: Cell) -> Prior:
-    """Read what robots of the cell's nominal model have in common.
-
-    Raises InputError: no such file, nothing of this nominal model in it, figures that are damaged.
-    """
-    found = _json_object(path)
-    entries = found.get("types")
-    if not isinstance(entries, list) or found.get("command") != "prior":
-        raise InputError(path, "", "is nothing that a type knows", _LEARN)
-    if found.get("schema") != 1:
-        raise InputError(path, "schema", "is not 1", _LEARN)
-    entries = [entry for entry in entries if isinstance(entry, dict)]
-    own = [sha256(file) for file in cell.robot_files]
-    for k, entry in enumerate(entries):
-        if entry.get("nominal_sha256") == own:
-            try:
-                return _prior(entry)
-            except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError):
-                raise InputError(path, f"types[{k}]", "is damaged", _LEARN) from None
-    names = ", ".join(dict.fromkeys(str(entry.get("type"))[:40] for entry in entries))
-    nominal = f"the {cell.robot.source} {cell.robot_files[0]} as it stands"
-    remedy = f"{_LEARN} from robots of this one, or take [model.prior] out"
-    raise InputError(
-        path,
-        "types",
-        f"holds {names or 'none'}, and none with {nominal}",
-        f"values count from one nominal model; {remedy}",
-    )
-
-
-def _prior(entry: dict[str, Any]) -> Prior:
-    """Raises KeyError, TypeError, ValueError, LinAlgError."""
-    rows = entry["parameters"]
-    keys = tuple((str(p["effect"]), str(p["where"]), str(p["name"])) for p in rows)
-    mean = _numbers([p["mean_SI"] for p in rows])
-    cov = _numbers(entry["covariance_SI"], _LARGEST_SQUARE)
-    robots = entry["robots"]
-    right = cov.shape == 2 * mean.shape and len(set(keys)) == len(keys) > 0
-    if not (right and isinstance(robots, int) and robots >= 1):
-        raise ValueError
-    if not np.allclose(cov, cov.T, rtol=1e-6, atol=0.0) or not (np.diag(cov) > 0.0).all():
-        raise ValueError
-    prior = Prior(str(entry["type"]), keys, mean, cov, robots)
-    if not np.isfinite(prior.whitening).all():
-        raise ValueError
-    return prior

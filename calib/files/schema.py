@@ -264,10 +264,6 @@ class DiagnosisTable(TomlTable):
     exclude: list[str] = []
 
 
-class PriorTable(TomlTable):
-    file: Annotated[str, Field(min_length=1)]
-
-
 class AcceptanceTable(TomlTable):
     tolerance_mm: Positive
     rule: Literal["simple", "guarded"] = "guarded"
@@ -287,7 +283,6 @@ def _widths(value: object) -> object:
 class ModelTable(TomlTable):
     effects: Annotated[list[str], Field(min_length=1)]
     knots_deg: dict[str, list[Number]] = {}
-    prior: PriorTable | None = None
     size_prior: Annotated[
         Literal["estimated", "off"] | dict[str, Positive], BeforeValidator(_widths)
     ] = "estimated"

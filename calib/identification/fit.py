@@ -1,8 +1,7 @@
 """The fit of a model to readings: its values, the poses that do not belong, and the levels of noise.
 
 A fit judges every pose, and what it rejects stays out of the next, until the judgement stands. What is
-known of the robot's type, or of the size of errors, is weighed in afterwards, by how noisy the readings
-turned out to be.
+known of the size of errors is weighed in afterwards, by how noisy the readings turned out to be.
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, Points, points_of
-from calib.population import Departure, adapted, departure, loosened
 from calib.population.prior import Prior
 from calib.population.sizes import Elementary, Widths, widths_of
 from calib.scatter import (
@@ -78,7 +76,6 @@ class Estimation:
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
     levels : VarianceEstimate, how whole poses err together; None for differences, where that drops out
-    of_type : Departure, where the cell names the robot's type
     sizes : Widths, of errors, where they hold what the readings leave open
     """
 
@@ -94,7 +91,6 @@ class Estimation:
     span: Array
     regular: bool
     levels: VarianceEstimate | None = None
-    of_type: Departure | None = None
     sizes: Widths | None = None
 
     @property
@@ -121,8 +117,7 @@ class Estimation:
     def left(self) -> tuple[float, int]:
         """What the kept poses leave, in the noise as stated, and its degrees of freedom.
 
-        What is known beside the readings counts as readings do, but for the robot's type: a robot that
-        left it is no noisier.
+        What is known beside the readings counts as readings do, but for the sizes of errors.
         """
         judged = self.estimator.judged(self.counted, self.values, self.span)
         known = self.model.known_rows - self.model.prior_rows
@@ -390,18 +385,15 @@ def fitted(
     start: Array,
     errors: Elementary | None = None,
 ) -> Estimation:
-    """The estimate from ``start`` (p,) on, beside the robot's type where the cell names one.
+    """The estimate from ``start`` (p,) on, with the sizes of errors that the cell states.
 
     errors : whose sizes are found from the readings, and hold what those leave open
     """
     prior = observation.model.own_prior
-    if prior is not None and prior.robots:
-        fit = _with_type_prior(cell, estimator, observation, start, prior)
-    else:
-        bare = replace(observation, model=replace(observation.model, prior=None))
-        fit = search_with_noise_scales(estimator, bare, start).under_levels(cell)
-        if prior is not None:
-            return _with_prior(cell, fit, prior)
+    bare = replace(observation, model=replace(observation.model, prior=None))
+    fit = search_with_noise_scales(estimator, bare, start).under_levels(cell)
+    if prior is not None:
+        return _with_prior(cell, fit, prior)
     return fit if errors is None else _with_size_prior(cell, fit, errors)
 
 
@@ -420,7 +412,7 @@ def _with_prior(
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
-    return replace(found, of_type=fit.of_type, choice=fit.choice).under_levels(cell)
+    return replace(found, choice=fit.choice).under_levels(cell)
 
 
 def _with_size_prior(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:
@@ -443,8 +435,7 @@ def _with_size_prior(cell: Cell, alone: Estimation, errors: Elementary) -> Estim
             return fit
         if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
             break
-        prior = sizes.prior if known.prior is None else known.prior.combined(sizes.prior)
-        fit = replace(_with_prior(cell, fit, prior, lost), sizes=sizes)
+        fit = replace(_with_prior(cell, fit, sizes.prior, lost), sizes=sizes)
     return fit
 
 
@@ -466,23 +457,3 @@ def _widths(fit: Estimation, of: Elementary, known: Model) -> Widths:
     Q = orthonormal(np.delete(J, of.at, axis=1))
     own = J[:, of.at]
     return widths_of(of, own - Q @ (Q.T @ own), y - Q @ (Q.T @ y), used - Q.shape[1])
-
-
-def _with_type_prior(
-    cell: Cell, estimator: Estimator, observation: Observation, start: Array, prior: Prior
-) -> Estimation:
-    """The estimate with the robot's type, as far as the readings by themselves are of that type."""
-    model = observation.model
-    at, sizes = model.own_prior_at, model.sizes[model.own_prior_at]
-    loose = replace(observation, model=replace(model, prior=loosened(prior, sizes)))
-    alone = search_with_noise_scales(estimator, loose, start).under_levels(cell)
-    own = (alone.stated_covariance * alone.widening**2)[np.ix_(at, at)]
-    found = departure(prior, alone.values[at], own, sizes)
-    believed = replace(alone.model, prior=adapted(found, sizes))
-    known = replace(
-        observation,
-        model=believed,
-        weights=alone.observation.weights,
-        prior_weight=alone.noise_scale,
-    )
-    return replace(search(estimator, known, alone.values).under_levels(cell), of_type=found)

@@ -17,7 +17,6 @@ from calib.identification.residuals import Residuals
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
-from calib.population import Departure
 from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
@@ -236,8 +235,6 @@ class Identification(Result, Estimation):
                 "no length is measured, so the size of the arm is not identifiable and stays "
                 "nominal. Give [[known_distances]] between sockets"
             )
-        if self.of_type is not None and not self.of_type.of_the_type:
-            found.append(_unlike(self.of_type))
         if self.undecided:
             shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
             found.append(
@@ -310,17 +307,6 @@ class Identification(Result, Estimation):
             for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
-
-
-def _unlike(found: Departure) -> str:
-    """That a robot is not of the type that its cell names."""
-    names = [f"{effect}:{where}.{name}" for effect, where, name in found.released]
-    shown = ", ".join(names[:_SHOWN]) + (" .." if names[_SHOWN:] else "")
-    kept = f"the type is not believed for {shown}" if names else "the type is believed less for all"
-    return (
-        f"this robot is not as the {found.prior.robots} of {found.prior.type} are "
-        f"(p {found.p_value:.1g}): {kept}; look for a crash, an exchanged part or another model"
-    )
 
 
 def _signal(common: Shared) -> str:

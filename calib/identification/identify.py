@@ -101,9 +101,7 @@ def estimated(
     check_options(approach, method, weighting, length, differences)
     built = build(cell, data.poses)
     if differences and built.model.prior_rows:
-        raise CalibError(
-            "differences go without [model.prior], which is of every reading; drop one"
-        )
+        raise CalibError("differences go without the widths of [model] size_prior; drop one")
     data = after_the_first_move(built.model, data)
     asked = cell.size_prior == "estimated" and not differences
     check_counts(built.model, data, _SHARE if asked else 1.0)
@@ -116,8 +114,7 @@ def estimated(
             if approach == "points"
             else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
-        known = () if cell.prior is None else cell.prior.keys  # of which the type says more
-        errors = elementary(built.model, built.full, known) if asked else None
+        errors = elementary(built.model, built.full) if asked else None
         return built, start, fitted(cell, estimator, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None

@@ -17,18 +17,16 @@ from calib.effects.context import ARM
 from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
 from calib.effects.tuned import amid
-from calib.errors import CalibError, EffectCannotAct, UnknownEffect
+from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
-from calib.model.reduction import Dropped, carried_over, irreducible
+from calib.model.reduction import Dropped, irreducible
 from calib.model.sizes import elementary, stated
-from calib.population.prior import Prior
 from calib.poses import Poses
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
 _PROBED = 200  # poses at which it is tried whether an effect acts
 _MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
-_ABSENT = 1e-3  # of a constant, below which others say nothing of it
 _MOST_NAMED = 4  # absorbing parameters that a refusal names
 _COVARIATES = {
     "temperature": ("the poses have no temperature", "add column temperature_degC"),
@@ -214,8 +212,6 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     full = model_of(cell, effects)
     built = Built(*irreducible(full), full)
     _refuse_absorbed(_placed(cell, context), full, built)
-    if cell.prior is not None:
-        built = replace(built, model=_of_type(built, cell.prior))
     return built if isinstance(cell.size_prior, str) else _of_sizes(built, cell.size_prior)
 
 
@@ -238,35 +234,9 @@ def placed_effects(cell: Cell, context: Context) -> list[Effect]:
     return effects
 
 
-def _of_type(built: Built, prior: Prior) -> Model:
-    """The model with what the robot's type says of its parameters, in terms of its own constants.
-
-    Raises CalibError.
-    """
-    model, full = built.model, built.full
-    theirs = [key for key in prior.keys if is_constant(key[0])]
-    own = [key for key in model.keys if is_constant(key[0])]
-    if own and theirs:
-        lost = [key for key in theirs if key not in full.keys]
-        B = np.zeros((len(own), 0)) if lost else carried_over(full, model, theirs)
-        if lost or np.linalg.matrix_rank(B, tol=_ABSENT) < len(own):
-            raise CalibError(
-                f"[model.prior] knows other constants of {prior.type} than this model has: learn it "
-                "from cells with these [model] effects, or take it out"
-            )
-        prior = prior.in_terms_of(theirs, own, B)
-    known = prior.only(model.keys)
-    if not known.keys:
-        there = ", ".join(dict.fromkeys(key[0] for key in prior.keys))
-        raise CalibError(f"[model.prior] knows {there} and nothing of this model; take it out")
-    return replace(model, prior=known)
-
-
 def _of_sizes(built: Built, widths: Mapping[str, float]) -> Built:
-    """The model with what the cell says of the sizes of its errors, beside what the type does."""
-    known = built.model.prior
-    sizes = stated(elementary(built.model, built.full, known.keys if known else ()), widths)
-    prior = sizes if known is None else known.combined(sizes)
+    """The model with what the cell says of the sizes of its errors."""
+    prior = stated(elementary(built.model, built.full), widths)
     return replace(built, model=replace(built.model, prior=prior))
 
 

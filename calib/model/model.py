@@ -64,8 +64,8 @@ class Model:
     gravity : ndarray, shape (3,), m/s^2, base axes
     instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
     lengths : tuple of KnownDistance, that are known beside all readings
-    prior : Prior or None, what is believed beforehand, by the robot's type and by how large errors are;
-        of the model's parameters alone it counts
+    prior : Prior or None, what is believed beforehand of how large errors are; it counts of the
+        model's parameters alone
     noise_scales : dict, instrument -> actual over stated noise, where it is known to differ
     marker_frames : ndarray of int, shape (M,), frames of these tips; without, that of ``robot.tip``
     """
@@ -441,7 +441,7 @@ class Model:
         J[..., believed, :] = self._believed
         if (prior := self.own_prior) is not None and self.prior_rows:
             own = slice(self.known_rows - self.prior_rows, None)
-            residuals[..., own] = (prior.mean - values[..., self.own_prior_at]) @ prior.whitening.T
+            residuals[..., own] = -values[..., self.own_prior_at] @ prior.whitening.T
             J[..., own, :] = self.by_prior
         return residuals, J
 

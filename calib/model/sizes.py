@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,11 +42,10 @@ class _Error(NamedTuple):
         return self.parameter.size * (_ZEROS if self.zero else 1.0)
 
 
-def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elementary:
+def elementary(model: Model, full: Model) -> Elementary:
     """The errors whose sizes are asked, with the parameters of a model that they make up.
 
     full : Model, with the constants as well that those of ``model`` absorb
-    taken : keys of parameters of which more is known
     Places and tunings are no errors, and what an instrument's maker states has its size.
     """
     own = _errors(model)
@@ -59,7 +58,7 @@ def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elemen
     scales = {e.kind: e.parameter.scale for e in errors}
     classes = tuple(scales)
     places = np.array([f"{e.key[0]}:{e.key[1]}" for e in errors])
-    every = Elementary(
+    return Elementary(
         keys,
         np.array([model.keys.index(key) for key in keys], dtype=int),
         G,
@@ -69,7 +68,6 @@ def elementary(model: Model, full: Model, taken: Collection[Key] = ()) -> Elemen
         np.array([classes.index(e.kind) for e in errors], dtype=int),
         np.unique(places, return_inverse=True)[1].reshape(-1),
     )
-    return every.without([model.keys.index(key) for key in keys if key in taken])
 
 
 def _errors(model: Model) -> list[_Error]:

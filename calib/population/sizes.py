@@ -79,7 +79,7 @@ class Elementary:
     def prior(self, variances: Array) -> Prior:
         """What is believed of the parameters, for variances (e,) of the elementary errors."""
         cov = (self.G * variances) @ self.G.T
-        return Prior("", self.keys, np.zeros(len(self.keys)), (cov + cov.T) / 2.0, 0)
+        return Prior(self.keys, (cov + cov.T) / 2.0)
 
 
 @dataclass(frozen=True, eq=False)

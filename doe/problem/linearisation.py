@@ -166,7 +166,7 @@ class Regressor(Linearisation):
 
     @cached_property
     def known(self) -> Array:
-        """What is known beside all readings as independent rows, (k, p): lengths, lenses, the type."""
+        """What is known beside all readings, as independent rows, (k, p): lengths, lenses, sizes."""
         return self.model.prior_residuals(self.values)[1] @ self.T
 
     @property

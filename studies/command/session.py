@@ -78,7 +78,7 @@ class MeasuredTable:
 
     @property
     def named(self) -> list[Path]:
-        """What else the cell names: its targets, and what the robot's type knows."""
+        """What else the cell names: its targets and meshes."""
         return list(self.cell.named_files)
 
     @property

@@ -139,9 +139,6 @@ def compare(
     """
     if not plans:
         raise CalibError("no plan to compare")
-    cell = replace(
-        cell, prior=None
-    )  # what the readings tell by themselves; simulated robots are no type
     targets, weights = targets_of(cell)
     prepared = [_prepared(cell, name, plan, values, length, seed) for name, plan in plans.items()]
     studies: list[PlanStudy] = []

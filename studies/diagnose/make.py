@@ -57,8 +57,7 @@ SECONDS = 50e-3
 
 def inputs_of(session: MeasuredTable) -> list[Path]:
     """What the record is made from, the cell first."""
-    prior = session.cell.prior_file
-    return [*session.read, *session.held.files, *([prior] if prior else [])]
+    return [*session.read, *session.held.files]
 
 
 def diagnosed(session: MeasuredTable, *, figures: bool = True) -> tuple[Diagnosis, DiagnoseRecord]:

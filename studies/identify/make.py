@@ -36,7 +36,6 @@ from studies.identify.errors import (
 from studies.identify.parameters import (
     RedundantParameter,
     lens_entries,
-    of_type_entry,
     parameter_entries,
     sizes_entry,
 )
@@ -144,7 +143,6 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         budget=budget_entry(accuracy),
         acceptance=acceptance and acceptance_entry(acceptance),
         drift=drift and drift_entry(drift),
-        of_type=found.of_type and of_type_entry(found, found.of_type),
         sizes=found.sizes and sizes_entry(found.sizes),
         lenses=lens_entries(found),
         unfit_lenses=sorted(unfit_lenses(found), key=lambda own: -own.left_px),

@@ -1,4 +1,4 @@
-"""The identified parameters, what the readings leave open, and how they stand to the robot's type."""
+"""The identified parameters, and what the readings leave open."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from studies import document as doc
-from studies.document import FOUR, MRAD, TENTH, Shown, listed, mm, plural
+from studies.document import MRAD, Shown, mm
 from studies.record import (
     OWN_UNIT,
-    Count,
     Entry,
     From,
     Maybe,
@@ -23,7 +22,6 @@ from studies.record import (
 
 if TYPE_CHECKING:
     from calib import Identification
-    from calib.population import Departure
     from calib.population.sizes import Widths
 
 
@@ -101,91 +99,6 @@ def sizes_entry(found: Widths) -> SizePrior:
     of = found.of
     widths = SizeOfErrors.from_each(of.classes, width=found.widths, scale=of.scales)
     return SizePrior.from_result(found, widths=widths)
-
-
-# -- beside the robot's type --------------------------------------------------------------------
-
-_MOST = 10  # parameters that the terminal shows
-
-
-class ParameterOfType(Entry):
-    """A parameter beside its type; std : of one robot more.
-
-    score : how far it leaves the mean, in standard deviations of how far it would in a robot of the
-        type, None where the readings say nothing of it; released : the type is not believed for it
-    """
-
-    id: str
-    value: Annotated[Number, OWN_UNIT]
-    mean: Annotated[Number, Shown("mean of the type"), OWN_UNIT]
-    std: Annotated[Positive, Shown("spread of the type", FOUR), OWN_UNIT]
-    score: Annotated[Maybe, Shown(rule=TENTH)]
-    released: bool
-    unit: str
-
-    @property
-    def size(self) -> float:
-        """How far, either way."""
-        return abs(self.score or 0.0)
-
-
-class OfType(Entry):
-    """The robot beside its type.
-
-    robots : that the type was learnt from; statistic : squared scores together, of so many rows
-    p : of so large a one in a robot of the type; widened : factor on the type's deviations
-    """
-
-    type: str
-    robots: Count
-    statistic: NotNegative
-    rows: Count
-    p: Annotated[NotNegative, From("p_value")]
-    of_the_type: bool
-    widened: Annotated[Positive, From("factor")]
-    parameters: tuple[ParameterOfType, ...]
-
-
-def of_type_entry(found: Identification, stood: Departure) -> OfType:
-    """The entry of an identification that was made beside a type."""
-    prior = stood.prior
-    at = found.model.own_prior_at[: len(prior.keys)]
-    rows = ParameterOfType.from_each(
-        [found.model.parameters[i] for i in at],
-        value=found.values[at],
-        mean=prior.mean,
-        std=prior.std,
-        score=stood.scores,
-        released=[key in stood.released for key in prior.keys],
-    )
-    return OfType.from_result(stood, prior, parameters=rows)
-
-
-def told_of_type(found: OfType) -> Iterator[doc.Part]:
-    """Whether the robot is of its type, and what left it farthest."""
-    whole = f"{plural(found.robots, 'robot')} of {found.type}"
-    if found.of_the_type:
-        yield doc.Sentence(f"This robot is like the {whole} before it (p {doc.P(found.p)}).")
-    else:
-        out = [own.id for own in found.parameters if own.released]
-        what = f"for {listed(out, 5)} they are not used" if out else "they count less everywhere"
-        yield doc.Sentence(
-            f"This robot differs from the {whole} (p {doc.P(found.p)}): {what}.", "warn"
-        )
-    rows = sorted(found.parameters, key=lambda own: (not own.released, -own.size))
-    caption = (
-        "Score: distance of the value from the type's mean, in standard deviations of what robots "
-        "of the type show"
-    )
-    yield doc.Table(_LEFT, rows, "Each parameter beside its type", caption, most=_MOST)
-
-
-_LEFT = doc.columns(
-    ParameterOfType,
-    "id value mean std score",
-    doc.Column("type", lambda own: "not used" if own.released else "", detail=True),
-    "unit",
-)
 
 
 _IN_PIXELS = 4

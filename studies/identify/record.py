@@ -22,7 +22,6 @@ from studies.identify.errors import (
 from studies.identify.parameters import (
     IdentifiedParameter,
     LensValue,
-    OfType,
     RedundantParameter,
     SizePrior,
     UnfitLensEntry,
@@ -110,7 +109,6 @@ class IdentifyRecord(Record):
     budget: BudgetEntry
     acceptance: AcceptanceEntry | None
     drift: DriftEntry | None
-    of_type: OfType | None
     sizes: SizePrior | None
     lenses: tuple[LensValue, ...]
     unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)

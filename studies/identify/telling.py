@@ -19,7 +19,6 @@ from studies.identify.parameters import (
     IdentifiedParameter,
     RedundantParameter,
     told_lenses,
-    told_of_type,
 )
 from studies.identify.record import IdentifyRecord
 from studies.noise import lacks, noise_words, unusual
@@ -27,7 +26,6 @@ from studies.plots.errors import by_pose
 from studies.plots.style import Picture
 
 _WRONG_TABLE_MM = 20.0  # no arm is so wrong, and none so well placed by guesses
-_OF_TYPE = "Is it as others of its type?"
 _WRONG_TABLE = (
     "The readings do not fit this robot. Check units, signs and order of the joints, and the order of "
     "the rows."
@@ -36,7 +34,7 @@ _WRONG_TABLE = (
 
 def told(record: IdentifyRecord) -> doc.Document:
     """Errors before and after, what moved meanwhile, the parameters, and the accuracy elsewhere."""
-    kin, lenses = record.of_type, tuple(told_lenses(record.lenses))
+    lenses = tuple(told_lenses(record.lenses))
     return doc.Document(
         (_fell(record), *accepted(record.acceptance), _next(record)),
         (
@@ -44,7 +42,6 @@ def told(record: IdentifyRecord) -> doc.Document:
             *drift_section(record.drift, [p.effect for p in record.parameters]),
             doc.Section("parameters", "What was identified", tuple(_parameters(record))),
             *([doc.Section("lenses", "Lenses", lenses)] if record.lenses else []),
-            *([] if kin is None else [doc.Section("type", _OF_TYPE, tuple(told_of_type(kin)))]),
             budget_section(record.budget, record.targets, record.noise.missing),
         ),
     )

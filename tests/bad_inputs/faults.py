@@ -219,6 +219,7 @@ CELL = _in(
         "a size in no unit of the effect": swap(
             "[model]", "[model]\nsize_prior = { geometry_deg = 3 }"
         ),
+        "a prior from other robots": added('\n[model.prior]\nfile = "type.json"\n'),
         "an effect twice": effects("joint_compliance:A2,A2"),
         "a group with a place": effects("base:A2", "tool"),
         "an effect of the base at a joint": effects("base", "base_compliance:A2"),
@@ -409,7 +410,7 @@ _CHANGES = "changes result.json result.json"
 _OTHER = swap("</robot>", "<!-- another --></robot>")
 _REPORT = """{"schema": 1, "command": "report", "version": "0", "cell": "", "seed": 0, "inputs": [],
 "about": {}, "warnings": [], "page": "p.html", "notes": []}"""
-PLANT = [
+CHANGES = [
     Fault("changes since a cell", "changes cell.toml result.json"),
     Fault("changes since what is not there", "changes none.json result.json"),
     Fault("changes since a day of another kind", _CHANGES, "result.json", whole(_REPORT)),
@@ -594,5 +595,5 @@ FAULTS = {
     "what is touched": TOUCHED,
     "the order of the day": DAYS,
     "results that are read again": RESULTS,
-    "a plant, its types, and the next poses": PLANT,
+    "changes": CHANGES,
 }

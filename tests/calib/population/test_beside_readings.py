@@ -1,4 +1,4 @@
-"""What a type says counts once, whoever asks: estimates by hand, of an arm of plain numpy."""
+"""What a cell says of sizes counts once, whoever asks: estimates by hand, of an arm of plain numpy."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ import doe
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
-from calib.population import Key, Prior
+from calib.population.prior import Key
 from tests.plain_arm import shift, turn
-from tests.studies.next.robots import CELL, MARKERS, SIGMA, urdf
 
 Given = tuple[Array, Array, Array, Array]
-_POSES, _LINKS, _AXES = 14, (0.3, 0.4, 0.35, 0.1), "zyyx"
+_POSES, _LINKS, _AXES = 30, (0.3, 0.4, 0.35, 0.1), "zyyx"
+SIGMA = 10e-6  # m
+MARKERS = np.array([[0.15, 0.02, 0.0], [0.0, 0.12, 0.08], [-0.05, 0.0, 0.16]])
 TRANSLATION, ROTATION = 5e-5, 1e-4  # m and rad, of each coordinate of a tip that scatters
 ARM = "repeatability_mm = 0.05\nrepeatability_urad = 100"
 EXACT = "repeatability_mm = 0"  # else scatter that the readings do not rule out would count
@@ -30,10 +31,53 @@ KEYS: tuple[Key, ...] = (
     ("joint_offset", "j2", "offset"),
     ("thermal_expansion", "j2", "growth"),
 )
-TRUTH = np.array([2.1e-4, 1.5e-6, 1.5e-3, 1.3e-5])
 STD = np.array([2e-5, 3e-7, 5e-5, 4e-6])
+TRUTH = np.array([0.5, -0.5, 0.7, 0.5]) * STD
+WIDTHS = {
+    "backlash_urad": 20.0,
+    "joint_compliance_urad_per_Nm": 0.3,
+    "joint_offset_urad": 50.0,
+    "thermal_expansion_um_per_mK": 4.0,
+}
 PLACE = np.array([0.05, -0.4, 0.7, 1.0, -2.0, 0.5])
-_SHARED = 0.6  # correlation between any two, between robots
+URDF = """\
+<robot name="arm"><link name="base"/>{links}
+{joints}
+</robot>
+"""
+_JOINT = """\
+<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="0 0 {z}"/><axis xyz="{axis}"/>
+<limit lower="-2" upper="2" effort="0" velocity="1"/></joint>"""
+CELL = """\
+schema = 1
+name = "one"
+[robot]
+urdf = "robot.urdf"
+base = "base"
+tip = "l4"
+{arm}
+[markers_mm]
+m1 = [150, 20, 0]
+m2 = [0, 120, 80]
+m3 = [-50, 0, 160]
+[instrument]
+sigma_mm = 0.01
+[model]
+effects = ["base", "tool", {kinds}]
+"""
+
+
+def urdf() -> str:
+    """The arm as its maker describes it: z, y, y, x."""
+    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    names = ["base", "l1", "l2", "l3", "l4"]
+    joints = [
+        _JOINT.format(k=k + 1, parent=names[k], child=names[k + 1], z=_LINKS[k], axis=axes[axis])
+        for k, axis in enumerate(_AXES)
+    ]
+    links = "".join(f'<link name="{name}"/>' for name in names[1:])
+    return URDF.format(links=links, joints="\n".join(joints))
 
 
 def points(
@@ -102,34 +146,28 @@ def day(
             numbers = (f"{x:.9f}" for x in (*row, *three))
             lines.append(",".join([f"p{i}", f"m{j}", *numbers]))
     kinds = ", ".join(f'"{kind}:{where}"' for kind, where, _ in KEYS)
-    text = CELL.format(name="one").replace('"joint_offset:j2,j3"', kinds)
-    (folder / "robot.urdf").write_text(urdf("arm"))
-    (folder / "cell.toml").write_text(text.replace('tip = "l4"', f'tip = "l4"\n{arm}'))
+    (folder / "robot.urdf").write_text(urdf())
+    (folder / "cell.toml").write_text(CELL.format(arm=arm, kinds=kinds))
     (folder / "measurements.csv").write_text("\n".join([*lines, ""]))
     cell = calib.load_cell(folder / "cell.toml")
     data = calib.load_measurements(cell, folder / "measurements.csv")
     return cell, data, given
 
 
-def of_a_type(cell: Cell) -> Cell:
-    """The cell of a robot that is half a spread from its type's mean, in every parameter."""
-    together = _SHARED + (1.0 - _SHARED) * np.eye(len(KEYS))
-    cov = np.outer(STD, STD) * together
-    return replace(cell, prior=Prior("arm", KEYS, TRUTH - 0.5 * STD, cov, 200))
+def with_sizes(cell: Cell) -> Cell:
+    """The cell whose errors have these widths."""
+    return replace(cell, size_prior=WIDTHS)
 
 
 def by_hand(
-    data: Measurements, given: Given, prior: Prior, sigma: float, arm: bool = False
+    data: Measurements, given: Given, sigma: float, arm: bool = False
 ) -> tuple[Array, Array]:
-    """Mean and standard deviations of the type's parameters, (4,) each, by Bayes.
+    """Mean and standard deviations of the parameters but base and markers, (4,) each, by Bayes.
 
     arm : whether the tip comes elsewhere each time as ``ARM`` says, beside the noise of each point
     """
-    at = [prior.keys.index(key) for key in KEYS]
-    mean, cov = prior.mean[at], prior.covariance[np.ix_(at, at)] / np.outer(STD, STD)
-    W = np.linalg.inv(np.linalg.cholesky(cov)) / STD
     scale = np.concatenate([STD, np.full(15, 1e-4)])
-    start = np.concatenate([mean, PLACE, np.zeros(9)])
+    start = np.concatenate([np.zeros(4), PLACE, np.zeros(9)])
     tip = points(*given, start, np.zeros((1, 3)))
     d = points(*given, start) - tip
     H = np.stack([np.cross(axis, d).reshape(len(d), 9) for axis in np.eye(3)], axis=-1)
@@ -140,7 +178,7 @@ def by_hand(
     def off(x: Array) -> Array:
         own = x * scale
         r = (points(*given, own) - data.points).reshape(-1, 9, 1)
-        return np.concatenate([(whiten @ r).ravel(), W @ (own[:4] - mean)])
+        return np.concatenate([(whiten @ r).ravel(), own[:4] / STD])
 
     found = least_squares(off, start / scale, method="lm", diff_step=1e-5)
     return found.x[:4] * STD, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:4] * STD
@@ -163,12 +201,10 @@ def told(found: calib.Identification | Diagnosis) -> tuple[Array, Array]:
 def test_it_counts_as_by_hand(tmp_path: Path, loud: float, arm: str) -> None:
     """Under loads, with lost motion and heat: by either approach, and of what is to come."""
     cell, data, given = day(tmp_path, 3, loud, arm == ARM, arm)
-    known = of_a_type(cell)
+    known = with_sizes(cell)
     found = calib.identify(known, data)
-    assert found.of_type is not None
-    assert found.model.prior is not None
     sigma = SIGMA * found.noise.factor
-    mean, std = by_hand(data, given, found.model.prior, sigma, arm == ARM)
+    mean, std = by_hand(data, given, sigma, arm == ARM)
     in_poses = calib.identify(known, data, approach="pose")
     for values, own in (told(found), told(in_poses)):
         np.testing.assert_allclose((values - mean) / std, 0.0, atol=0.02)
@@ -182,9 +218,9 @@ def test_it_counts_as_by_hand(tmp_path: Path, loud: float, arm: str) -> None:
 
 def test_it_is_foreseen_as_it_will_count_where_readings_show_the_scatter(tmp_path: Path) -> None:
     cell, data, _ = day(tmp_path, 3, scatters=True)
-    found = calib.identify(of_a_type(cell), data)
+    found = calib.identify(with_sizes(cell), data)
     keys = found.model.keys
-    steps = doe.enough(of_a_type(cell), data).steps
+    steps = doe.enough(with_sizes(cell), data).steps
     np.testing.assert_allclose(
         steps[0].std[[keys.index(key) for key in KEYS]], told(found)[1], rtol=0.01
     )
@@ -193,11 +229,9 @@ def test_it_is_foreseen_as_it_will_count_where_readings_show_the_scatter(tmp_pat
 def test_a_diagnosis_asks_beside_it(tmp_path: Path) -> None:
     """However loud the readings are: a contest to first order has it, and the fit that it ends with."""
     cell, data, given = day(tmp_path, 3, 8.0)
-    found = calib.diagnose(of_a_type(cell), data)
+    found = calib.diagnose(with_sizes(cell), data)
     assert found.verdict == "no_gap"
-    prior = found.after.model.prior
-    assert prior is not None
-    mean, std = by_hand(data, given, prior, SIGMA * found.noise.factor)
+    mean, std = by_hand(data, given, SIGMA * found.noise.factor)
     values, own = told(found)
     np.testing.assert_allclose((values - mean) / std, 0.0, atol=0.05)
     np.testing.assert_allclose(own, std, rtol=0.03)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 
 import doe
 from calib import Cell
-from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.model.build import build
-from calib.population import Prior
+from calib.population.prior import Prior
 from calib.poses import poses_at
 from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
@@ -30,12 +28,12 @@ def cell() -> Cell:
     return replace(embedded_cell(), effects=effects, load=None, knots={}, design=Planned())
 
 
-def of_a_type(cell: Cell, mean: float, covariance: Callable[[Array], Array]) -> Cell:
-    """The cell with 30 robots of its type known; mean in plausible sizes, covariance of the sizes."""
-    own = [p for p in build(cell).model.parameters if p.effect == "geometry"]
-    sizes = np.array([p.size for p in own])
-    keys = tuple(p.key for p in own)
-    return replace(cell, prior=Prior("kr270", keys, mean * sizes, covariance(sizes), 30))
+def of_known_sizes(cell: Cell, width: float) -> tuple[Cell, Prior]:
+    """The cell that states how large errors of its constants are, mm and mrad, and what that says."""
+    known = replace(cell, size_prior={"geometry_mrad": width, "geometry_mm": width})
+    prior = build(known).model.own_prior
+    assert prior is not None
+    return known, prior
 
 
 def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
@@ -44,16 +42,9 @@ def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
     return np.asarray(back.T @ M @ back)
 
 
-def test_what_a_type_tells_is_in_every_plan(cell: Cell) -> None:
-    rng = np.random.default_rng(0)
-
-    def mixed(sizes: Array) -> Array:
-        L = rng.normal(size=(len(sizes), len(sizes))) * sizes[:, None]
-        return np.asarray(L @ L.T / len(sizes) + np.diag(sizes**2))
-
-    known = of_a_type(cell, 0.0, mixed)
-    assert known.prior is not None
-    cov = known.prior.covariance
+def test_what_sizes_tell_is_in_every_plan(cell: Cell) -> None:
+    known, prior = of_known_sizes(cell, 1.0)
+    cov = prior.covariance
     problem = problem_of(known, Request(6, "task"))
     ridge = RIDGE * np.eye(len(problem.fixed))
     told = in_si(problem, problem.fixed - ridge)
@@ -108,10 +99,9 @@ def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: C
     check_count(replace(problem, request=replace(problem.request, poses=enough)), found)
 
 
-def test_a_plan_beside_a_type_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:
-    known = of_a_type(cell, 0.1, lambda sizes: np.diag((0.02 * sizes) ** 2))
-    assert known.prior is not None
-    std = np.sqrt(np.diag(known.prior.covariance))
+def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:
+    known, prior = of_known_sizes(cell, 0.02)
+    std = prior.std
     rng = np.random.default_rng(0)
     q = rng.uniform(*cell.robot.sample_limits().T, (120, cell.robot.dof))
     found = doe.design(known, poses=4, candidates=poses_at(q))
@@ -130,4 +120,3 @@ def test_a_plan_beside_a_type_needs_fewer_poses_and_keeps_its_proof(cell: Cell) 
     best = float(problem.criterion.plain.value(M).max())
     assert problem.criterion.shown(best) >= found.bound * (1.0 - 1e-6)
     assert problem.criterion.shown(best) >= found.value * (1.0 - 1e-6)
-    assert any("30 robots of kr270" in note for note in found.notes)

@@ -17,7 +17,6 @@ from calib.model import Model
 from calib.model.build import build
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
-from calib.poses.load_blocks import second_times, turns
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings, photographed
 
@@ -133,21 +132,14 @@ def readings(cell: Cell, plan: Poses) -> Poses:
     both = hung(plan.take(np.tile(np.arange(len(plan)), 2)), 1.0, cell.load.com)
     names = [f"{n}_free" for n in plan.names] + [f"{n}_loaded" for n in plan.names]
     loaded = np.repeat([0.0, 1.0], len(plan))
-    change, block = cell.pace.reading + cell.pace.load, plan.load_block
-    both = replace(both, names=tuple(names), load_mass=loaded * cell.load.mass)
-    if block is None:
-        return replace(
-            both,
-            time=None if both.time is None else both.time + loaded * change,
-            order=None if both.order is None else 2.0 * both.order + loaded,
-        )
-    turn, time = turns(block), both.time
-    if plan.time is not None:
-        time = np.empty(len(both))
-        time[turn] = np.sort(
-            np.append(plan.time, second_times(block, plan.time, change + cell.pace.settle))
-        )
-    return with_moves(replace(both, order=np.argsort(turn).astype(float), time=time))
+    change = cell.pace.reading + cell.pace.load
+    return replace(
+        both,
+        names=tuple(names),
+        load_mass=loaded * cell.load.mass,
+        time=None if both.time is None else both.time + loaded * change,
+        order=None if both.order is None else 2.0 * both.order + loaded,
+    )
 
 
 def in_turn(cell: Cell, plan: Poses) -> Poses:
@@ -158,13 +150,11 @@ def in_turn(cell: Cell, plan: Poses) -> Poses:
 def turn_of(cell: Cell, plan: Poses) -> IntArray:
     """Readings as :func:`readings` has them in the order of measuring, shape (k,).
 
-    All free and then all loaded, or in the plan's blocks; but where the arm's repeatability is known,
-    each pose is read under both in one stay, as then they share what its approach was off by.
+    All free and then all loaded; but where the arm's repeatability is known, each pose is read under
+    both in one stay, as then they share what its approach was off by.
     """
     if cell.load is None:
         return np.arange(len(plan))
-    if plan.load_block is not None:
-        return turns(plan.load_block)
     both = np.arange(2 * len(plan)).reshape(2, -1)
     return (both.T if cell.scatters else both).ravel()
 

@@ -170,17 +170,6 @@ def _knots(design: Design) -> Iterator[str]:
             )
 
 
-def _reference(design: Design) -> Iterator[str]:
-    reference = design.reference
-    if reference is not None:
-        first, last = reference.repeats[0], reference.repeats[-1]
-        yield (
-            f"{first} .. {last} repeat {reference.pose}, to see drift. Come to it from the same "
-            "side each time"
-        )
-        yield "the expected error counts these repeats; the certified efficiency does not"
-
-
 def _reapproaches(design: Design) -> Iterator[str]:
     """What second visits tell, what they cost, and how to plan without them."""
     found = design.reapproaches
@@ -232,7 +221,6 @@ def _odd_limits(design: Design) -> Iterator[str]:
 
 _NOTES = (
     _odd_limits,
-    _reference,
     _reapproaches,
     _common,
     _unseen,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +10,10 @@ from calib.arrays import Array
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
-from doe.day.day import LoadSchedule, PlannedDay
+from doe.day.day import PlannedDay
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
-from doe.visiting import Reapproaches, Reference
-
-if TYPE_CHECKING:
-    from doe.run_order import TrendPrice
+from doe.visiting import Reapproaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +100,15 @@ class Design(Result):
     """The result of :func:`doe.design`.
 
     problem : Problem
-    poses : Poses, in the order of measuring, second visits and repeats of the reference included
+    poses : Poses, in the order of measuring, second visits included
     levels : AngleLevels, settled, or None
     assessment : Assessment; certificate : Certificate; candidates : Candidates
     rivals : dict, name -> Rival
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
-    reference : Reference or None
     reapproaches : Reapproaches or None
     day : PlannedDay, the ways between the poses and the time that it takes
-    load_schedules : tuple of LoadSchedule, ways to change the load, empty without one
-    trend : TrendPrice, where the order is to be nearly free of trends
     """
 
     problem: Problem
@@ -129,10 +122,7 @@ class Design(Result):
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
-    reference: Reference | None = None
     reapproaches: Reapproaches | None = None
-    load_schedules: tuple[LoadSchedule, ...] = ()
-    trend: TrendPrice | None = None
 
     def sentences(self) -> list[str]:
         return [

@@ -19,7 +19,7 @@ from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.criteria import UNASKED, catalogue
 from doe.curve import accuracy_curve
-from doe.day.day import LoadSchedule, PlannedDay, day_of, in_blocks, quickest_order, schedules_of
+from doe.day.day import day_of, quickest_order
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Certificate, Design, Rival, pose_names
@@ -34,7 +34,6 @@ from doe.problem.request import (
     no_candidate,
 )
 from doe.problem.visits import Visits
-from doe.run_order import TrendPrice, nearly_free_of_trends
 from doe.solve import (
     Progress,
     check_count,
@@ -45,12 +44,9 @@ from doe.solve import (
 )
 from doe.visiting import (
     Reapproaches,
-    Reference,
     reapproaches_of,
-    spacing,
     usual_reapproaches,
     with_reapproaches,
-    with_reference,
 )
 
 _MOST_POSES = 10_000
@@ -72,10 +68,7 @@ def design(
     at_markers: bool | None = None,
     refine: bool | None = None,
     curve: bool = False,
-    reference_every: int | None = None,
     reapproach: int | None = None,
-    trend_free: bool = False,
-    load_blocks: int = 0,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Design:
@@ -94,15 +87,9 @@ def design(
         where the markers are unknowns of the model
     refine : polish the joint angles; by default unless the candidates come from a table
     curve : also the best plans of fewer and of more poses
-    reference_every : one of the poses is measured again at the start, after every so many poses, and at
-        the end, to show drift; 0 for none; the cell's [design] otherwise
     reapproach : so many of the poses are visited again after the others, to show the arm's
         repeatability; 0 for none; the cell's [design] otherwise, and where that is silent and the
         repeatability is not known, a tenth of ``poses`` (doe.visiting.usual_reapproaches)
-    trend_free : the poses in an order that a steady drift of the base, which the model lacks, disturbs
-        little, in place of the quickest one
-    load_blocks : so many blocks of poses are read under one load and, on the way back, under the other;
-        0 for a change of the load at each pose
     progress : called with a line for each step
 
     Raises CalibError where no such plan can be: the text says why and what would help.
@@ -125,17 +112,12 @@ def design(
         candidates=source,
         refine=isinstance(source, int) if refine is None else refine,
         curve=curve,
-        reference_every=spacing(cell, reference_every),
         reapproaches=again or 0,
-        trend_free=trend_free,
-        load_blocks=load_blocks,
         seed=seed,
     )
-    if load_blocks:
-        _check_blocks(cell, request)
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
     timed = choice_of(cell, request).timed
-    if again is None and not (request.reference_every or all_chosen or timed):
+    if again is None and not (all_chosen or timed):
         found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
@@ -185,19 +167,6 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
     return name
 
 
-def _check_blocks(cell: Cell, request: Request) -> None:
-    """Refuse blocks of load where there cannot be any."""
-    count, most = request.load_blocks, request.poses // 2
-    if cell.load is None:
-        raise CalibError("blocks of load need a load to change; give a [load] in the cell")
-    if not 1 <= count <= most:
-        raise CalibError(
-            f"{request.poses} poses in {count} blocks of load cannot be; ask for 1 to {most}"
-        )
-    if request.trend_free:
-        raise CalibError("an order free of trends knows no blocks of load; leave out one of both")
-
-
 def _extended(cell: Cell, given: str | Path | Poses | Measurements) -> Poses:
     """What is measured in any case, as poses of a plan: each is read free and, with a load, loaded."""
     if isinstance(given, str | Path):
@@ -238,12 +207,9 @@ def _designed(
         levels = settled
     final, found, certificate = finish(problem, pool, chosen, progress)
     live = len(problem.posed(final).survivors(found.relaxed.G, found.value))
-    ordered, trend = _ordered(problem, final.visits.take(found.plan))
-    poses, reference, again, certificate = _visited(problem, final, found, certificate, ordered)
+    ordered = _ordered(problem, final.visits.take(found.plan))
+    poses, again, certificate = _visited(problem, final, found, certificate, ordered)
     day = day_of(cell, poses)
-    at_each = day
-    if request.load_blocks:
-        day = day_of(cell, in_blocks(poses, request.load_blocks))
     poses = _later(problem, day.timed)
     result = Design(
         problem=problem,
@@ -255,11 +221,8 @@ def _designed(
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool) if request.curve else (),
         seconds=progress.laps,
-        reference=reference,
         reapproaches=again,
         day=day,
-        load_schedules=_load_schedules(problem, at_each, day),
-        trend=trend,
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
@@ -271,21 +234,19 @@ def _later(problem: Problem, poses: Poses) -> Poses:
     return poses if poses.time is None or not begin else replace(poses, time=poses.time + begin)
 
 
-def _ordered(problem: Problem, visits: Visits) -> tuple[Visits, TrendPrice | None]:
-    """The visits of a plan in the order of a day, and what it costs to be safe from a drift."""
+def _ordered(problem: Problem, visits: Visits) -> Visits:
+    """The visits of a plan in the order of a day."""
     if visits.time is not None:
-        return visits.take(visits.time.argsort()), None
-    if problem.request.trend_free:
-        return nearly_free_of_trends(problem, visits)
-    return visits.take(quickest_order(problem.cell, visits.q, visits.move)), None
+        return visits.take(visits.time.argsort())
+    return visits.take(quickest_order(problem.cell, visits.q, visits.move))
 
 
 def _visited(
     problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate, ordered: Visits
-) -> tuple[Poses, Reference | None, Reapproaches | None, Certificate]:
+) -> tuple[Poses, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
     request, poses = problem.request, ordered.poses(problem.cell)
-    poses, reference, again = replace(poses, names=pose_names(len(poses))), None, None
+    poses, again = replace(poses, names=pose_names(len(poses))), None
     if request.reapproaches:
         poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(
@@ -293,21 +254,7 @@ def _visited(
         )
         instead = new_poses_instead(problem, pool, found.plan, len(again.again))
         again = replace(again, task_rms_instead=instead, asked=request.asked)
-    if request.reference_every:
-        busy = () if again is None else again.poses + again.again
-        poses, reference = with_reference(problem, poses, request.reference_every, busy)
-    return poses, reference, again, certificate
-
-
-def _load_schedules(
-    problem: Problem, at_each: PlannedDay, planned: PlannedDay
-) -> tuple[LoadSchedule, ...]:
-    """Ways to change the load of a plan, with what is expected of each."""
-    if problem.cell.load is None or problem.choice.timed:
-        return ()
-    visits, plans = Visits.of(at_each.poses), (at_each.poses, in_blocks(at_each.poses, 1))
-    errors = (assess(problem.as_loaded(own), visits).task_rms for own in plans)
-    return schedules_of(at_each, planned, *errors)
+    return poses, again, certificate
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:
@@ -376,7 +323,7 @@ def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dic
         if untold:
             plan = _later(problem, day_of(problem.cell, plan, around=False).timed)
         visits = Visits.of(plan)
-        own = problem.as_loaded(plan)
+        own = problem
         M = own.fixed + own.information(visits).sum(axis=0)
         value = float(problem.criterion.plain.value(M))
         found[name] = Rival(assess(own, visits), value / bound, plan.q)

@@ -4,11 +4,6 @@ Poses that are read early tell other things of a drift than late ones. Of all or
 much as the best one found, the one with the shortest ways is taken. Orders are improved by exchanging
 two poses, turning a stretch round, and moving one pose (Joiner, Campbell, Technometrics 18(3), 1976,
 weigh cost against a trend in time in the same way).
-
-A drift that nobody modelled passes for errors of the arm as far as the order lets it. An order in which
-a drift of the base could be identified as well, at little cost to all else, keeps both apart (a run
-order nearly free of trends: Cheng, Jacroux, Journal of the American Statistical Association 83(404),
-1988).
 """
 
 from __future__ import annotations
@@ -20,11 +15,10 @@ from itertools import combinations
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.assess import assess
-from doe.day.day import day_of, quickest_order, travel_times
+from doe.day.day import travel_times
 from doe.day.order import shortest_order
 from doe.optimal.blocks import pack, unpack
-from doe.problem import Problem, problem_of
+from doe.problem import Problem
 from doe.problem.visits import Visits
 
 _NEARLY = 0.98  # of the best criterion that an order reaches: what shorter ways may cost
@@ -153,41 +147,3 @@ def _changes(count: int) -> Iterator[IntArray]:
         turned[i : j + 1] = places[i : j + 1][::-1]
         yield from (exchanged, turned, np.insert(np.delete(places, i), j, i))
         yield np.insert(np.delete(places, j), i, j)
-
-
-_DRIFT = "base_drift"
-
-
-@dataclass(frozen=True)
-class TrendPrice:
-    """What it costs to keep a steady drift of the base apart.
-
-    without : float, m, expected error at the targets where there is no drift in the model
-    ordered, quickest : the same with it, in this order and in the quickest
-    seconds : float, by which the ways of this order are longer
-    """
-
-    without: float
-    ordered: float
-    quickest: float
-    seconds: float
-
-
-def nearly_free_of_trends(problem: Problem, visits: Visits) -> tuple[Visits, TrendPrice]:
-    """The visits of a plan in an order that tells a drift of the base from all else, and its price.
-
-    Raises CalibError where the time counts and joint speeds are unknown.
-    """
-    cell = problem.cell
-    request = replace(problem.request, levels=None, fixed=None)
-    drifting = problem_of(replace(cell, effects=(*cell.effects, _DRIFT)), request)
-    ordered = in_run_order(drifting, replace(visits, moment=np.arange(len(visits))))
-    quick = visits.take(quickest_order(cell, visits.q, visits.move))
-    first, second = (day_of(cell, own.poses(cell), around=False) for own in (ordered, quick))
-    price = TrendPrice(
-        without=assess(problem, visits).task_rms,
-        ordered=assess(drifting, Visits.of(first.timed)).task_rms,
-        quickest=assess(drifting, Visits.of(second.timed)).task_rms,
-        seconds=first.moving - second.moving,
-    )
-    return replace(ordered, moment=None), price

@@ -1,7 +1,6 @@
 """Which poses of a plan are visited again.
 
-A reference pose, measured again and again through the day, shows that something drifts. Poses that are
-visited a second time, late and from elsewhere, alone tell how well the arm comes back.
+Poses that are visited a second time, late and from elsewhere, alone tell how well the arm comes back.
 
 Two visits of one pose differ by what both approaches were off by, and by the instrument: with H the
 levers of the tip on the whitened readings, times the repeatability of each of its coordinates, the
@@ -13,12 +12,11 @@ that is read well beyond the instrument's noise, of which three markers show six
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
@@ -97,15 +95,10 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     own = tuple(poses.names[i] for i in chosen)
     again = tuple(f"{name}_again" for name in own)
     order = np.concatenate([np.arange(len(poses)), chosen])
-    found = _reordered(poses, order, (*poses.names, *again))
+    found = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
     K = shares(problem, poses.q[chosen])
     alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
     return found, Reapproaches(own, again, float((K**2).sum()), *alone)
-
-
-def _reordered(poses: Poses, order: IntArray, names: tuple[str, ...]) -> Poses:
-    """Poses in another order, some of them twice: when they are read is to be seen anew."""
-    return replace(poses.take(order), names=names, time=None, order=None)
 
 
 def shares(problem: Problem, q: Array) -> Array:
@@ -157,57 +150,3 @@ def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
         chosen.append(int(free[away.argmax()]))
     found: IntArray = may[np.sort(chosen)]
     return found
-
-
-@dataclass(frozen=True)
-class Reference:
-    """A pose of the plan and its repeats.
-
-    pose : str, the plan's own; every : int, poses between two repeats
-    repeats : tuple of str, ref1, ref2 .., each a pose of the plan with the same joints
-    """
-
-    pose: str
-    every: int
-    repeats: tuple[str, ...]
-
-
-def spacing(cell: Cell, every: int | None) -> int:
-    """Poses between two readings of the reference, 0 for no reference; the cell's if None.
-
-    Raises CalibError.
-    """
-    found = cell.design.reference_every if every is None else every
-    if found is not None and found < 0:
-        raise CalibError(f"a reference every {found} poses cannot be; ask for 1 or more, or 0")
-    return int(found or 0)
-
-
-def with_reference(
-    problem: Problem, poses: Poses, every: int, busy: Collection[str] = ()
-) -> tuple[Poses, Reference]:
-    """The poses with a reference at the start, after every so many, and at the end.
-
-    busy : names of poses that are visited again anyway; the reference is none of them
-    """
-    m = len(poses)
-    before = np.append(np.arange(0, m, every), m)
-    repeats = tuple(f"ref{k + 1}" for k in range(len(before)))
-    may = np.array([name not in busy for name in poses.names])
-    chosen = int(np.flatnonzero(may)[reference_pose(problem, Visits.of(poses), len(repeats), may)])
-    order = np.insert(np.arange(m), before, chosen)
-    names = np.insert(np.array(poses.names, dtype=object), before, repeats)
-    reference = Reference(poses.names[chosen], every, repeats)
-    return _reordered(poses, order, tuple(names)), reference
-
-
-def reference_pose(problem: Problem, visits: Visits, repeats: int, may: Mask) -> int:
-    """Of the visits that show the most markers, m of them, the one whose repeats add most.
-
-    may : ndarray of bool, shape (m,), the visits to choose from; the result counts these alone
-    """
-    blocks = problem.information(visits)
-    M = problem.fixed + blocks.sum(axis=0)
-    value = problem.criterion.plain.value(M + repeats * blocks[may])
-    seen = visible(scene_of(problem.cell, visits.q[may])).sum(axis=1)
-    return int(np.where(seen == seen.max(), value, -np.inf).argmax())

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
-from studies import document as doc
-from studies.document import Sentence, Shown, listed, mm
+from studies.document import Sentence, listed
 from studies.entries import JointValues, shown_joints
-from studies.record import Count, Entry, From, Maybe, NotNegative, Number
+from studies.record import Count, Entry, From, Maybe, NotNegative
 
 if TYPE_CHECKING:
     from doe.day.day import PlannedDay
@@ -45,7 +44,6 @@ class DayEntry(Entry):
         way and at the poses; least_moving_s : no order of the poses takes less
     followed : markers of which one stays in sight on each way, empty where none is asked for
     speedless : joints of which no speed is known
-    visited : in blocks of load the readings in turn, each with "_free" or "_loaded" after its pose
     """
 
     ways: Count
@@ -60,42 +58,11 @@ class DayEntry(Entry):
     standing_s: NotNegative
     least_moving_s: Maybe
     speedless: tuple[str, ...] = ()
-    visited: tuple[str, ...] = ()
-
-
-class LoadScheduleEntry(Entry):
-    """A way to change the load; after : poses after which, empty where it is at each.
-
-    planned : whether the plan has it
-    """
-
-    changes: Annotated[Count, Shown("changes of\nthe load")]
-    after: tuple[str, ...]
-    changing_s: NotNegative
-    seconds: Maybe
-    task_rms_mm: Annotated[Maybe, Shown("expected error")]
-    planned: Annotated[bool, Shown(detail=True)] = False
-
-    @property
-    def when(self) -> str:
-        """When it is changed."""
-        return f"after {', '.join(self.after)}" if self.after else "at each pose"
-
-
-class TrendPriceEntry(Entry):
-    """The price of an order that a steady drift of the base disturbs little: expected errors at the
-    targets without a drift in the model, and with it in this order and in the quickest.
-    """
-
-    without_mm: Maybe
-    ordered_mm: Maybe
-    quickest_mm: Maybe
-    seconds: Number
 
 
 def day_entry(day: PlannedDay) -> DayEntry:
     """The entry of a day."""
-    cell, names = day.cell, day.stops.names
+    cell, names = day.cell, day.poses.names
     others = [
         WayEntry.from_result(
             way,
@@ -110,7 +77,6 @@ def day_entry(day: PlannedDay) -> DayEntry:
         day,
         others=others,
         followed=sorted({way.follows for way in day.ways} - {""}),
-        visited=() if day.stops is day.poses else names,
     )
 
 
@@ -147,40 +113,6 @@ def told(day: DayEntry) -> Iterator[Sentence]:
         f"{minutes(day.seconds)}: {minutes(day.moving_s)} on the way at {day.speed_percent:g} % of the "
         f"joint speeds{share}; {minutes(day.standing_s)} at the poses",
         label="duration",
-    )
-
-
-def loads_told(schedules: Sequence[LoadScheduleEntry]) -> Iterator[doc.Part]:
-    """How often the load is changed, and what that costs; nothing where there is none."""
-    if not schedules:
-        return
-    own = next((entry for entry in schedules if entry.planned), schedules[0])
-    other = next((entry for entry in schedules if entry is not own), None)
-    yield Sentence(
-        f"{_changed(own)}{'' if other is None else f'. {_changed(other)}'}", label="load"
-    )
-    when = doc.Column[LoadScheduleEntry]("when", lambda row: row.when)
-    changing = doc.Column[LoadScheduleEntry]("changing\ntakes", lambda row: minutes(row.changing_s))
-    day = doc.Column[LoadScheduleEntry](
-        "the day\ntakes", lambda row: "unknown" if row.seconds is None else minutes(row.seconds)
-    )
-    columns = doc.columns(LoadScheduleEntry, "changes", when, changing, day, "task_rms_mm")
-    caption = (
-        "With few changes, each block of poses is visited free and, on the way back, loaded. The arm "
-        "then moves with the load, for which its ways are not checked."
-    )
-    yield doc.Detail(
-        (doc.Table(columns, schedules, "Changes of the load", caption),), "Changes of the load"
-    )
-
-
-def _changed(entry: LoadScheduleEntry) -> str:
-    """A way to change the load in words."""
-    twice = ", with all poses visited twice" if entry.after else ""
-    how = "changed" if entry.planned else f"Changed (--load-blocks {len(entry.after)})"
-    return (
-        f"{how} {doc.plural(entry.changes, 'time')}, {entry.when}{twice}: {minutes(entry.changing_s)}, "
-        f"expected error {mm(entry.task_rms_mm)} RMS"
     )
 
 

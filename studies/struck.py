@@ -12,6 +12,9 @@ INSTEAD: dict[str, str] = {
     "next": "use `posecal design CELL --extend DATA`, with `--discriminate A,B` to separate causes",
     "--next": "use `posecal design CELL --extend DATA --discriminate A,B`",
     "--figures": "read the tables: identify, diagnose, compare and design draw figures",
+    "--reference-every": "visit poses again with `--reapproach N`",
+    "--trend-free": "visit poses again with `--reapproach N`: they show a drift",
+    "--load-blocks": "change the load at each pose",
     "--prove": "read the certified efficiency: the bound of the relaxation proves it",
     "--robust": "read what the loss of a pose costs, and ask for more poses with `--poses`",
     **dict.fromkeys(

@@ -90,7 +90,6 @@ class Planned:
     targets_after : float or None, s after the last reading at which the arm comes to them; None where
         nobody says, which counts as the end of the day
     repeats : bool, whether a pose may be measured more than once
-    reference_every : int or None, poses between two readings of a reference
     reapproaches : int or None, poses that are visited again
     obstacles : tuple of Body, in the order of the file
     floor : float or None, m, height above which the arm keeps; floorless : bool, whether there is none
@@ -102,7 +101,6 @@ class Planned:
     targets: Targets | None = None
     targets_after: float | None = None
     repeats: bool = False
-    reference_every: int | None = None
     reapproaches: int | None = None
     obstacles: tuple[Body, ...] = ()
     floor: float | None = None

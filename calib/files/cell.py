@@ -68,7 +68,6 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
         levels=asked,
         targets_after=None if table.targets_after_h is None else table.targets_after_h * _HOUR,
         repeats=table.repeats,
-        reference_every=table.reference_every,
         reapproaches=table.reapproaches,
         floor=table.floor_mm * MM if isinstance(table.floor_mm, float) else None,
         floorless=table.floor_mm is False,

@@ -99,8 +99,11 @@ _PLAINLY = {
 }
 
 
-_STRUCK = {"model.prior": "state the sizes of errors by size_prior"}
-"""Keys that there are no more -> what to use."""
+_STRUCK = {
+    "model.prior": "state the sizes of errors by size_prior",
+    "design.reference_every": "set reapproaches: poses that are visited again",
+}
+"""Keys that a cell does not have -> what to use."""
 
 
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
@@ -110,7 +113,7 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
     if kind == "extra_forbidden" and (instead := _STRUCK.get(".".join(keys))):
-        return f"is not a key any more; {instead}"
+        return f"is not a known key; {instead}"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")

@@ -40,12 +40,13 @@ OTHERS = (
     "temperature_degC",
     "time_s",
     "order",
-    "load_block",
     *SIGMAS,
     "level",
     "weight",
 )
 
+_STRUCK = {"load_block": "take it out: the load is changed at each pose"}
+"""Columns that there are no more, and what to do."""
 _MOST_TURNS = 100.0
 _ALIKE = 0.8  # of names that may be meant for each other
 _SLACK = (1e-3, math.radians(0.05))
@@ -136,6 +137,8 @@ def check_known(
     known = {*OTHERS, *readings, *shared_columns(robot)}
     ignored = []
     for name in columns:
+        if name in _STRUCK:
+            raise InputError(path, "line 1", f"column {name!r} is not known", _STRUCK[name])
         unit = name.rpartition("_")[2]
         if name in known or not name:
             continue

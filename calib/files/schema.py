@@ -238,7 +238,6 @@ class DesignTable(TomlTable):
     targets: str | None = None
     targets_after_h: NotNegative | None = None
     repeats: Annotated[bool, Strict()] = False
-    reference_every: Count | None = None
     reapproaches: Count | None = None
     floor_mm: FloorHeight | None = None
     margin_mm: NotNegative = 0.0

@@ -123,27 +123,10 @@ def load_plan(cell: Cell, path: str | Path) -> Poses:
     Raises InputError.
     """
     poses, table = _load_poses(cell, Path(path), ("pose",))
-    poses = replace(poses, load_block=_load_blocks(cell, table))
     if "order" not in table.columns:
         return replace(with_moves(poses), order=None)
     table.refuse_twice("order", "number the poses 1, 2, ..")
     return with_moves(poses.take(np.argsort(table.numbers("order"), kind="stable")))
-
-
-def _load_blocks(cell: Cell, table: CsvTable) -> IntArray | None:
-    """Blocks after which a plan changes the load, of each line; None where it says nothing of it."""
-    column = "load_block"
-    if column not in table.columns:
-        return None
-    if cell.load is None:
-        raise InputError(table.path, f"column {column}", "needs a [load] in the cell", "give one")
-    block = table.numbers(column)
-    turn = np.arange(len(block))
-    if "order" in table.columns:
-        turn = np.argsort(table.numbers("order"), kind="stable")
-    for row in turn[1:][(np.diff(block[turn]) < 0.0)][:1].tolist():
-        raise table.fault(row, column, "comes after a later block", "number blocks in their order")
-    return np.unique(block, return_inverse=True)[1].reshape(-1) + 1
 
 
 def holds_points(path: str | Path) -> bool:

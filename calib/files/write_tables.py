@@ -142,8 +142,6 @@ def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
     if level is not None and np.isfinite(level).any():
         columns["level"] = [f"{own:.9g}" for own in level]
     columns["order"] = [f"{number}" for number in range(1, len(poses) + 1)]
-    if poses.load_block is not None:
-        columns["load_block"] = [f"{number}" for number in poses.load_block]
     return columns_text(columns | _session(cell, poses))
 
 

@@ -39,8 +39,6 @@ class Poses(Result):
         or None where nothing says it
     session : ndarray of str, shape (m,), the day of each reading, or None where all are of one
     load_mass : ndarray, shape (m,), kg hung at ``load_com`` (tip frame, m)
-    load_block : ndarray of int, shape (m,), of a plan, blocks at whose end the load is changed
-        (:mod:`calib.poses.load_blocks`), or None where it is changed at each pose
     """
 
     names: tuple[str, ...]
@@ -61,7 +59,6 @@ class Poses(Result):
     site: TextArray | None = None
     session: TextArray | None = None
     motion_told: bool = False
-    load_block: IntArray | None = None
 
     def sentences(self) -> list[str]:
         return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]

@@ -131,7 +131,6 @@ def choice_of(cell: Cell, request: Request) -> Choice:
     timed = [name for (name, _), own in zip(placed, uses, strict=True) if own - _OF_MOVES]
     others = {
         "levels": request.levels is not None,
-        "blocks of load": request.load_blocks > 0,
     }
     for other in (name for name, asked in others.items() if asked and timed):
         raise CalibError(

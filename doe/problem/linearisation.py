@@ -151,12 +151,10 @@ class Regressor(Linearisation):
 
     T : ndarray, shape (p, p), ``theta = T y``
     loaded_only : whether readings free of load carry nothing, and are left out
-    in_one_stay : whether a pose is read free and loaded without moving in between
     """
 
     T: Array = field(kw_only=True)
     loaded_only: bool = field(default=False, kw_only=True)
-    in_one_stay: bool = field(default=True, kw_only=True)
 
     @classmethod
     def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
@@ -187,7 +185,7 @@ class Regressor(Linearisation):
         if not self.cell.scatters:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
-        rows = self.candidates(poses, seen, self._stays(visit), np.nan).by_reading
+        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
         turned = stacked(rows[first:]) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(visits))
 
@@ -213,7 +211,7 @@ class Regressor(Linearisation):
         poses, visit = self._readings(visits)
         seen, points = visible[visit], self.model.predict(self.values, poses)
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-        rows = self.candidates(poses, seen, self._stays(visit), np.nan)
+        rows = self.candidates(poses, seen, (visit, visit), np.nan)
         moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
         own, more = (_by_visit(r.by_reading, len(visits)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
@@ -222,11 +220,6 @@ class Regressor(Linearisation):
         """The readings of visits, all free and then all loaded, and the visit of each."""
         poses = readings(self.cell, visits.poses(self.cell))
         return poses, np.arange(len(poses)) % len(visits)
-
-    def _stays(self, visit: IntArray) -> Stays:
-        """Approach and configuration of readings of these visits, (m,)."""
-        stay = visit if self.in_one_stay else np.arange(len(visit))
-        return stay, stay
 
     def information(self, visits: Visits, visible: Mask | None = None) -> Array:
         """Information matrix of each visit, shape (m, p, p)."""

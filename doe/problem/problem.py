@@ -82,13 +82,8 @@ class Problem:
         M = RIDGE * np.eye(known.shape[1]) + known.T @ known
         fixed = self.request.fixed
         if fixed is not None:
-            M = M + self.as_loaded(fixed).information(Visits.of(fixed)).sum(axis=0)
+            M = M + self.information(Visits.of(fixed)).sum(axis=0)
         return M
-
-    def as_loaded(self, plan: Poses) -> Problem:
-        """The same for readings of a plan: free and loaded in one stay, or in blocks of load."""
-        in_one_stay = plan.load_block is None
-        return replace(self, regressor=replace(self.regressor, in_one_stay=in_one_stay))
 
     def information(self, visits: Visits) -> Array:
         """Information matrix of m visits, hidden markers left out, shape (m, p, p)."""
@@ -104,7 +99,7 @@ class Problem:
         fixed = self.request.fixed
         if fixed is None:
             return np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
-        return np.asarray(self.as_loaded(fixed).crossed(Visits.of(fixed)).sum(axis=0))
+        return np.asarray(self.crossed(Visits.of(fixed)).sum(axis=0))
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
@@ -143,7 +138,6 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     angles = readings(cell, _angles(cell, request, first.take(slice(PROBE))))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
-    regressor = replace(regressor, in_one_stay=not request.load_blocks)
     probe, seen = probe_of(regressor, constraints, request, chain([first], chunks))
     try:
         refuse_idle_effects(cell, model, readings(cell, probe.poses(cell)))

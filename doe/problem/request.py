@@ -43,11 +43,8 @@ class Request:
     candidates: int | Poses = CANDIDATES
     refine: bool = True
     curve: bool = False
-    reference_every: int = 0
     reapproaches: int = 0
     asked: bool = True
-    trend_free: bool = False
-    load_blocks: int = 0
     seed: int = 0
 
 

@@ -62,30 +62,11 @@ if TYPE_CHECKING:
               help="Also judge this plan. Can be given several times.")  # fmt: skip
 @click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
 @click.option(
-    "--reference-every",
-    metavar="K",
-    type=click.IntRange(min=0),
-    help="Repeat one pose at the start, after every K poses and at the end, to see drift.",
-)
-@click.option(
     "--reapproach",
     metavar="N",
     type=click.IntRange(min=0),
     help="Add N repeat visits at the end, to measure the arm's repeatability. Default: a tenth of 20 "
     "poses or more, unless the cell states the repeatability. 0: none.",
-)
-@click.option(
-    "--trend-free",
-    is_flag=True,
-    help="Order the poses so that a drift of the base that the model lacks disturbs little.",
-)
-@click.option(
-    "--load-blocks",
-    metavar="N",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Change the load N times only: read each of N blocks of poses under one load and, on the way "
-    "back, under the other. Default: at each pose.",
 )
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @click.option(
@@ -106,10 +87,7 @@ def design(
     of: str | None,
     against: tuple[Path, ...],
     curve: bool,
-    reference_every: int | None,
     reapproach: int | None,
-    trend_free: bool,
-    load_blocks: int,
     repeats: bool | None,
     polish: bool | None,
     folder: Path | None,
@@ -157,10 +135,7 @@ def design(
             repeats=repeats,
             refine=polish,
             curve=curve,
-            reference_every=reference_every,
             reapproach=reapproach,
-            trend_free=trend_free,
-            load_blocks=load_blocks,
             seed=seed,
             progress=say,
         )

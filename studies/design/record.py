@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from studies.day import DayEntry, LastMove, LoadScheduleEntry, TrendPriceEntry, day_entry
+from studies.day import DayEntry, LastMove, day_entry
 from studies.document import FOUR, Shown
 from studies.entries import (
     JointValues,
@@ -58,7 +58,6 @@ class DesignPose(JointValues):
     time_s : of its reading, since the first, None where joint speeds are unknown
     temperature_degC : then, None where the model does not ask for it
     last_move : as the plan prescribes it, None where the model does not depend on it
-    load_block : at whose end the load is changed, None where it is at each pose
     """
 
     pose: str
@@ -66,7 +65,6 @@ class DesignPose(JointValues):
     time_s: Maybe
     temperature_degC: Maybe  # noqa: N815
     last_move: LastMove | None
-    load_block: Annotated[Count | None, Shown("block\nof load")]
 
     @property
     def moves(self) -> dict[str, float]:
@@ -123,14 +121,6 @@ class CandidatesEntry(Entry):
     drawn: Count
     feasible: Count
     removed_by: dict[str, Count]
-
-
-class ReferenceEntry(JointValues):
-    """The pose that is repeated to see drift, and the names of its repeats."""
-
-    pose: str
-    poses: tuple[str, ...]
-    every: Count
 
 
 class RelativeStd(Entry):
@@ -196,7 +186,6 @@ class DesignRecord(Record, PlanAccuracy):
     candidates: CandidatesEntry
     joint_travel_deg: NotNegative
     joint_travel_mm: NotNegative
-    reference: ReferenceEntry | None
     reapproaches: ReapproachesEntry | None
     extends: Annotated[Count | None, From("problem.request.fixed")]
     against: dict[str, RivalPlan]
@@ -209,24 +198,16 @@ class DesignRecord(Record, PlanAccuracy):
     unchecked: str
     day: DayEntry | None
     timed: Annotated[bool, From("problem.choice.timed")]
-    load_schedules: tuple[LoadScheduleEntry, ...]
-    trend: TrendPriceEntry | None
 
     @property
     def again(self) -> int:
-        """Poses that are measured once more: repeats of the reference, and second visits."""
-        repeats = 0 if self.reference is None else len(self.reference.poses)
-        return repeats + (0 if self.reapproaches is None else len(self.reapproaches.again))
+        """Poses that are measured once more."""
+        return 0 if self.reapproaches is None else len(self.reapproaches.again)
 
     @property
     def chosen(self) -> int:
         """Poses that differ from each other."""
         return len(self.poses) - self.again
-
-    @property
-    def proved(self) -> int:
-        """Stops that the proof speaks of: all but repeats of the reference."""
-        return self.chosen + (0 if self.reapproaches is None else len(self.reapproaches.again))
 
     @property
     def level_joint(self) -> str | None:
@@ -257,7 +238,6 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         survives=_survives(found),
         joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
         joint_travel_mm=_MM * travel(found.poses.q[:, robot.prismatic]),
-        reference=_reference(found),
         reapproaches=_reapproaches(found),
         against={
             name: RivalPlan.from_result(rival, rival.assessment, std=rival.assessment.std / units)
@@ -288,7 +268,6 @@ def _poses(found: Design, levels: list[float]) -> tuple[DesignPose, ...]:
             time_s=times[i],
             temperature_degC=degrees[i],
             last_move=None if moves is None else LastMove(**shown_joints(robot, moves[i])),
-            load_block=None if poses.load_block is None else int(poses.load_block[i]),
             **shown_joints(robot, poses.q[i]),
         )
         for i, name in enumerate(poses.names)
@@ -337,15 +316,6 @@ def _survives(found: Design) -> Survives:
         ),
         loss_of_marker={name: rms * _MM for name, rms in judged.without_marker.items()},
     )
-
-
-def _reference(found: Design) -> ReferenceEntry | None:
-    own = found.reference
-    if own is None:
-        return None
-    q = found.poses.q[found.poses.names.index(own.pose)]
-    joints = shown_joints(found.problem.cell.robot, q)
-    return ReferenceEntry.from_result(own, poses=own.repeats, **joints)
 
 
 def _reapproaches(found: Design) -> ReapproachesEntry | None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from studies import document as doc
-from studies.day import loads_told, minutes
 from studies.day import told as day_told
 from studies.design.record import (
     CurveStepEntry,
@@ -41,9 +40,6 @@ def told(record: DesignRecord) -> doc.Document:
 def _size(record: DesignRecord) -> str:
     """How many poses were chosen, beside what, and what is measured twice."""
     said = plural(record.chosen, "pose")
-    if record.reference is not None:
-        repeats = plural(len(record.reference.poses), "repeat")
-        said += f" and {repeats} of {record.reference.pose}"
     if record.reapproaches is not None:
         said += f" and {plural(len(record.reapproaches.again), 'repeat visit')}"
     if record.extends is not None:
@@ -68,7 +64,6 @@ def _parts(record: DesignRecord) -> Iterator[doc.Part]:
     yield from _proof(record)
     yield from _losses(record)
     yield from _facts(record)
-    yield from loads_told(record.load_schedules)
     yield doc.Table(_poses(record), record.poses, "Poses, in the order of measuring")
     yield from _determined(record)
     if record.against:
@@ -155,14 +150,6 @@ def _order(record: DesignRecord) -> Iterator[doc.Sentence]:
             "the side that the plan prescribes (columns approach_.. and move_..)",
             label="approach",
         )
-    if record.trend is not None:
-        own = record.trend
-        yield doc.Sentence(
-            "nearly free of trends. With a drift of the base as unknown, the expected error would be "
-            f"{mm(own.ordered_mm)} ({mm(own.without_mm)} without, {mm(own.quickest_mm)} in the "
-            f"quickest order). The ways take {minutes(max(own.seconds, 0.0))} longer",
-            label="order",
-        )
     if record.timed:
         yield doc.Sentence(
             "the model depends on the time: keep to the order, and to the times as far as you can "
@@ -189,7 +176,6 @@ def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
         "level" if record.level_joint else "",
         *([when] if timed else []),
         *([sides] if any(row.moves for row in record.poses) else []),
-        "load_block" if record.poses[0].load_block is not None else "",
     )
 
 
@@ -236,7 +222,7 @@ _OBSERVABILITY = doc.heads(
 def _plans(record: DesignRecord) -> doc.Table[tuple[Any, ...]]:
     """The plan and those beside it, by the same bound: name, poses, what it is worth."""
     plans: list[tuple[str, int, DesignRecord | RivalPlan]] = [
-        ("this plan", record.proved, record),
+        ("this plan", len(record.poses), record),
         *((name, plan.poses, plan) for name, plan in record.against.items()),
     ]
     rows = [

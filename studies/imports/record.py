@@ -17,7 +17,7 @@ from studies.record import Count, Envelope, Record
 if TYPE_CHECKING:
     from calib import Cell
 
-_OF_PLANS = ("order", "level", "load_block", "weight")  # columns that say nothing of a reading
+_OF_PLANS = ("order", "level", "weight")  # columns that say nothing of a reading
 _SHOWN = 5  # names in one line
 
 

@@ -14,15 +14,13 @@ import pytest
 import doe
 from calib import Cell
 from calib.arrays import Array
-from calib.cell import Load, Repeatability
+from calib.cell import Repeatability
 from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
-from calib.scatter import Variances
 from calib.simulation import drawn_readings
 from doe.assess import assess
-from doe.constraints import scene_of, visible
 from doe.problem.visits import Visits
 from studies.demo.embedded import embedded_cell
 from tests.helpers import with_effects
@@ -116,16 +114,3 @@ def test_what_is_enough_knows_them(plain: Cell, stated: Cell, plan: doe.Design) 
     assert step.task_most > alone.steps[0].task_most
     assert now.found is not None
     np.testing.assert_allclose(step.std, now.found.std, rtol=0.02)
-
-
-def test_readings_of_two_visits_share_no_approach(stated: Cell, plan: doe.Design) -> None:
-    """A load without mass: in blocks of load each pose is read twice, as if it were two poses."""
-    cell = replace(stated, load=Load(0.0, (0.0, 0.0, 0.0)), repeatability=Repeatability(1e-4, 1e-4))
-    arm = Variances.of_arm(cell.robot.dof, cell.repeatability)
-    both = replace(plan.problem.regressor, cell=cell, arm=arm)
-    visits, seen = Visits(plan.poses.q), visible(scene_of(cell, plan.poses.q))
-    once = replace(both, cell=replace(cell, load=None)).crossed(visits, seen)
-    in_blocks = replace(both, in_one_stay=False).crossed(visits, seen)
-    np.testing.assert_allclose(in_blocks, 2.0 * once, rtol=1e-9, atol=1e-9 * np.abs(once).max())
-    in_one_stay = both.crossed(visits, seen)
-    assert np.abs(in_one_stay - in_blocks).max() > 0.01 * np.abs(in_blocks).max()

@@ -60,20 +60,6 @@ def test_second_visits_come_later_and_never_at_once(plain: doe.Design, count: in
     assert len(np.unique(visits(poses))) == 9 + count
 
 
-@pytest.mark.long
-def test_they_stand_beside_a_reference(cell: Cell) -> None:
-    """Of which they are none, so that each visit has a way behind it."""
-    plan = doe.design(cell, poses=9, reapproach=7, reference_every=2, **QUICK)
-    assert plan.reference is not None
-    assert plan.reapproaches is not None
-    assert plan.reference.pose not in plan.reapproaches.poses
-    assert plan.poses.names[0] == "ref1"
-    assert plan.poses.names[-1] == plan.reference.repeats[-1]
-    number = visits(plan.poses)
-    for name, again in zip(plan.reapproaches.poses, plan.reapproaches.again, strict=True):
-        assert number[plan.poses.names.index(name)] != number[plan.poses.names.index(again)]
-
-
 def test_they_are_spread(plain: doe.Design) -> None:
     """No two of four lie nearer than those of most fours that chance would take."""
     _, found = with_reapproaches(plain.problem, plain.poses, 4)
@@ -219,10 +205,6 @@ def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
     (cost,) = [note for note in usual.notes if "--reapproach 0" in note]
     assert f"{usual.reapproaches.task_rms_instead * 1e3:.3g} mm" in cost
     assert f"{usual.assessment.task_rms * 1e3:.3g} mm" in cost
-
-
-def test_none_beside_a_reference(cell: Cell) -> None:
-    assert doe.design(cell, poses=20, reference_every=8, **FEW).reapproaches is None
 
 
 def test_none_where_the_candidates_are_the_plan(cell: Cell) -> None:

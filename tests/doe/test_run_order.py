@@ -14,8 +14,6 @@ import pytest
 import calib
 import doe
 from calib import Cell
-from calib.cell import Load
-from calib.cell.cell import Repeatability
 from calib.cell.planned import Pace
 from calib.errors import CalibError, InputError
 from calib.files.write_tables import plan_csv
@@ -166,40 +164,6 @@ def test_a_plan_that_is_extended_goes_on_in_time() -> None:
     rows = J.reshape(-1, J.shape[-1]) / plan.problem.model.readout.even
     std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     np.testing.assert_allclose(std, plan.assessment.std, rtol=1e-4)
-
-
-def test_an_order_nearly_free_of_trends() -> None:
-    """A drift as an unknown costs less than in the quickest order; the poses are the same."""
-    cell = cell_of("tool", "joint_offset")
-    options: dict[str, Any] = {"poses": 10, "candidates": 400, "reapproach": 0}
-    quick = doe.design(cell, **options)
-    ordered = doe.design(cell, trend_free=True, **options)
-    assert ordered.trend is not None
-    assert quick.trend is None
-    assert ordered.trend.without < ordered.trend.ordered < ordered.trend.quickest
-    as_sets = [{tuple(q) for q in plan.poses.q.round(9).tolist()} for plan in (quick, ordered)]
-    assert as_sets[0] == as_sets[1]
-    assert ordered.day.moving - quick.day.moving == pytest.approx(ordered.trend.seconds, abs=1e-6)
-
-
-def test_how_often_the_load_is_changed() -> None:
-    """Ten poses: at each, once, and in two blocks, whose ways are driven there and back."""
-    cell = replace(
-        cell_of("tool", "joint_offset"), load=Load(1.0, (0.0, 0.0, 0.0)),
-        repeatability=Repeatability(1e-4, 0.0),
-    )  # fmt: skip
-    plan = doe.design(cell, poses=10, candidates=200, reapproach=0)
-    each, once, twice, four = plan.load_schedules
-    assert [own.changes for own in (each, once, twice, four)] == [20, 1, 2, 4]
-    assert once.after == plan.poses.names[-1:]
-    assert twice.after == (plan.poses.names[4], plan.poses.names[9])
-    stops = 20 * (SLOW.settle + SLOW.reading)
-    ways = [way.seconds for way in plan.day.ways]
-    assert once.seconds == pytest.approx(stops + SLOW.load + 2 * sum(ways))
-    back = 2 * (sum(ways[:4]) + sum(ways[5:])) + sum(ways[:5])
-    assert twice.seconds == pytest.approx(stops + 2 * SLOW.load + back)
-    # The arm's scatter is averaged over two visits in place of one.
-    assert once.task_rms == pytest.approx(each.task_rms / np.sqrt(2.0), rel=0.1)
 
 
 def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:

@@ -269,13 +269,9 @@ class Table(Generic[S]):
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture, drawn when it is wanted: on the page, and for --figures.
-
-    numbers : whether its numbers stand folded below it
-    """
+    """A picture, drawn when it is wanted: on the page, and for --figures."""
 
     draw: Callable[[], Picture]
-    numbers: bool = True
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class Writer:
         picture = figure.draw()
         drawn = inline_svg(picture, f"f{next(self.numbers)}")
         below = Markup()
-        if figure.numbers and picture.rows:
+        if picture.rows:
             title = f"The numbers: {plural(len(picture.rows), 'row')}"
             columns = plain_columns(picture.header, picture.rows)
             below = self._folded(title, self._table(Table(columns, picture.rows, title)))

@@ -41,8 +41,6 @@ from studies.record import (
     UnidentifiableEntry,
 )
 
-_MOST = 3_000_000  # points; a damaged file may name poses and markers that fill any memory
-
 
 class IdentifyNoise(NoiseEntry):
     """The noise that the standard deviations rest on, and what speaks for it."""

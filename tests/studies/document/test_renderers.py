@@ -170,4 +170,4 @@ def test_greys_of_a_figure_follow_the_page() -> None:
 
 def test_lines_stand_as_they_are_on_a_page() -> None:
     section = Section("k", "T", (Detail((Lines("a <b>\n  c"),)), Table([Column("", str)], [])))
-    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section, {})
+    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section)

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.arm.robot import odd_limits
-from calib.cell.planned import Hull
 from calib.effects.protocol import ElasticEffect
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.effects.warm_up import WarmUp
 from doe.constraints import Floor
-from doe.constraints.obstacles import obstacles_of
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
 from doe.problem.determined import told
@@ -130,16 +128,6 @@ def _shapes(design: Design) -> Iterator[str]:
             yield f"not checked against the floor, as always below it: {', '.join(floor.exempt)}"
 
 
-def _filled(design: Design) -> Iterator[str]:
-    """That meshes count as solid."""
-    hulls = [own.name for own in obstacles_of(design.problem.cell) if isinstance(own.body, Hull)]
-    if hulls:
-        yield (
-            f"{', '.join(hulls)}: checked is the convex hull, so that hollows count as filled. Give "
-            "parts as meshes of their own where the arm reaches in"
-        )
-
-
 def _exempt(design: Design) -> Iterator[str]:
     for constraint in design.problem.constraints:
         if isinstance(constraint, SelfCollision) and constraint.exempt:
@@ -231,7 +219,6 @@ _NOTES = (
     _unmoved,
     _unguarded,
     _shapes,
-    _filled,
     _exempt,
     _hidden,
     _knots,

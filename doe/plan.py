@@ -108,7 +108,7 @@ class Design(Result):
     notes : tuple of str, what a reader should know
     seconds : dict, part -> time
     reapproaches : Reapproaches or None
-    day : PlannedDay, the ways between the poses and the time that it takes
+    day : PlannedDay, the order of the poses and the time that it takes
     """
 
     problem: Problem

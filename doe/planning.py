@@ -321,7 +321,7 @@ def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dic
     for name, plan in against.items():
         untold = plan.time is None and problem.choice.timed
         if untold:
-            plan = _later(problem, day_of(problem.cell, plan, around=False).timed)
+            plan = _later(problem, day_of(problem.cell, plan).timed)
         visits = Visits.of(plan)
         own = problem
         M = own.fixed + own.information(visits).sum(axis=0)

@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.planned import Hull, Pace, Planned
+from calib.cell.planned import Pace, Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
@@ -239,10 +239,9 @@ class Cell:
 
     @property
     def named_files(self) -> tuple[Path, ...]:
-        """What the cell names beside the robot: targets and meshes."""
+        """What the cell names beside the robot: the targets."""
         targets = None if self.design.targets is None else self.design.targets.path
-        meshes = dict.fromkeys(own.path for own in self.design.obstacles if isinstance(own, Hull))
-        return tuple(path for path in (targets, *meshes) if path is not None)
+        return () if targets is None else (targets,)
 
     @property
     def targets_in_words(self) -> str:

@@ -52,21 +52,7 @@ class HalfSpace:
     normal: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Hull:
-    """The convex hull of a mesh; points : ndarray, shape (n, 3), m, its corners; path : of the mesh."""
-
-    points: Array
-    path: Path
-
-    @property
-    def ball(self) -> tuple[Array, float]:
-        """Centre (3,) and radius [m] of a ball that holds it."""
-        centre = 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
-        return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
-
-
-Body: TypeAlias = Box | Ball | HalfSpace | Hull
+Body: TypeAlias = Box | Ball | HalfSpace
 """What stands still around the arm, in the base frame."""
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.robot import Capsule, Robot, Shapes
-from calib.arm.se3 import from_xyz_rpy, transformed
+from calib.arm.se3 import from_xyz_rpy
 from calib.arm.statics import Payload
 from calib.cell import Cell, Load, Repeatability
 from calib.cell.cell import Acceptance
@@ -20,7 +20,6 @@ from calib.cell.planned import (
     Body,
     Box,
     HalfSpace,
-    Hull,
     Pace,
     Planned,
     Targets,
@@ -28,7 +27,6 @@ from calib.cell.planned import (
 from calib.errors import InputError, UnknownEffect
 from calib.files import schema
 from calib.files.cell_table import cell_table
-from calib.files.columns import LENGTHS
 from calib.files.couplings import coupled
 from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.lenses import with_lenses
@@ -38,7 +36,6 @@ from calib.files.schema import (
     MarkerTable,
     RobotTable,
 )
-from calib.files.shapes import hull_of, mesh_vertices
 from calib.files.tables import load_targets
 from calib.files.values import MM, URAD
 from calib.instruments.protocol import TIP
@@ -72,7 +69,7 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
         floor=table.floor_mm * MM if isinstance(table.floor_mm, float) else None,
         floorless=table.floor_mm is False,
         margin=table.margin_mm * MM,
-        obstacles=tuple(_body(path, obstacle) for obstacle in table.obstacle),
+        obstacles=tuple(_body(obstacle) for obstacle in table.obstacle),
     )
 
 
@@ -85,15 +82,8 @@ def with_targets(cell: Cell, file: str | None) -> Cell:
     return replace(cell, design=replace(cell.design, targets=found))
 
 
-def _body(
-    path: Path, table: schema.BoxTable | schema.BallTable | schema.HalfSpaceTable | schema.MeshTable
-) -> Body:
+def _body(table: schema.BoxTable | schema.BallTable | schema.HalfSpaceTable) -> Body:
     match table:
-        case schema.MeshTable():
-            file = path.parent / table.file
-            T = from_xyz_rpy(np.array(table.position_mm) * MM, np.radians(table.rpy_deg))
-            corners = hull_of(mesh_vertices(file) * LENGTHS[table.unit], file)
-            return Hull(transformed(T, corners), file)
         case schema.BoxTable():
             T = from_xyz_rpy(np.array(table.center_mm) * MM, np.radians(table.rpy_deg))
             return Box(T, 0.5 * MM * np.array(table.size_mm))

@@ -100,6 +100,7 @@ _PLAINLY = {
 
 
 _STRUCK = {
+    "keep_sight": "leave it out: the ways between poses are not planned",
     "model.prior": "state the sizes of errors by size_prior",
     "design.reference_every": "set reapproaches: poses that are visited again",
 }
@@ -112,7 +113,9 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
         return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
-    if kind == "extra_forbidden" and (instead := _STRUCK.get(".".join(keys))):
+    if kind == "extra_forbidden" and (
+        instead := _STRUCK.get(".".join(keys), _STRUCK.get(keys[-1]))
+    ):
         return f"is not a known key; {instead}"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)

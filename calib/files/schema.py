@@ -218,14 +218,6 @@ class HalfSpaceTable(TomlTable):
     normal: Direction
 
 
-class MeshTable(TomlTable):
-    type: Literal["mesh"]
-    file: Annotated[str, Field(min_length=1)]
-    unit: Literal["mm", "m"]
-    position_mm: Vector = (0.0, 0.0, 0.0)
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
-
-
 FloorHeight = Annotated[
     Annotated[Number, Tag("number")] | Annotated[Literal[False], Tag("none")],
     Discriminator(lambda value: "none" if value is False else "number"),
@@ -242,7 +234,7 @@ class DesignTable(TomlTable):
     floor_mm: FloorHeight | None = None
     margin_mm: NotNegative = 0.0
     obstacle: list[
-        Annotated[BoxTable | BallTable | HalfSpaceTable | MeshTable, Field(discriminator="type")]
+        Annotated[BoxTable | BallTable | HalfSpaceTable, Field(discriminator="type")]
     ] = []
 
 

@@ -217,16 +217,6 @@ def mesh_vertices(path: Path) -> Array:
     return found
 
 
-def hull_of(vertices: Array, path: Path) -> Array:
-    """Corners (n, 3) of the convex hull of vertices. Raises InputError for those of a plane."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(vertices[ConvexHull(vertices).vertices])
-    except QhullError:
-        raise InputError(path, "", "has no volume", "bring a solid, or a box") from None
-
-
 def _stl(content: bytes) -> Array:
     """Binary where the length says so: text files begin with "solid", and some binary ones, too."""
     count = int.from_bytes(content[80:84], "little")

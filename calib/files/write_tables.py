@@ -145,17 +145,6 @@ def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
     return columns_text(columns | _session(cell, poses))
 
 
-def ways_csv(cell: Cell, points: Array, ends: Sequence[str], kinds: Sequence[str]) -> str:
-    """The text of a plan's ways: every point that the arm drives to in turn, joints moving straight.
-
-    points : ndarray, shape (k, n), rad or m; ends : the pose that each point leads to, or is; kinds :
-        what each point is
-    """
-    numbers = [f"{number}" for number in range(1, len(points) + 1)]
-    told = {"point": numbers, "pose": list(ends), "kind": list(kinds)}
-    return columns_text(told | _joint_texts(cell.robot, points))
-
-
 _MM = 1e3
 _CHANGE = "change"
 

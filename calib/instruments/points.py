@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Discriminator, Strict, Tag, model_validator
+from pydantic import Discriminator, Tag
 
 from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
@@ -14,7 +14,6 @@ from calib.files.values import MM, NotNegative, Positive, TomlTable, Vector
 from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
-    WORLD,
     CellParts,
     Instrument,
     KeysTable,
@@ -38,13 +37,11 @@ class Tracker(Instrument):
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
         readings
     common : tuple of CommonError, the same at all readings; circles turn about the z axis of these
-    keeps_sight : bool, whether one marker is to stay in sight from pose to pose
     """
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
     common: tuple[CommonError, ...] = ()
-    keeps_sight: bool = False
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = (
@@ -60,7 +57,6 @@ class Tracker(Instrument):
         noise: Noise | None = None,
         stands: Array | None = None,
         common: tuple[CommonError, ...] = (),
-        keeps_sight: bool = False,
         **named: Any,
     ) -> None:
         """Make a tracker of its noise; the other fields are those of any instrument.
@@ -71,7 +67,6 @@ class Tracker(Instrument):
         object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
         object.__setattr__(self, "stands", stands)
         object.__setattr__(self, "common", common)
-        object.__setattr__(self, "keeps_sight", keeps_sight)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:
@@ -152,13 +147,6 @@ class TrackerTable(TomlTable):
     sigma_mm: Sigma
     position_mm: Vector | None = None
     common: CommonTable = CommonTable()
-    keep_sight: Annotated[bool, Strict()] = False
-
-    @model_validator(mode="after")
-    def _stands_somewhere(self) -> Self:
-        if self.keep_sight and self.position_mm is None:
-            raise ValueError("keeps sight from nowhere; give position_mm beside keep_sight")
-        return self
 
     def tracker(self, name: str, reads: tuple[int, ...] | None) -> Tracker:
         """One that reads these markers, or all."""
@@ -170,7 +158,6 @@ class TrackerTable(TomlTable):
             noise=noise,
             stands=stands,
             common=common,
-            keeps_sight=self.keep_sight,
         )
 
 
@@ -178,12 +165,6 @@ class PointsTable(TrackerTable, KeysTable):
     """A tracker among several instruments: its keys in a cell."""
 
     kind: Literal["points"]
-
-    @model_validator(mode="after")
-    def _keeps_sight_in_the_world(self) -> Self:
-        if self.keep_sight and self.on != WORLD:
-            raise ValueError(f"keeps sight in the world, not on {self.on}; take out keep_sight")
-        return self
 
     def instrument(self, name: str, cell: CellParts) -> Tracker:
         return self.tracker(name, cell.read_from(self.on))

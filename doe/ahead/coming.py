@@ -56,8 +56,6 @@ class Conditions:
     """Conditions of further readings.
 
     loads : tuple of TipLoad, under each of which every configuration is read
-    sides : tuple of float, +1 or -1, from which every joint comes, each a reading of its own; empty
-        where the approach follows from the order of the poses
     time, pace : float, s, of the last reading and from one to the next; None where time is not known
     start : float, s, from which drift counts
     temperature : float, degC, or None
@@ -67,7 +65,6 @@ class Conditions:
     """
 
     loads: tuple[TipLoad, ...]
-    sides: tuple[float, ...]
     time: float | None
     pace: float
     start: float
@@ -80,11 +77,6 @@ class Conditions:
     @property
     def each(self) -> int:
         """Readings of one configuration."""
-        return self.stay * max(1, len(self.sides))
-
-    @property
-    def stay(self) -> int:
-        """Readings between two motions of the arm."""
         return len(self.loads)
 
     def in_order(self, robot: Robot, q: Array) -> Poses:
@@ -102,13 +94,10 @@ class Conditions:
 
     def _read(self, robot: Robot, q: Array, approach: Array, motion: Array, time: Array) -> Poses:
         m, count = len(q), self.each
-        loads = list(self.loads) * max(1, len(self.sides))
+        loads = list(self.loads)
         R = forward(robot, q).R[:, robot.loaded]
         wrench = np.stack([_wrench(R, load) for load in loads], axis=1).reshape(-1, 6)
         approach = np.repeat(approach, count, axis=0)
-        if self.sides:
-            sides = np.sign(np.repeat(np.tile(self.sides, m), len(self.loads)))
-            approach = np.broadcast_to(sides[:, None], approach.shape)
         com = next((load.com for load in loads if load.mass), np.zeros(3))
         known = self.motion is not None
         return poses_at(
@@ -139,7 +128,6 @@ def conditions_of(robot: Robot, poses: Poses) -> Conditions:
     usual = np.zeros(robot.dof) if poses.motion is None else np.median(poses.motion, axis=0)
     return Conditions(
         loads=loads_of_data(robot, poses),
-        sides=(),
         time=None if poses.time is None else float(poses.time[end]),
         pace=pace_of(poses),
         start=poses.start,

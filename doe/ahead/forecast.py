@@ -15,10 +15,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, in_parts
+from calib.arrays import Array, in_parts
 from calib.cell import Cell, Load
 from calib.linear import LinearProblem
-from calib.model import Model
 from calib.poses import Measurements, Poses
 from doe.ahead.coming import Conditions, TipLoad, conditions_of
 from doe.constraints import constraints_of, scene_of, visible
@@ -56,19 +55,6 @@ class Forecast(Linearisation):
         """The same where some of the conditions are changed."""
         return replace(self, conditions=replace(self.conditions, **changed))
 
-    def with_model(self, model: Model, values: Array, at: IntArray) -> Self:
-        """The same with other parameters.
-
-        at : ndarray of int, shape (p,), where each stands in the present model, -1 where it is none of
-            its own: of that the readings in hand tell nothing
-        """
-        J, held = (
-            np.concatenate([own, np.zeros((*own.shape[:-1], 1))], axis=-1)[..., at]
-            for own in (self.known.J, self.known.held)
-        )
-        known = replace(self.known, J=J, held=held, span=np.eye(len(at)))
-        return replace(self, model=model, values=values, known=known)
-
     def read(self, q: Array, poses: Poses) -> Array:
         """Independent rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p).
 
@@ -85,7 +71,7 @@ class Forecast(Linearisation):
     def _read(self, q: Array, poses: Poses) -> Array:
         conditions, reading = self.conditions, np.arange(len(poses))
         seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
-        visit = reading // conditions.stay, reading // conditions.each
+        visit = reading // conditions.each, reading // conditions.each
         given = self.data.sigma[np.isfinite(self.data.sigma) & self.data.seen]
         sigma = float(np.median(given)) if len(given) else np.nan
         rows = self.candidates(poses, seen, visit, sigma).by_reading

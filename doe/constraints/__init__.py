@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from calib.arrays import Array, TextArray
 from calib.cell import Cell
 from doe.constraints.limits import hanging_load, in_contact, joint_limits, joint_torque
 from doe.constraints.obstacles import Floor, floor_of, obstacles_of
-from doe.constraints.scene import Constraint, Scene, moving_capsules, scene_of
+from doe.constraints.scene import Clearance, Constraint, Scene, moving_capsules, scene_of
 from doe.constraints.self_collision import clear_of_itself
 from doe.constraints.sight import hidden_by, read_by, visible
 
@@ -13,6 +16,7 @@ __all__ = [
     "Constraint",
     "Floor",
     "Scene",
+    "broken_at",
     "constraints_of",
     "hidden_by",
     "read_by",
@@ -33,3 +37,12 @@ def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
         joint_torque(cell),
     )
     return tuple(constraint for constraint in found if constraint is not None)
+
+
+def broken_at(cell: Cell, q: Array) -> TextArray:
+    """What the arm meets at each pose (n, dof), "" where nothing, shape (n,)."""
+    scene, found = scene_of(cell, q), np.full(len(q), "", dtype=object)
+    for own in reversed(constraints_of(cell)):
+        if isinstance(own, Clearance):
+            found[~own.allows(scene)] = own.name
+    return found

@@ -13,16 +13,14 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.cell.planned import Ball, Body, Box, HalfSpace, Hull
-from doe.constraints.clearance import Clearance, JointLevers, placed
+from calib.cell.planned import Ball, Body, Box, HalfSpace
 from doe.constraints.distances import (
     point_box,
     point_segment,
     segment_box,
     segment_halfspace,
 )
-from doe.constraints.hulls import distances_to
-from doe.constraints.scene import BASE, Scene, named_capsules, probe_scene
+from doe.constraints.scene import Clearance, Scene, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
 _UPRIGHT = 0.999  # cosine
@@ -30,21 +28,14 @@ _UPRIGHT = 0.999  # cosine
 
 @dataclass(frozen=True, eq=False)
 class Obstacle(Clearance):
-    """A body at rest in the base frame; margin : float, m, that the arm keeps of it.
-
-    moving : positions in ``Scene.capsules`` of those that the arm carries
-    """
+    """A body at rest in the base frame; margin : float, m, that the arm keeps of it."""
 
     name: str
     body: Body
     margin: float = 0.0
-    moving: tuple[int, ...] = ()
 
-    def from_segment(self, start: Array, end: Array, wanted: float | Array = 0.0) -> Array:
-        """Distance of segments (..., 3), shape (...), m; zero where they meet.
-
-        Of a hull at most the distance where that is far above what is wanted [m].
-        """
+    def from_segment(self, start: Array, end: Array) -> Array:
+        """Distance of segments (..., 3), shape (...), m; zero where they meet."""
         match self.body:
             case Box(T, half):
                 return segment_box(_local(T, start), _local(T, end), half)
@@ -52,14 +43,12 @@ class Obstacle(Clearance):
                 return np.maximum(point_segment(centre, start, end) - radius, 0.0)
             case HalfSpace(point, normal):
                 return segment_halfspace(start, end, point, normal)
-            case Hull() as hull:
-                return distances_to(hull).from_segment(start, end, wanted)
 
-    def from_point(self, point: Array, wanted: float = 0.0) -> Array:
+    def from_point(self, point: Array) -> Array:
         """Distance of n points (n, 3), shape (n,), m, as :meth:`from_segment` has it; zero inside."""
         if isinstance(self.body, Box):
             return point_box(_local(self.body.T_base_box, point), self.body.half)
-        return self.from_segment(point, point, wanted)
+        return self.from_segment(point, point)
 
     @property
     def ball(self) -> tuple[Array, float] | None:
@@ -71,8 +60,6 @@ class Obstacle(Clearance):
                 return centre, radius
             case HalfSpace():
                 return None
-            case Hull():
-                return self.body.ball
 
     def allows(self, scene: Scene) -> Mask:
         # Most shapes are far: balls around them tell it at a fraction of the cost.
@@ -80,33 +67,24 @@ class Obstacle(Clearance):
         for capsule in scene.capsules:
             if capsule.moves:
                 far = capsule.reach + self.margin
-                near = np.flatnonzero(free & (self.from_point(capsule.centre, far) <= far))
+                near = np.flatnonzero(free & (self.from_point(capsule.centre) <= far))
                 kept = capsule.radius + self.margin
-                free[near] = self.from_segment(capsule.start[near], capsule.end[near], kept) > kept
+                free[near] = self.from_segment(capsule.start[near], capsule.end[near]) > kept
         return free
-
-    def gaps(self, scene: Scene) -> Array:
-        start, end, radii = placed(scene, self.moving)
-        kept = radii + self.margin
-        return self.from_segment(start, end, kept) - kept
-
-    def slopes(self, levers: JointLevers) -> Array:
-        return levers.capsules[list(self.moving)]
 
 
 def _local(T_base_box: Array, point: Array) -> Array:
     return np.asarray((point - T_base_box[:3, 3]) @ T_base_box[:3, :3])
 
 
-_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace", Hull: "mesh"}
+_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
 
 
 def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:
     """The obstacles of a cell, each a constraint of its own."""
     bodies, margin = enumerate(cell.design.obstacles, 1), cell.design.margin
-    moving = tuple(i for i, (body, _, _) in enumerate(named_capsules(cell)) if body != BASE)
     return tuple(
-        Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body, margin, moving) for i, body in bodies
+        Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body, margin) for i, body in bodies
     )
 
 
@@ -127,18 +105,17 @@ class Floor(Clearance):
     margin: float = 0.0
     name: str = "floor"
 
-    def gaps(self, scene: Scene) -> Array:
+    def allows(self, scene: Scene) -> Mask:
         heights = [_lowest(scene, self.checked), scene.markers[..., 2]]
-        return np.concatenate(heights, axis=1) - (self.height + self.margin)
-
-    def slopes(self, levers: JointLevers) -> Array:
-        return np.concatenate([levers.capsules[list(self.checked)], levers.markers])
+        above = np.concatenate(heights, axis=1) - (self.height + self.margin)
+        return np.asarray((above > 0.0).all(axis=1))
 
 
 def _lowest(scene: Scene, which: Sequence[int]) -> Array:
     """Height of the lowest point of some capsules, shape (n, C), m."""
-    start, end, radii = placed(scene, which)
-    return np.asarray(np.minimum(start[..., 2], end[..., 2]) - radii)
+    own = [scene.capsules[i] for i in which]
+    lowest = [np.minimum(c.start[:, 2], c.end[:, 2]) - c.radius for c in own]
+    return np.stack(lowest, axis=1) if own else np.zeros((len(scene), 0))
 
 
 def floor_of(cell: Cell) -> Floor | None:

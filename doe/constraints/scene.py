@@ -152,3 +152,7 @@ class Constraint(ABC):
     @abstractmethod
     def allows(self, scene: Scene) -> Mask:
         """Whether each of the n configurations may be measured, shape (n,)."""
+
+
+class Clearance(Constraint):
+    """One that keeps shapes apart: it must hold also where the last move to a pose begins."""

@@ -7,11 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Mask
 from calib.cell import Cell
-from doe.constraints.clearance import Clearance, JointLevers, placed
 from doe.constraints.distances import segment_segment
 from doe.constraints.scene import (
+    Clearance,
     PlacedCapsule,
     Scene,
     moving_capsules,
@@ -34,12 +34,10 @@ class SelfCollision(Clearance):
     capsules hold more than the shapes. Two hands that meet there are in danger all the same.
 
     pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
-    bodies : tuple of int, that carry the capsules
     exempt : tuple of pairs of capsule names, those that are not checked
     """
 
     pairs: tuple[tuple[int, int], ...]
-    bodies: tuple[int, ...]
     exempt: tuple[tuple[str, str], ...] = ()
     name: str = "self_collision"
 
@@ -49,18 +47,6 @@ class SelfCollision(Clearance):
         for i, j in self.pairs:
             free &= ~overlap(scene.capsules[i], scene.capsules[j], free)
         return free
-
-    def gaps(self, scene: Scene) -> Array:
-        inner, outer = (
-            placed(scene, side) for side in (tuple(zip(*self.pairs, strict=True)) or ((), ()))
-        )
-        apart = segment_segment(inner[0], inner[1], outer[0], outer[1])
-        return np.asarray(apart - inner[2] - outer[2])
-
-    def slopes(self, levers: JointLevers) -> Array:
-        shapes, bodies = levers.capsules, self.bodies
-        own = [levers.between(shapes[i], bodies[i], shapes[j], bodies[j]) for i, j in self.pairs]
-        return np.array(own).reshape(-1, levers.capsules.shape[1])
 
 
 def clear_of_itself(cell: Cell) -> SelfCollision | None:
@@ -89,7 +75,7 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
             exempt.append((a.name, b.name))
         else:
             checked.append((i, j))
-    return SelfCollision(tuple(checked), tuple(bodies), tuple(exempt))
+    return SelfCollision(tuple(checked), tuple(exempt))
 
 
 def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:

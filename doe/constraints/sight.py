@@ -15,7 +15,7 @@ from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of
 from doe.constraints.scene import BASE, PlacedCapsule, Scene, turned
 
-SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
+_SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
 _SLACK = 1e-12
 _WRIST = 1  # joints before the last one whose shapes may hold what is mounted beyond it
 
@@ -151,22 +151,13 @@ def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
     """Whether the beam meets marker j within its acceptance, shape (n,)."""
     if np.isnan(scene.cell.marker_normals[j]).any():
         return np.ones(len(scene), dtype=bool)
-    within, size, _ = incidence(scene, j, instrument)
-    return np.asarray(within >= -_SLACK * size)
-
-
-def incidence(scene: Scene, j: int, instrument: Array) -> tuple[Array, Array, float]:
-    """How far the beam is within the acceptance of marker j that has a normal.
-
-    With b the vector to the instrument and n the normal, ``n . b - |b| cos(acceptance)``, ``|b|`` (n,)
-    each, and the cosine.
-    """
     cell, acceptance = scene.cell, scene.cell.marker_acceptance[j]
     least = 0.0 if np.isnan(acceptance) else float(np.cos(acceptance))
     beam = instrument - scene.markers[:, j]
     size = np.linalg.norm(beam, axis=1)
     normal = turned(scene.frames.R[:, cell.marker_frames[j]], cell.marker_normals[j])
-    return np.einsum("ni,ni->n", normal, beam) - least * size, size, least
+    within = np.einsum("ni,ni->n", normal, beam) - least * size
+    return np.asarray(within >= -_SLACK * size)
 
 
 def _behind_capsule(
@@ -179,8 +170,8 @@ def _behind_capsule(
     eye = _at(instrument, at)
     crossed = segment_segment(eye, marker[at], start, end) < capsule.radius
     if instrument.ndim > 1:  # what it rides on does not hide what it sees
-        crossed &= point_segment(eye, start, end) > capsule.radius + SKIN
-    outside = point_segment(marker[at], start, end) > capsule.radius + SKIN
+        crossed &= point_segment(eye, start, end) > capsule.radius + _SKIN
+    outside = point_segment(marker[at], start, end) > capsule.radius + _SKIN
     hidden[at] = crossed & (outside | (not may_hold))
     return hidden
 
@@ -197,5 +188,5 @@ def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among
     centre, radius = obstacle.ball
     at = np.flatnonzero(among & (point_segment(centre, instrument, marker) <= radius))
     start = np.broadcast_to(_at(instrument, at), (len(at), 3))
-    hidden[at] = obstacle.from_segment(start, marker[at]) <= SKIN
+    hidden[at] = obstacle.from_segment(start, marker[at]) <= _SKIN
     return hidden

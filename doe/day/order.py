@@ -1,4 +1,4 @@
-"""The order in which poses are visited in least time, and a bound on what any order takes.
+"""The order in which poses are visited in least time.
 
 An open way through n places is a round trip through these and one more that is no time from any: the
 symmetric travelling salesman.
@@ -15,7 +15,6 @@ from calib.arrays import Array, IntArray
 _KICKS = 60
 _SEGMENT = 3  # places that move together
 _LEAST = 1e-9  # of the mean cost: an improvement
-_ASCENT = 300
 
 
 def shortest_order(cost: Array, seed: int = 0) -> IntArray:
@@ -94,45 +93,3 @@ def _changes(trip: IntArray, cost: Array) -> Iterator[tuple[float, IntArray]]:
             part = rolled[:size] if first is trip else rolled[:size][::-1]
             rest = rolled[size:]
             yield float(added[i, j]), np.concatenate([rest[:at], part, rest[at:]])
-
-
-def bound_of(cost: Array, reached: float) -> float:
-    """No order of n places costs less in all: the best 1-tree that an ascent finds.
-
-    Held, Karp, Mathematical Programming 1, 1971: a trip is a spanning tree and one more edge with two
-    edges at each place; prices at the places that sum to zero change no trip and raise the least tree.
-    reached : float, what some order costs, for the size of the steps
-    """
-    m, padded = len(cost) + 1, np.pad(cost, (0, 1))
-    if m < 4:
-        return reached
-    prices, best, share = np.zeros(m), 0.0, 1.0
-    for _ in range(_ASCENT):
-        value, degrees = _one_tree(padded + prices[:, None] + prices)
-        value -= 2.0 * float(prices.sum())
-        share = share if value > best else 0.95 * share
-        best = max(best, value)
-        away = degrees - 2.0
-        if not away.any():
-            break
-        prices = prices + share * max(reached - value, 1e-3 * reached) / float(away @ away) * away
-    return min(best, reached)
-
-
-def _one_tree(cost: Array) -> tuple[float, Array]:
-    """The least spanning tree of all places but the last, which has its two best edges; its degrees."""
-    m = len(cost) - 1
-    degrees, total = np.zeros(m + 1), 0.0
-    near, parent, left = cost[0, :m].copy(), np.zeros(m, dtype=int), np.ones(m, dtype=bool)
-    left[0] = False
-    for _ in range(m - 1):
-        k = int(np.where(left, near, np.inf).argmin())
-        total += float(near[k])
-        degrees[[k, parent[k]]] += 1.0
-        left[k] = False
-        closer = cost[k, :m] < near
-        near[closer], parent[closer] = cost[k, :m][closer], k
-    ends = np.argsort(cost[m, :m])[:2]
-    degrees[ends] += 1.0
-    degrees[m] = 2.0
-    return total + float(cost[m, ends].sum()), degrees

@@ -17,7 +17,7 @@ from calib.errors import CalibError
 from calib.poses import Poses
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
-from doe.constraints.clearance import Clearance
+from doe.constraints.scene import Clearance
 from doe.day.approach import last_move
 from doe.optimal.blocks import pack, packed_size
 from doe.problem.choice import Choice

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
 from studies import document as doc
-from studies.day import DayEntry, day_entry
 from studies.document import Shown, mm, plural
 from studies.entries import JointValues, joint_columns, shown_joints
 from studies.noise import counts, lacks, moves_on, undecided
@@ -72,7 +70,6 @@ class CompensateRecord(Record):
     scatter_of : whose the scatter is: what these data do not tell from the model's lacks is undecided
     targets_after_h : hours after the last reading for which the error holds, where a trend goes on
     trend_an_hour_later_mm : how far it goes an hour later; None where there is none, or no time
-    day : the straight ways between corrected commands, in the order of the table
     not_clear : what the arm meets at a corrected command, by target
     """
 
@@ -86,7 +83,6 @@ class CompensateRecord(Record):
     targets_after_h: Annotated[NotNegative | None, From("after")]
     trend_an_hour_later_mm: NotNegative | None
     limited: dict[str, Count]
-    day: DayEntry | None
     not_clear: dict[str, str]
     targets: tuple[Target, ...] = Field(min_length=1)
 
@@ -99,8 +95,7 @@ class CompensateRecord(Record):
 
 def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> CompensateRecord:
     """The record of a compensation."""
-    from doe.day.day import day_of
-    from doe.day.ways import broken_at
+    from doe.constraints import broken_at
 
     robot = cell.robot
     errors = {
@@ -126,7 +121,6 @@ def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> C
         warnings=found.notes,
         errors_at="markers" if found.at == "markers" else "tip",
         scatter_of="undecided" if found.rest_of == "undecided" else "arm",
-        day=day_entry(day_of(cell, replace(found.targets, q=found.q), around=False)),
         not_clear={
             name: met
             for name, met in zip(found.targets.names, broken_at(cell, found.q), strict=True)
@@ -196,29 +190,19 @@ def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
     place = f"error of the {_PLACES[record.errors_at]}"
     columns = doc.heads(place, "RMS [mm]", "p95 [mm]", "max [mm]")
     yield doc.Table(columns, list(_errors(record)), "Errors at the targets")
-    yield from _ways(record)
+    yield from _not_clear(record)
     yield from _limited(record)
     joints = joint_columns(record.targets)
     commands = doc.columns(Target, "pose", *joints, "before_mm expected_mm")
     yield doc.Detail((doc.Table(commands, record.targets, "Corrected commands"),))
 
 
-def _ways(record: CompensateRecord) -> Iterator[doc.Part]:
-    """Where the arm does not keep clear, at corrected commands and straight between them."""
-    day = record.day
+def _not_clear(record: CompensateRecord) -> Iterator[doc.Part]:
+    """Where the arm does not keep clear at corrected commands."""
     for name, met in list(record.not_clear.items())[:_MOST]:
         yield doc.Sentence(
             f"at the corrected command of {name} the arm does not keep clear: {met}", "warn"
         )
-    if day is None or not day.checked or not day.ways:
-        return
-    checked = doc.listed([name.replace("_", " ") for name in day.checked])
-    rest = "" if day.direct == day.ways else ". Lead the others round"
-    yield doc.Sentence(
-        f"{day.direct} of {day.ways} between the corrected commands are free if the joints move "
-        f"straight (checked: {checked}){rest}",
-        label="ways",
-    )
 
 
 _ErrorRow: TypeAlias = tuple[str, float, float | None, float | None]

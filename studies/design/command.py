@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 @click.command()
 @cell_argument
 @click.option("-o", "--output", "plan_path", metavar="PLAN", type=PATH,
-              help="Write the plan as CSV, in the order of measurement. Beside it PLAN.ways.csv lists "
-              "all points that the arm drives to.")  # fmt: skip
+              help="Write the plan as CSV, in the order of measurement.")  # fmt: skip
 @click.option("--poses", metavar="N", type=click.IntRange(min=1), help="Number of poses to choose.")
 @click.option(
     "--criterion",
@@ -117,8 +116,7 @@ def design(
     inputs = [cell_path, *cell.robot_files, *cell.named_files, *against]
     inputs += [extend_path] if extend_path is not None else []
     inputs += [source] if isinstance(source, Path) else []
-    ways_path = None if plan_path is None else plan_path.with_suffix(".ways.csv")
-    check_outputs([plan_path, ways_path, output_file(json_path)], inputs, folder)
+    check_outputs([plan_path, output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))
     with faults_in(cell_path), working("choosing poses") as say:
@@ -140,8 +138,8 @@ def design(
             progress=say,
         )
     record = design_record(result, envelope(cell.name, inputs, seed))
-    tables = {plan_path: plan_table(cell, result), ways_path: ways_table(result)}
-    deliver(record, json_path, folder, {path: own for path, own in tables.items() if path})
+    tables = {} if plan_path is None else {plan_path: plan_table(cell, result)}
+    deliver(record, json_path, folder, tables)
 
 
 def plan_table(cell: Cell, found: Design) -> str:
@@ -152,21 +150,6 @@ def plan_table(cell: Cell, found: Design) -> str:
     from studies.design.record import shown_levels
 
     return plan_csv(cell, found.poses, np.array(shown_levels(found)))
-
-
-def ways_table(found: Design) -> str:
-    """Every point that the arm drives to in turn as CSV: poses, last moves, and ways round."""
-    import numpy as np
-
-    from calib.files.write_tables import ways_csv
-
-    points = found.day.driven
-    return ways_csv(
-        found.problem.cell,
-        np.array([point.q for point in points]),
-        [point.pose for point in points],
-        [point.kind for point in points],
-    )
 
 
 def candidates_of(candidates: str) -> int | Path:

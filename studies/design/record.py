@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from studies.day import DayEntry, LastMove, day_entry
+from studies.day import DayEntry, LastMove
 from studies.document import FOUR, Shown
 from studies.entries import (
     JointValues,
@@ -247,7 +247,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
         pays_until=stops_paying(counts, errors),
         matches=poses_that_match(found.curve, found) if found.curve else {},
         unchecked=unchecked(problem.cell),
-        day=day_entry(found.day),
+        day=DayEntry.from_result(found.day),
     )
 
 

@@ -79,10 +79,9 @@ class LookAlike(CauseEntry):
 
 
 class EquivalentCauses(Entry):
-    """Causes that stand for each other at these poses at any size, and what would split them."""
+    """Causes that stand for each other at these poses at any size."""
 
     members: tuple[CauseEntry, ...]
-    split_by: tuple[str, ...]
 
 
 class PlanRecord(Record):
@@ -123,7 +122,6 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     from calib.diagnosis.stepwise import ALPHA
     from calib.effects.protocol import LoadEffect
     from doe.ahead.information import SURE
-    from doe.ahead.remedies import remedies_of
 
     poses = found.data.poses
     through = any(isinstance(cause.candidate.effect, LoadEffect) for cause in found.seen)
@@ -143,11 +141,8 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
         could_not_see=map(_seen, found.causes),
         look_alikes=_look_alikes(found),
         twins=[
-            EquivalentCauses(
-                members=tuple(_cause(found.seen[i]) for i in group),
-                split_by=tuple(way.says for way in ways),
-            )
-            for group, ways in zip(found.confounded, remedies_of(found), strict=True)
+            EquivalentCauses(members=tuple(_cause(found.seen[i]) for i in group))
+            for group in found.confounded
         ],
     )
 

@@ -142,9 +142,7 @@ def _hidden(causes: Sequence[SeenCause]) -> Iterator[str]:
 
 def _twins(group: EquivalentCauses) -> str:
     names = " = ".join(member.key for member in group.members)
-    if group.split_by:
-        return f"{names}: equivalent at these poses. Told apart by {' or by '.join(group.split_by)}"
-    return f"{names}: observationally equivalent, at any poses, loads and stations"
+    return f"{names}: observationally equivalent at these poses"
 
 
 _ALIKE = doc.columns(

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arm.se3 import across
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.cell.planned import Ball, Box, HalfSpace, Hull
+from calib.cell.planned import Ball, Box, HalfSpace
 from doe.constraints.obstacles import Obstacle, obstacles_of
 
 _FLAT = 1e-6  # of the size
@@ -177,9 +177,6 @@ def _outline(obstacle: Obstacle, middle: Array, half: float, step: int) -> Scene
     if isinstance(body, Ball):
         lines, at = [ring(body.centre, body.radius)], body.centre[None]
         return SceneObject("solid", name, lines, at, at, name, body.radius)
-    if isinstance(body, Hull):
-        lines = [body.points[run] for run in hull_runs(body.points)]
-        return SceneObject("solid", name, lines, NO_POINTS, body.ball[0][None], name)
     return _patch(name, body, middle, half, step)
 
 

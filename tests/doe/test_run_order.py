@@ -19,7 +19,6 @@ from calib.errors import CalibError, InputError
 from calib.files.write_tables import plan_csv
 from calib.poses import poses_at
 from doe.ahead.coming import whole_day
-from doe.day.day import day_of
 from doe.optimal.blocks import unpack
 from doe.problem import Problem, problem_of
 from doe.problem.pool import Pool, chunked, pool_of
@@ -116,16 +115,10 @@ def test_a_plan_on_paper_tells_what_was_promised(tmp_path: Path, effects: tuple[
     np.testing.assert_allclose(std, plan.assessment.std, rtol=1e-4)
 
 
-def test_sides_are_balanced_and_driven() -> None:
+def test_sides_are_balanced() -> None:
     plan = planned("backlash")
     assert plan.poses.approach is not None
     assert (np.abs(plan.poses.approach.sum(axis=0)) <= 4).all()
-    points = plan.day.driven
-    assert [own.kind for own in points[:4]] == ["approach", "pose"] * 2
-    for before, at in itertools.pairwise(points):
-        if at.kind == "pose":
-            row = plan.poses.names.index(at.pose)
-            np.testing.assert_array_equal(np.sign(at.q - before.q), plan.poses.approach[row])
 
 
 def test_a_planned_order_tells_more_than_one_by_chance() -> None:
@@ -178,9 +171,6 @@ def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:
     assert poses.motion is not None
     np.testing.assert_array_equal(poses.approach, [[1.0, 0.0], [-1.0, 0.0]])
     np.testing.assert_allclose(poses.motion, np.radians([[40.0, 0.0], [5.0, 0.0]]))
-    first, second = day_of(cell, poses).driven[:2]
-    np.testing.assert_allclose(first.q, np.radians([-20.0, 0.0]))
-    assert (first.kind, second.kind, second.pose) == ("approach", "pose", "a")
     path.write_text("pose,j1_deg,j2_deg,order\na,0,0,1\nb,10,0,1\n")
     with pytest.raises(InputError, match="column order: '1' stands twice; number the poses"):
         calib.load_plan(cell, path)

@@ -194,11 +194,6 @@ PLANE = '[instruments.table]\nkind = "plane"\non = "head"\nsigma_mm = 0.01\n'
             ('[markers_mm]\nm = [1, 2, 3]\n', f'[instruments.i]\non = "tip"\n{KINDS["points"]}\n'),
             "instruments.i.on: rides on tip as all does that it reads; name another link",
         ),
-        (
-            (ON_HAND, f'[instruments.i]\non = "head"\n{KINDS["points"]}\nposition_mm = [0, 0, 0]\n'
-             "keep_sight = true\n"),
-            "keeps sight in the world, not on head; take out keep_sight",
-        ),
     ],
 )  # fmt: skip
 def test_what_cannot_ride_is_said_in_one_line(

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pytest
 
 from calib import Cell, Measurements, readings
 from calib.arm.statics import wrench_with_load
@@ -48,23 +43,3 @@ def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Me
     n = cell.noise
     noise = Noise(*(louder * s for s in (n.along, n.across, n.along_per_m, n.across_per_m)))
     return drawn_readings(model, values, poses, noise, np.random.default_rng(seed))
-
-
-@contextmanager
-def asking_only(*names: str) -> Iterator[None]:
-    """A diagnosis that asks only causes of these kinds or keys: the contest is tested elsewhere."""
-    module = sys.modules["calib.diagnosis.diagnose"]
-    every = module.candidates
-
-    def few(*given: Any) -> Any:
-        found, missing = every(*given)
-        return [c for c in found if c.effect.kind in names or c.key in names], missing
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "candidates", few)
-        yield
-
-
-def of_poses(data: Measurements, poses: list[int], count: int) -> Measurements:
-    """Free and loaded readings of some poses of the plan, all free ones first."""
-    return data.take(np.array([*poses, *(count + i for i in poses)]))

@@ -1,4 +1,4 @@
-"""Orders and their bound, against every permutation."""
+"""Orders against every permutation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from doe.day.order import bound_of, shortest_order
+from doe.day.order import shortest_order
 
 
 def costs(n: int, seed: int) -> Array:
@@ -30,20 +30,16 @@ def test_against_every_order(n: int) -> None:
         order = shortest_order(cost)
         assert sorted(order) == list(range(n))
         assert along(cost, order) == pytest.approx(best)
-        assert 0.9 * best <= bound_of(cost, along(cost, order)) <= best + 1e-9
-        assert bound_of(cost, along(cost, np.arange(n))) <= best + 1e-9
 
 
 @pytest.mark.parametrize("n", [15, 30, 60])
-def test_the_slack_is_small(n: int) -> None:
+def test_it_is_much_shorter_than_the_given_order(n: int) -> None:
     for seed in range(5):
         cost = costs(n, seed)
         reached = along(cost, shortest_order(cost))
-        assert bound_of(cost, reached) > 0.98 * reached
         assert reached < 0.8 * along(cost, np.arange(n))
 
 
 def test_one_place_and_none() -> None:
     for n in (0, 1):
         assert shortest_order(np.zeros((n, n))).tolist() == list(range(n))
-        assert bound_of(np.zeros((n, n)), 0.0) == 0.0

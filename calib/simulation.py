@@ -50,18 +50,14 @@ def drawn_readings(
 
 
 def photographed(model: Model, values: Array, poses: Poses) -> Mask:
-    """Whether each reading can be had, shape (m, C): by a camera, what its detector finds.
-
-    It reads up to the edge of the image: a plan's margin is kept for a camera that stands aside.
-    """
+    """Whether each reading can be had, shape (m, C): by a camera, what is in the image and faces it."""
     points = model.tip_points(model.state(values, poses).frames, values, poses)
     channels = model.readout.channels
     found = np.ones((len(poses), len(channels)), dtype=bool)
     blocks = zip(model.readout.placed(model.instruments, values), channels.blocks, strict=True)
     for camera, (_, part) in blocks:
         if isinstance(camera, Camera):
-            limits = replace(camera.detection, margin=0.0)
-            found[:, part] = camera.found(taken(camera, points), limits)
+            found[:, part] = camera.found(taken(camera, points))
     return found
 
 

@@ -26,6 +26,7 @@ INSTEAD: dict[str, str] = {
         ("--board", "--page", "--topic", "--moving", "--eye"),
         "write readings as rows: see `posecal explain import`",
     ),
+    "--calibration": "take the lens from `lenses` of --json, and write it by cv2.FileStorage",
     "iso9283": "give `posecal identify` a --holdout: it states the error at poses of their own",
 }
 """Command or option -> what to use in its place."""

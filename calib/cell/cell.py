@@ -97,7 +97,6 @@ class Cell:
     seats : dict, link -> slice, the three markers that stand for one on which an instrument rides
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     acceptance : Acceptance, or None without a tolerance
-    lens_files : tuple of Path, calibrations of cameras
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     marker_links : tuple of str, the tip of the robot on which each marker rides; ``robot.tip`` without
     """
@@ -127,7 +126,6 @@ class Cell:
     seats: Mapping[str, slice] = field(default_factory=dict)
     size_prior: SizePrior = "estimated"
     acceptance: Acceptance | None = None
-    lens_files: tuple[Path, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
     marker_links: tuple[str, ...] = ()
 
@@ -234,8 +232,8 @@ class Cell:
 
     @property
     def robot_files(self) -> tuple[Path, ...]:
-        """The robot's files, and calibrations of cameras."""
-        return (*self.robot.source.files, *self.lens_files)
+        """The robot's files."""
+        return self.robot.source.files
 
     @property
     def named_files(self) -> tuple[Path, ...]:

@@ -1,8 +1,8 @@
-"""Where a camera sees a board well: configurations that are solved for, as few that are drawn do.
+"""Where a camera sees a board: configurations that are solved for, as few that are drawn do.
 
-Where the board stands before the camera is drawn evenly among the places at which a detector finds it:
-tilt, turn, distance and place in the image. The tip follows from it, and the joints from the tip: its
-place in the world, or before the link that carries the other of the two.
+Where the board stands before the camera is drawn evenly among the places at which it faces it: tilt,
+turn, distance and place in the image. The tip follows from it, and the joints from the tip: its place
+in the world, or before the link that carries the other of the two.
 """
 
 from __future__ import annotations
@@ -59,27 +59,22 @@ class View:
 
         reach : m, of the arm
         """
-        limits, lens = self.camera.detection, self.camera.lens.values
+        lens = self.camera.lens.values
         centre = self.board.points.mean(axis=0)
-        every = np.concatenate([self.board.points, self.board.rim])
-        radius = float(np.linalg.norm(every - centre, axis=1).max())
+        radius = float(np.linalg.norm(self.board.points - centre, axis=1).max())
         focal = float(lens[FOCAL].min())
         image = 2.0 * lens[CENTER] if self.camera.image is None else self.camera.image
-        half = 0.5 * image - limits.margin
+        half = 0.5 * image
         whole = self.board.least == len(self.board.points)
 
-        cosine = 1.0 - even[:, 0] * (1.0 - np.cos(limits.tilt))
+        cosine = 1.0 - even[:, 0] * (1.0 - np.cos(self.camera.tilt))
         tilt, way, turn = np.arccos(cosine), 2.0 * np.pi * even[:, 1], 2.0 * np.pi * even[:, 2]
         leaning = tilt[:, None] * np.stack([np.cos(way), np.sin(way), 0.0 * way], axis=1)
         R = so3_exp(leaning) @ so3_exp(turn[:, None] * np.array([0.0, 0.0, 1.0]))
 
         fills = focal * radius / float(half.min())
-        nearest = max(fills if whole else 0.5 * fills, limits.focus[0], _NEAREST * reach)
-        farthest = np.full(len(even), min(_FARTHEST * reach, limits.focus[1]))
-        if self.board.printed:
-            square = self.board.square if limits.square is None else limits.square
-            farthest = np.minimum(farthest, focal * self.board.printed * cosine / square)
-        depth = nearest * (np.maximum(farthest, nearest) / nearest) ** even[:, 3]
+        nearest = max(fills if whole else 0.5 * fills, _NEAREST * reach)
+        depth = nearest * (max(_FARTHEST * reach, nearest) / nearest) ** even[:, 3]
 
         taken = focal * radius / depth[:, None] if whole else (1.0 - _BESIDE) * half
         room = np.maximum(half - taken, 0.0)

@@ -94,7 +94,7 @@ class PrincipalPoint(LensEffect):
 
 
 class Distortion(LensEffect):
-    """The coefficients of OpenCV's radial and tangential distortion, or of its fisheye model."""
+    """The coefficients of OpenCV's radial and tangential distortion."""
 
     kind: ClassVar[str] = "distortion"
     values: ClassVar[slice] = DISTORTION
@@ -110,7 +110,3 @@ class Distortion(LensEffect):
         pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
         turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
         return pixels, turn, by_lens[..., self.values]
-
-
-LENS_EFFECTS = frozenset({Focal.kind, PrincipalPoint.kind, Distortion.kind})
-"""Kinds of effects that are an error of a lens."""

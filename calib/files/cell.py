@@ -29,7 +29,6 @@ from calib.files import schema
 from calib.files.cell_table import cell_table
 from calib.files.couplings import coupled
 from calib.files.instruments import bodies_of, instruments_of, known_distances
-from calib.files.lenses import with_lenses
 from calib.files.robot import load_robot
 from calib.files.schema import (
     CellFile,
@@ -109,7 +108,7 @@ def load_cell(path: str | Path) -> Cell:
     Raises InputError naming the file, the line or key, and what to do.
     """
     path = Path(path)
-    table, lenses = with_lenses(path, cell_table(path))
+    table = cell_table(path)
     own, file = table.robot, path.parent / table.robot.file
     robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, table.links)
     _check_joints(path, robot, table)
@@ -148,7 +147,6 @@ def load_cell(path: str | Path) -> Cell:
         knots={j: np.sort(np.radians(angles)) for j, angles in table.model.knots_deg.items()},
         anchors={j: np.array([a.before, a.after]) * MM for j, a in own.compensators_mm.items()},
         shapes=_stated_shapes(own) or robot.shapes,
-        lens_files=lenses,
         design=planned(path, robot, table.design),
         pace=_pace(table.timing),
         repeatability=_repeatability(own),

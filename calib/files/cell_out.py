@@ -141,7 +141,6 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
 def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
     named: list[tuple[Any, str]] = [(document.get("robot", {}), form) for form in FORMS]
-    named += [(own, "calibration") for own in document.get("instruments", {}).values()]
     for table, key in (*named, (document.get("design", {}), "targets")):
         given: Any = table.get(key)
         if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():

@@ -103,6 +103,12 @@ _STRUCK = {
     "keep_sight": "leave it out: the ways between poses are not planned",
     "model.prior": "state the sizes of errors by size_prior",
     "design.reference_every": "set reapproaches: poses that are visited again",
+    "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
+    "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",
+    "instruments.intrinsics_covariance": "write intrinsics_std",
+    "instruments.margin_px": "use max_tilt_deg and min_points",
+    "instruments.min_square_px": "use max_tilt_deg and min_points",
+    "instruments.focus_mm": "use max_tilt_deg and min_points",
 }
 """Keys that a cell does not have -> what to use."""
 
@@ -113,10 +119,9 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
         return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
-    if kind == "extra_forbidden" and (
-        instead := _STRUCK.get(".".join(keys), _STRUCK.get(keys[-1]))
-    ):
-        return f"is not a known key; {instead}"
+    struck = _STRUCK.get(f"{keys[0]}.{keys[-1]}", _STRUCK.get(keys[-1]))
+    if kind == "extra_forbidden" and struck:
+        return f"is not a known key; {struck}"
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")

@@ -17,7 +17,7 @@ from calib.arm.se3 import (
     so3_log,
 )
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.detection import Board, Detection
+from calib.instruments.detection import Board
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
@@ -35,7 +35,6 @@ from calib.instruments.resection import Mounted, Ridden, on_tip, resected
 from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of
 
 _BEFORE = 2e-3  # m
-_SINGULAR = 1e-9  # of a variance: a lens of one focal length was found with fx and fy as one
 _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
 FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
@@ -49,8 +48,7 @@ class Camera(Instrument):
     sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
     free : ndarray of int, positions of the unknown values of the lens
     believed : ndarray, shape (n,), standard deviations of the lens's values, NaN where none is given
-    believed_covariance : ndarray, shape (n, n), the same with correlations, or None
-    boards : tuple of Board, that it sees; detection : Detection, when a board counts as seen
+    boards : tuple of Board, that it sees; tilt : rad, by which one that is seen leans at most
     standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
 
@@ -59,10 +57,9 @@ class Camera(Instrument):
     image: Array | None = None
     free: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     believed: Array = field(default_factory=lambda: np.full(9, np.nan))
-    believed_covariance: Array | None = None
     boards: tuple[Board, ...] = ()
     standing: Array | None = None
-    detection: Detection = field(default_factory=Detection)
+    tilt: float = float(np.radians(60.0))
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
     columns: ClassVar[tuple[ReadingColumn, ...]] = (
@@ -91,18 +88,6 @@ class Camera(Instrument):
     def prior(self) -> Array:
         standing = len(self.unknowns) - len(self.free)
         return np.concatenate([np.full(standing, np.nan), self.believed[self.free]])
-
-    @property
-    def belief(self) -> Array:
-        if self.believed_covariance is None or not len(self.free):
-            return super().belief
-        own = np.flatnonzero(np.isfinite(self.believed[self.free]))
-        at = self.free[own]
-        cov = self.believed_covariance[np.ix_(at, at)]
-        half = np.linalg.cholesky(cov + _SINGULAR * np.diag(np.diag(cov)))
-        rows = np.zeros((len(own), len(self.unknowns)))
-        rows[:, len(self.unknowns) - len(self.free) + own] = np.linalg.inv(half)
-        return rows
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -142,36 +127,19 @@ class Camera(Instrument):
         None where it is not known. The other end is on the arm.
         """
 
-    def found(self, points: Array, limits: Detection | None = None) -> Mask:
-        """Which of the readings (m, C) count, of points (m, C, 3 k), m, base axes.
-
-        limits : when they do; None for the camera's own, those of a plan
-        """
+    def found(self, points: Array) -> Mask:
+        """Which of the readings (m, C) count, of points (m, C, 3 k), m, base axes."""
         viewed = self.viewed(points)
         if viewed is None:
             return np.ones(points.shape[:-1], dtype=bool)
-        limits = self.detection if limits is None else limits
-        seen = self._in_image(viewed, limits)
-        focal = float(self.lens.values[FOCAL].min())
+        seen = np.asarray(viewed[..., 2] > 0.0)
+        if self.image is not None:
+            pixels = self.lens.project(viewed)
+            seen &= ((pixels >= 0.0) & (pixels <= self.image)).all(axis=-1)
         for board in self.boards:
             own = (slice(None), board.channels)
-            shown = seen[own]
-            if len(board.rim):
-                rim = self._in_image(board.rim_viewed(viewed[own]), limits)
-                shown &= rim.all(axis=-1, keepdims=True)
-            seen[own] = board.found(viewed[own], shown, focal, limits)
+            seen[own] = board.found(viewed[own], seen[own], self.tilt)
         return seen
-
-    def _in_image(self, viewed: Array, limits: Detection) -> Mask:
-        """Whether points (..., 3), m, camera axes, are in focus and in the image, if it has a size."""
-        nearest, farthest = limits.focus
-        depth = viewed[..., 2]
-        ahead = (depth > nearest) & (depth <= farthest)
-        if self.image is None:
-            return np.asarray(ahead)
-        pixels = self.lens.project(viewed)
-        inside = (pixels >= limits.margin) & (pixels <= self.image - limits.margin)
-        return np.asarray(ahead & inside.all(axis=-1))
 
     @property
     def _focal_free(self) -> bool:

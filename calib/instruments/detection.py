@@ -1,14 +1,13 @@
-"""What of a board a detector finds in an image: whether it is there, turned enough and large enough.
+"""A board: which of its points an image shows, and how well.
 
-The limits are those of OpenCV's detectors on drawn photographs
-(``tests.calib.instruments.test_detection``): beside the tilt decides how large a square, or a
-marker, is in the direction in which it is foreshortened. So it does how well a point is found.
+How well a point is found was measured on drawn photographs: it hangs on how large a square, or a
+marker, is in the direction in which it is foreshortened.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,29 +16,8 @@ from calib.arrays import Array, IntArray, Mask
 LEAST_SQUARE, LEAST_MARKER = 10.0, 20.0
 """px, of a square of a chessboard and of an ArUco marker or AprilTag, across, as OpenCV finds them."""
 
-_BEAMS, _BEAMS_WHOLE = (
-    5,
-    25,
-)  # lines of sight to a board, and to one of which no point may be hidden
+_BEAMS = 5  # lines of sight to a board
 _THIN = 1e-6  # of a square: points that are nearly on one line show no side
-
-
-@dataclass(frozen=True)
-class Detection:
-    """When a board counts as seen.
-
-    margin : px, from the edge of the image; tilt : rad, largest angle between the line of sight to a
-        point and the normal
-    square : float or None, px, least size of what is printed; None for what OpenCV needs
-    points : int or None, fewest points of a board; None for what OpenCV needs
-    focus : m, nearest and farthest distance along the optical axis
-    """
-
-    margin: float = 10.0
-    tilt: float = float(np.radians(60.0))
-    square: float | None = None
-    points: int | None = None
-    focus: tuple[float, float] = (0.0, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +26,8 @@ class Board:
 
     channels : slice, positions among the readings; points : ndarray, shape (n, 3), m, in its frame; of
         what is printed the z axis goes into the paper
-    printed : float, m, side of its smallest figure that must be resolved; 0 for single points, which
-        are seen from all sides
-    square : float, px, that figure as small as it may look; least : int, fewest points by which the
-        board is found
-    rim : ndarray, shape (k, 3), m, corners of the print that must be in the image as well
+    printed : float, m, side of its smallest figure; 0 for single points, which are seen from all sides
+    square : float, px, that figure as small as OpenCV finds it; least : int, fewest points that count
     faced : whether it is known which way the print faces
     """
 
@@ -62,7 +37,6 @@ class Board:
     printed: float = 0.0
     square: float = 0.0
     least: int = 1
-    rim: Array = field(default_factory=lambda: np.zeros((0, 3)))
     faced: bool = True
 
     def parts(self) -> Iterator[tuple[IntArray, int]]:
@@ -73,8 +47,7 @@ class Board:
         from_middle = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1)
         chosen = [int(from_middle.argmin())]
         away = np.full(len(self.points), np.inf)
-        whole = self.least == len(self.points)
-        while len(chosen) < min(_BEAMS_WHOLE if whole else _BEAMS, len(self.points)):
+        while len(chosen) < min(_BEAMS, len(self.points)):
             last = np.linalg.norm(self.points - self.points[chosen[-1]], axis=1)
             away = np.minimum(away, last)
             chosen.append(int(away.argmax()))
@@ -91,27 +64,19 @@ class Board:
             np.linalg.pinv(own[:, :2]) @ (viewed - viewed.mean(axis=-2, keepdims=True))
         )
 
-    def rim_viewed(self, viewed: Array) -> Array:
-        """The rim (..., k, 3) in the axes in which the points are (..., n, 3)."""
-        own = (self.rim - self.points.mean(axis=0))[:, :2]
-        return np.asarray(viewed.mean(axis=-2, keepdims=True) + own @ self.axes(viewed))
-
-    def found(self, viewed: Array, seen: Mask, focal: float, limits: Detection) -> Mask:
-        """Which of its points (..., n) a detector finds.
+    def found(self, viewed: Array, seen: Mask, tilt: float) -> Mask:
+        """Which of its points (..., n) count: in the image, enough of them, and facing the camera.
 
         viewed : ndarray, shape (..., n, 3), m, camera axes; seen : ndarray of bool, shape (..., n), in
-            the image; focal : px
+            the image; tilt : rad, largest angle between the line of sight to a point and the normal
         """
         if self.printed and self.faced:
             x, y = np.moveaxis(self.axes(viewed), -2, 0)
             normal = np.cross(x, y)
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
             away = np.maximum(np.linalg.norm(viewed, axis=-1), 1e-9)
-            cosine = (viewed * normal[..., None, :]).sum(axis=-1) / away
-            square = self.square if limits.square is None else limits.square
-            seen = seen & (cosine >= np.cos(limits.tilt))
-            seen &= focal * self.printed * cosine >= square * away
-        return np.asarray(seen & self.enough(seen, limits)[..., None])
+            seen = seen & ((viewed * normal[..., None, :]).sum(axis=-1) / away >= np.cos(tilt))
+        return np.asarray(seen & self.enough(seen)[..., None])
 
     def noise(self, rows: Array) -> Array:
         """By how much noise exceeds that of a large figure, (...), of pixels (..., n, 2) in an image.
@@ -136,7 +101,6 @@ class Board:
         grown = np.hypot(one, 2.0 * self.square / np.maximum(side, self.square / 2.0))
         return np.where(known, grown, one)
 
-    def enough(self, seen: Mask, limits: Detection) -> Mask:
-        """Whether so many of its points are seen (..., n) that a detector finds it, (...)."""
-        least = self.least if limits.points is None else min(limits.points, len(self.points))
-        return np.asarray(seen.sum(axis=-1) >= least)
+    def enough(self, seen: Mask) -> Mask:
+        """Whether so many of its points are seen (..., n) that they count, (...)."""
+        return np.asarray(seen.sum(axis=-1) >= self.least)

@@ -36,9 +36,9 @@ def visible(scene: Scene) -> Mask:
     What is touched is read where it is (:func:`read_by`). All else is hidden by a capsule across the
     beam, unless the marker itself sits in it (a print on the tip sits in the wrist alone); by a box
     or a ball across the beam, unless the instrument itself stands in it; by turning away further
-    than its acceptance, a quarter turn where only its normal is known; where a camera's detector does
-    not find it; and out of the reach of a bar or wire. All are seen where nobody said where the
-    instrument stands.
+    than its acceptance, a quarter turn where only its normal is known; where it is not in a camera's
+    image, or its board faces away; and out of the reach of a bar or wire. All are seen where nobody
+    said where the instrument stands.
     """
     seen = read_by(scene)
     for _, channel, hidden in _hidings(scene):
@@ -47,7 +47,7 @@ def visible(scene: Scene) -> Mask:
         if isinstance(instrument, Camera):
             for board in instrument.boards:
                 own = _channels(board, part)
-                seen[:, own] &= board.enough(seen[:, own], instrument.detection)[:, None]
+                seen[:, own] &= board.enough(seen[:, own])[:, None]
     return seen
 
 

@@ -88,9 +88,6 @@ if TYPE_CHECKING:
               help="The same as the maker's YAML file: Universal Robots, Franka.")  # fmt: skip
 @click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
               help="Write joint offsets alone, for a controller that accepts only these.")  # fmt: skip
-@click.option("--calibration", "lens_texts", metavar="[CAMERA=]OUT", multiple=True,
-              help="Write a camera's calibration with the identified lens: YAML like the cell's own "
-                   "file, otherwise OpenCV's; ROS's where OUT ends in .ros.yaml.")  # fmt: skip
 @click.option(
     "--counts-per-deg",
     metavar="J1=N,..",
@@ -113,7 +110,6 @@ def identify(
     dh_convention: Convention | None,
     kinematics_path: Path | None,
     zeros_path: Path | None,
-    lens_texts: tuple[str, ...],
     counts_per_deg: str | None,
     folder: Path | None,
     json_path: str | None,
@@ -130,7 +126,7 @@ def identify(
     """
     import calib
     from studies.identify.make import MOST, SECONDS, identified, inputs_of
-    from studies.identify.robots import counts_of, lens_files, lens_paths, offsets_file, robot_texts
+    from studies.identify.robots import counts_of, offsets_file, robot_texts
 
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
@@ -138,8 +134,8 @@ def identify(
     robots: dict[Form, Path | None] = {
         "urdf": urdf_path, "mjcf": mjcf_path, "dh": dh_path, "kinematics": kinematics_path,
     }  # fmt: skip
-    counts, lenses = counts_of(counts_per_deg), lens_paths(cell, lens_texts)
-    written = [*robots.values(), zeros_path, *lenses, output_file(json_path)]
+    counts = counts_of(counts_per_deg)
+    written = [*robots.values(), zeros_path, output_file(json_path)]
     check_outputs(written, inputs_of(session), folder)
     count = min(len(session.whole), MOST)
     with working(f"identifying {count} readings", SECONDS * count):
@@ -151,7 +147,6 @@ def identify(
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)
         left_out += lost
-    files |= lens_files(cell, found, lenses)
     deliver(record, json_path, folder, files)
     for line in left_out:
         click.echo(line, err=json_path == "-")

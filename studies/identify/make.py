@@ -14,7 +14,6 @@ from calib.compensation.estimate import estimate_of
 from calib.drift import drift_in
 from calib.identification import ADVICE
 from calib.identification.estimators import Method
-from calib.identification.lenses import unfit_lenses
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
@@ -145,7 +144,6 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         drift=drift and drift_entry(drift),
         sizes=found.sizes and sizes_entry(found.sizes),
         lenses=lens_entries(found),
-        unfit_lenses=sorted(unfit_lenses(found), key=lambda own: -own.left_px),
         estimate=estimated(estimate),
     )
 

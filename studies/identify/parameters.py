@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from studies import document as doc
-from studies.document import MRAD, Shown, mm
+from studies.document import Shown
 from studies.record import (
     OWN_UNIT,
     Entry,
     From,
     Maybe,
     MaybePositive,
-    NotNegative,
     Number,
     Positive,
 )
 
 if TYPE_CHECKING:
     from calib import Identification
+    from calib.arrays import Array, Mask
+    from calib.instruments import Camera
     from calib.population.sizes import Widths
 
 
@@ -118,37 +119,14 @@ class LensValue(Entry):
     unit: str
 
 
-class UnfitLensEntry(Entry):
-    """A camera whose readings do not fit the lens that the cell gives; free : what to free of it."""
-
-    camera: str
-    free: tuple[str, ...]
-    rms_px: Annotated[NotNegative, From("left_px")]
-    with_it_free_px: Annotated[NotNegative, From("freed_px")]
-    pixel_mm: Annotated[MaybePositive, From("pixel_m")]
-
-    @property
-    def said(self) -> str:
-        """What is wrong, how much, and what to do."""
-        at = ""
-        if self.pixel_mm is not None:
-            at = f" ({mm(self.rms_px * self.pixel_mm)} at the board)"
-        free = ", ".join(f'"{part}"' for part in self.free)
-        return (
-            f"The readings do not fit the lens of {self.camera}: {MRAD(self.rms_px)} px remain{at}, "
-            f"{MRAD(self.with_it_free_px)} px with another lens. Set `free = [{free}]` there."
-        )
-
-
 def lens_entries(found: Identification) -> Iterator[LensValue]:
     """All values of the lenses of which anything was found."""
-    from calib.identification.lenses import lens_of
     from calib.instruments import Camera
 
     for camera in found.model.readout.channels.instruments:
         if not isinstance(camera, Camera):
             continue
-        values, covariance, asked = lens_of(found, camera)
+        values, covariance, asked = _lens_of(found, camera)
         std = np.sqrt(np.diag(covariance))
         if asked.any():
             yield from LensValue.from_each(
@@ -159,6 +137,24 @@ def lens_entries(found: Identification) -> Iterator[LensValue]:
                 std=np.where(std > 0.0, std, np.nan),
                 unit=["px" if i < _IN_PIXELS else "1" for i in range(len(std))],
             )
+
+
+def _lens_of(result: Identification, camera: Camera) -> tuple[Array, Array, Mask]:
+    """Values (n,) of a camera's lens, their covariance (n, n), and which were asked for, (n,).
+
+    In the order and the units of :class:`calib.instruments.lens.Lens`.
+    """
+    from calib.effects.base import Base
+    from calib.effects.lens import LensEffect
+
+    by = np.zeros((len(camera.lens.values), len(result.values)))
+    for effect, part in result.model.parts:
+        if isinstance(effect, Base) and effect.of.name == camera.name:
+            by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
+        elif isinstance(effect, LensEffect) and effect.changes(camera):
+            by[effect.values, part] = np.eye(part.stop - part.start)
+    covariance = by @ result.covariance @ by.T
+    return camera.lens.values + by @ result.values, covariance, np.asarray(by.any(axis=1))
 
 
 _LENSES = doc.columns(
@@ -172,11 +168,5 @@ _LENSES = doc.columns(
 
 
 def told_lenses(lenses: tuple[LensValue, ...]) -> Iterator[doc.Part]:
-    """The values, and how they get into a file."""
+    """The values."""
     yield doc.Table(_LENSES, list(lenses))
-    cameras = list(dict.fromkeys(own.camera for own in lenses))
-    options = " ".join(
-        f"--calibration {f'{name}=' if len(cameras) > 1 else ''}{name}.yaml" for name in cameras
-    )
-    them = "the lens" if len(cameras) == 1 else "the lenses"
-    yield doc.Sentence(f"`{options}` writes {them} as OpenCV reads it; name it .ros.yaml for ROS")

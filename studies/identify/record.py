@@ -24,7 +24,6 @@ from studies.identify.parameters import (
     LensValue,
     RedundantParameter,
     SizePrior,
-    UnfitLensEntry,
 )
 from studies.noise import NoiseEntry
 from studies.record import (
@@ -109,7 +108,6 @@ class IdentifyRecord(Record):
     drift: DriftEntry | None
     sizes: SizePrior | None
     lenses: tuple[LensValue, ...]
-    unfit_lenses: tuple[UnfitLensEntry, ...] = Field(default=(), exclude_if=lambda own: not own)
     estimate: Estimated
 
     @property

@@ -1,18 +1,15 @@
-"""The robots and lenses that ``identify`` writes: their texts, and what each form leaves out."""
+"""The robots that ``identify`` writes: their texts, and what each form leaves out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from calib import Cell, Identification
 from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
-from calib.files.lenses import LensForm, camera_named, lens_text
 from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
-from calib.identification.lenses import lens_of
-from calib.instruments import Camera
 from studies.document import listed
 
 
@@ -82,34 +79,6 @@ def offsets_file(
     first, last = cell.robot.joints[0], cell.robot.joints[-1]
     ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
     return zero_offsets_csv(cell.robot, found, counts), [lost, ends]
-
-
-def lens_paths(cell: Cell, texts: Sequence[str]) -> dict[Path, Camera]:
-    """The camera whose lens goes into each file of --calibration. Raises InputError."""
-    found = {}
-    for text in texts:
-        name, named, file = text.rpartition("=")
-        found[Path(file)] = camera_named(cell, name if named else "")
-    return found
-
-
-_ROS = (".ros.yaml", ".ros.yml")
-
-
-def lens_files(
-    cell: Cell, result: Identification, lenses: Mapping[Path, Camera]
-) -> dict[Path, str]:
-    """Their texts. Raises InputError where nothing of a lens was found."""
-    found = {}
-    for path, camera in lenses.items():
-        values, covariance, asked = lens_of(result, camera)
-        if not asked.any():
-            what = "finds nothing of the lens"
-            remedy = 'add "base", and free = ["focal", "center"] or an effect as "focal"'
-            raise InputError(cell.path, "model.effects", what, remedy)
-        form: LensForm | None = "ros" if path.name.endswith(_ROS) else None
-        found[path] = lens_text(cell, values, covariance, camera, form)
-    return found
 
 
 def counts_of(text: str | None) -> dict[str, float]:

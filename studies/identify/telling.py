@@ -68,8 +68,6 @@ def _next(record: IdentifyRecord) -> doc.Sentence:
     before, after = record.error.before, record.error.after
     if record.error.unit == "mm" and min(before, after) > _WRONG_TABLE_MM:
         return doc.Sentence(_WRONG_TABLE, "warn")
-    if record.unfit_lenses:
-        return doc.Sentence(" ".join(own.said for own in record.unfit_lenses), "warn")
     noise, lacking = record.noise, record.budget.of("model")
     if record.status != "converged":
         status = record.status.replace("_", " ").capitalize()

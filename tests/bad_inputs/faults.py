@@ -47,7 +47,7 @@ def _in(file: str, call: str, cases: dict[str, Edit]) -> list[Fault]:
 _SEEN = swap(
     "[instrument]\nsigma_mm = 0.010",
     '[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\nkind = "camera"\n'
-    'calibration = "lens.yaml"\nsigma_px = 0.1',
+    "focal_px = 1200\ncenter_px = [640, 480]\nsigma_px = 0.1",
 )
 
 
@@ -498,10 +498,10 @@ ROBOTS = [
 ]  # fmt: skip
 
 CAMERAS = [
-    Fault("a calibration that is not there", _IDENTIFY, "cell.toml", _SEEN),
-    Fault("a calibration and a focal length", _IDENTIFY, "cell.toml",
-          _seen("sigma_px", "focal_px = 600\nsigma_px")),
-    Fault("neither of them", _IDENTIFY, "cell.toml", _seen('calibration = "lens.yaml"\n', "")),
+    Fault("a lens in a file of its own", _IDENTIFY, "cell.toml",
+          _seen("sigma_px", 'calibration = "lens.yaml"\nsigma_px')),
+    Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
+          _seen("focal_px = 1200\n", "")),
     Fault("a board of two shapes", _IDENTIFY, "cell.toml",
           _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12")),
     Fault("tags without their size", _IDENTIFY, "cell.toml",
@@ -510,8 +510,6 @@ CAMERAS = [
           _seen("pitch_mm = 30", 'pitch_mm = 30\nmarker_mm = 40\ndictionary = "5x5_100"')),
     Fault("markers of no dictionary", _IDENTIFY, "cell.toml",
           _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 22")),
-    Fault("a lens of no camera", _IDENTIFY + " --calibration lens.yaml"),
-    Fault("the lens of a camera that the cell lacks", _IDENTIFY + " --calibration left=lens.yaml"),
 ]  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from calib.instruments import (
     Tracker,
 )
 from calib.instruments.detection import Board
-from calib.instruments.lens import Fisheye, Lens
+from calib.instruments.lens import Lens
 from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.noise import Noise
@@ -112,8 +112,7 @@ def scene(seed: int, count: int) -> Scene:
             name="wall",
             markers=(0, 1, *range(8, 15)),
             boards=(Board("plate", slice(2, 9), plate),),
-            lens=Fisheye(np.append(LENS.values[:4], [-0.02, 0.01, -0.004, 0.001])),
-            sigma=0.2,
+            **given,
         ),
         ArmCamera(name="eye", markers=(5, 6, 7) * 11, boards=boards, **given),
         Distance(name="bar", markers=(0, 1), sigma=2e-5, offset=True),

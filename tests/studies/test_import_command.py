@@ -78,9 +78,9 @@ def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.Monke
     drawn, truth = photographs.charuco(), []
     for k in range(2):
         T = photographs.facing(0.2 * k, (0.3 * k, 0.1), (0.25, 0.18), 0.5)
-        image = photographs.photograph("homography", drawn, T)
+        image = photographs.photograph(drawn, T)
         photographs.cv2.imwrite(f"images/shot{k}.png", image)
-        truth.append(photographs.pixels(photographs.points_of("charuco"), T))
+        truth.append(photographs.pixels(photographs.points_of(), T))
     photographs.cv2.imwrite("images/shot2.png", np.full((720, 960), 90, np.uint8))
     (block,) = blocks("CharucoDetector")
     exec(compile(block, "import.md", "exec"), {})

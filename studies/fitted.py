@@ -51,16 +51,6 @@ class ScatterEntry(Entry):
     configuration_of: Annotated[Owner, From("rest_of")]
 
 
-class EstimatedTrend(Entry):
-    """What moves on through the day: ``taken + (1 - exp(-clock / tau)) moving`` for each tau."""
-
-    taus: Row
-    weights: Row
-    taken_si: tuple[Row, ...] = Field(alias="taken_SI")
-    moving_si: tuple[Row, ...] = Field(alias="moving_SI")
-    last: Number
-
-
 class Estimated(Entry):
     """All that the next command needs."""
 
@@ -70,7 +60,6 @@ class Estimated(Entry):
     session_clock: Annotated[str, From("clock_unit")]
     unexplained: UnexplainedEntry
     scatter_si: ScatterEntry | None = Field(alias="scatter_SI")
-    trend: EstimatedTrend | None
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool

@@ -250,25 +250,3 @@ def unusual(noise: NoiseEntry) -> str | None:
         f"Readings at one pose differ by {mm(again)}; data sheets say {mm(worst)}. "
         "Run `posecal diagnose`."
     )
-
-
-def moves_on(by_then_mm: float, an_hour_later_mm: float | None, after_h: float | None) -> str:
-    """That the readings moved through the day, for when the figures hold, and what to do.
-
-    an_hour_later_mm : None where the readings have no time; after_h : None where nobody said it
-    """
-    if an_hour_later_mm is None:
-        return (
-            f"The readings drift by {mm(by_then_mm)} until the end: the error holds for that time. Add "
-            "time_s, and [design] targets_after_h"
-        )
-    if after_h is None:
-        return (
-            f"The readings drift, by {mm(by_then_mm)} at the end of the day and "
-            f"{mm(an_hour_later_mm)} an hour later: the error holds for the end. Set [design] "
-            "targets_after_h, or run `posecal diagnose`"
-        )
-    return (
-        f"The readings drift: by {mm(by_then_mm)}, {after_h:g} h after the last one. Run `posecal "
-        "diagnose`, or measure when all is warm"
-    )

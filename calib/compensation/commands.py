@@ -15,8 +15,7 @@ criterion ``task``: at the markers, or at the tip's origin where ``tool`` is not
 tool count with all their correlations to the rest. Motions of the base with its load or in time are
 the arm's own and are corrected. Where a target says no time of the session it comes after it: what
 warmed up is warm, what jumped stays where it went, and a drift in the model, of which nobody knows how
-it went on, counts as none. A trend that is not in the model goes on until the targets' time
-(:mod:`calib.compensation.trend`): that is part of the expected error.
+it went on, counts as none.
 """
 
 from __future__ import annotations
@@ -79,11 +78,8 @@ class Compensation(Result):
     scatter : ndarray, shape (m,), m, by how much the arm errs anew at each target, as far as the data
         or the cell say it; what they do not tell from what the model lacks counts here
     unfollowed : ndarray, shape (m,), m, what the model does not follow from pose to pose
-    trend : ndarray, shape (m,), m, how far the trend of the day will have gone by then; an_hour_on : an
-        hour later, None where there is none, or no time
     unexplained : Unexplained, what the model leaves at any pose beside all that
     rest_of : whose what differs from configuration to configuration is
-    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     limited_by : tuple of str, why something is left at a target, "" where nothing is
     notes : tuple of str, what the user should know
 
@@ -101,11 +97,8 @@ class Compensation(Result):
     spread: Array
     scatter: Array
     unfollowed: Array
-    trend: Array
-    an_hour_on: Array | None
     unexplained: Unexplained
     rest_of: Owner
-    after: float | None
     limited_by: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -142,7 +135,7 @@ class Compensation(Result):
     @property
     def expected(self) -> Array:
         """Error expected to remain at each target, shape (m,), m."""
-        known = self.left**2 + self.spread**2 + self.scatter**2 + self.trend**2
+        known = self.left**2 + self.spread**2 + self.scatter**2
         return np.asarray(np.sqrt(known + self.lacking**2))
 
     @property
@@ -189,8 +182,8 @@ def compensate(
     frame = _tip_frame(model, tip)
     model = at_one_tip(model, frame)
     blocks = np.array_split(np.arange(len(poses)), -(-len(poses) // _BLOCK))
-    after, known = cell.design.targets_after or 0.0, replace(estimate, model=model)
-    parts = [_block(known, poses.take(block), after, frame) for block in blocks]
+    known = replace(estimate, model=model)
+    parts = [_block(known, poses.take(block), frame) for block in blocks]
     by_target = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     limited_by, q = tuple(by_target.pop("limited_by").tolist()), by_target["q"]
     return Compensation(
@@ -198,10 +191,8 @@ def compensate(
         weights=weights,
         at="markers" if len(model.where(Tool)) else "tip",
         **by_target,
-        an_hour_on=known.an_hour_on(replace(poses, q=q), after),
         unexplained=estimate.unexplained,
         rest_of=estimate.rest_of,
-        after=cell.design.targets_after,
         limited_by=limited_by,
         notes=(*estimate.notes, *_notes(estimate, poses, q), *_on_tips(cell, frame)),
     )
@@ -263,7 +254,7 @@ def _on_tips(cell: Cell, frame: int) -> Iterable[str]:
         yield f"commands are corrected for {tip}: other tips go with the joints that they share with it"
 
 
-def _block(estimate: Estimate, poses: Poses, after: float, tip: int) -> dict[str, Array]:
+def _block(estimate: Estimate, poses: Poses, tip: int) -> dict[str, Array]:
     """Fields of :class:`Compensation` that have one entry for each target, for some of them.
 
     tip : frame of the tip that is to be in place
@@ -292,7 +283,6 @@ def _block(estimate: Estimate, poses: Poses, after: float, tip: int) -> dict[str
         "spread": _spread(estimate, there),
         "scatter": scatter,
         "unfollowed": unfollowed,
-        "trend": estimate.moved_on(there, after),
         "limited_by": np.array(reasons),
     }
 

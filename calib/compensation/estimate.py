@@ -8,18 +8,14 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.compensation.trend import DayTrend, trend_of
 from calib.compensation.unexplained import Fitted, Unexplained, unexplained
 from calib.diagnosis.diagnose import Diagnosis
 from calib.identification.identification import Identification
 from calib.identification.noise_level import refuted
 from calib.model import Model
 from calib.model.covariance import ignorance
-from calib.poses import Poses
 from calib.scatter import Variances
 from calib.uncertainty.pose_to_pose import Owner, parted, pose_to_pose
-
-_HOUR = 3600.0  # s
 
 Result: TypeAlias = Identification | Diagnosis
 
@@ -35,7 +31,6 @@ class Estimate:
     unexplained : Unexplained
     variances : Variances or None, of what errs as a whole and is new at every target; rest_of : whose
         those of the configurations are
-    trend : DayTrend or None, of the day, which goes on
     undetermined : tuple of str, ids of the parameters that keep their nominal values
     notes : tuple of str, what a user of the values should know
     clock_unit : str, of the session's clock, "s" or "reading"
@@ -53,7 +48,6 @@ class Estimate:
     variances: Variances | None = None
     clock_unit: str = "s"
     rest_of: Owner = "undecided"
-    trend: DayTrend | None = None
 
     @property
     def arm(self) -> Variances | None:
@@ -64,26 +58,6 @@ class Estimate:
     def unfollowed(self) -> Variances | None:
         """Of what the model does not follow from configuration to configuration."""
         return None if self.variances is None else parted(self.variances, self.rest_of)[1]
-
-    def moved_on(self, targets: Poses, after: float) -> Array:
-        """By how much the trend has the arm off at targets, shape (m,), RMS over their points, m.
-
-        after : s after the last reading, where a target has no time of its own; nothing where the
-            session's clock only counts readings
-        """
-        if self.trend is None:
-            return np.zeros(len(targets))
-        clock = targets.clock_in(self.clock_unit)
-        if clock is None:
-            later = after if self.clock_unit == "s" else 0.0
-            clock = np.full(len(targets), self.trend.last + later)
-        return self.trend.errors(self.model, self.values, targets, clock)
-
-    def an_hour_on(self, targets: Poses, after: float) -> Array | None:
-        """The same an hour later; None where there is no trend, or no time."""
-        if self.trend is None or self.clock_unit != "s":
-            return None
-        return self.moved_on(targets, after + _HOUR)
 
 
 def estimate_of(result: Result) -> Estimate:
@@ -124,7 +98,6 @@ def _identified(result: Identification) -> Estimate:
         variances=fit.variances,
         clock_unit=fit.data.poses.clock_unit,
         rest_of=pose_to_pose(result.levels, result.scatter, fit.model.robot.reach).of,
-        trend=trend_of(fit),
     )
 
 
@@ -191,7 +164,6 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         fitted.variances,
         result.data.poses.clock_unit,
         pose_to_pose(levels, stage.scatter, fit.model.robot.reach).of,
-        trend_of(fitted),
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.compensation.estimate import Estimate
-from calib.compensation.trend import DayTrend
 from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.protocol import Effect, Parameter
@@ -28,8 +27,6 @@ from calib.uncertainty.pose_to_pose import Owner
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
-_SHORTEST_TAU = 1e-6  # s
-_LARGEST_TAU = 1e15  # s: a thousand sessions, which is a steady drift
 _KEY = ("effect", "where", "name")
 
 Key: TypeAlias = tuple[str, ...]
@@ -63,7 +60,6 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         clock = str(entry["session_clock"])
         rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
         variances, rest_of = _variances(cell, entry["scatter_SI"])
-        trend = _trend(entry["trend"], len(values))
         converged = entry["converged"] is True
         undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -76,7 +72,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
         model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock,
-        rest_of, trend,
+        rest_of,
     )  # fmt: skip
 
 
@@ -107,20 +103,6 @@ def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:
     if of not in get_args(Owner):
         raise ValueError
     return Variances(1.0, *found), of
-
-
-def _trend(entry: Any, count: int) -> DayTrend | None:
-    """How so many values were off through the day. Raises KeyError, TypeError, ValueError."""
-    if entry is None:
-        return None
-    taus, weights, taken, moving = (
-        _numbers(entry[key], _LARGEST_TAU) for key in ("taus", "weights", "taken_SI", "moving_SI")
-    )
-    shape = (len(taus), count)
-    fits = weights.shape == taus.shape and taken.shape == moving.shape == shape
-    if not fits or (taus < _SHORTEST_TAU).any() or (weights < 0.0).any():
-        raise ValueError
-    return DayTrend(taus, weights, taken, moving, float(_numbers(entry["last"])))
 
 
 def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:

@@ -42,7 +42,7 @@ class UncertaintySource:
     at_reading : float or None, m, RMS by which it moves one reading
     instrument : str, whose common error it is; empty where it is none
     basis : str, the estimate that its variance rests on: parts of one count their freedom once
-    of : whether the calibration brings it, the arm itself, what the model lacks, or a trend of the day
+    of : whether the calibration brings it, the arm itself, or what the model lacks
     """
 
     source: str
@@ -58,7 +58,7 @@ class UncertaintySource:
     at_reading: float | None = None
     instrument: str = ""
     basis: str = ""
-    of: Literal["calibration", "arm", "model", "trend"] = "calibration"
+    of: Literal["calibration", "arm", "model"] = "calibration"
 
     @property
     def errors(self) -> Array:
@@ -131,8 +131,7 @@ def accuracy_at_targets(
     estimate : of the same identification, for what the arm and the model's lacks add beside it
     """
     targets, weights = targets_of(cell)
-    after = cell.design.targets_after or 0.0
-    budget = budget_of(found, estimate, targets, weights, after)
+    budget = budget_of(found, estimate, targets, weights)
     return replace(budget, source=cell.targets_in_words)
 
 
@@ -141,17 +140,15 @@ def budget_of(
     estimate: Estimate | None,
     targets: Poses,
     weights: Array,
-    after: float = 0.0,
 ) -> Budget:
     """The budget of an identification at targets; weights : ndarray, shape (m,).
 
     estimate : of the same, for what the arm and the model's lacks add; without it that is left out
-    after : s after the last reading at which the arm comes to the targets
     """
     calibration = tuple(of_calibration(found, targets, weights))
     if estimate is None:
         return Budget(targets, weights, calibration)
-    beside = (*_of_arm(found, estimate, targets), *_of_model(found, estimate, targets, after))
+    beside = (*_of_arm(found, estimate, targets), *_of_model(found, estimate, targets))
     return Budget(targets, weights, calibration, beside)
 
 
@@ -219,9 +216,9 @@ def _of_arm(
 
 
 def _of_model(
-    found: Identification, estimate: Estimate, targets: Poses, after: float
+    found: Identification, estimate: Estimate, targets: Poses
 ) -> Iterator[UncertaintySource]:
-    """What the model lacks: from pose to pose, at poses that the fit was without, and in time."""
+    """What the model lacks: from pose to pose, and at poses that the fit was without."""
     unfollowed = scatter_at(estimate.model, estimate.values, targets, estimate.unfollowed)
     rest, M = estimate.unexplained, unfollowed.shape[1]
     variances = unfollowed.mean(axis=-1) + rest.rms**2
@@ -230,13 +227,6 @@ def _of_model(
         spread = _alike(variances, M)
         name = f"what the model lacks, from {by}"
         yield UncertaintySource(name, "A", spread, spread, _behind(found), of="model")
-    moved_on = estimate.moved_on(targets, after)
-    if moved_on.any():
-        spread = _alike(moved_on**2, M)
-        name = "trend of the day, carried on to the targets' time"
-        yield UncertaintySource(
-            name, "A", spread, np.zeros_like(spread), _behind(found), of="trend"
-        )
 
 
 def _behind(found: Identification) -> float:

@@ -1,6 +1,6 @@
 """The error at the targets: what is expected of the estimate after each pose, and what none lowers.
 
-No reading lowers the arm's scatter, what the model lacks, and a trend of the day.
+No reading lowers the arm's scatter nor what the model lacks.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import Estimate, estimate_of, fitted_of
-from calib.compensation.trend import trend_of
+from calib.compensation.estimate import estimate_of, fitted_of
 from calib.compensation.unexplained import Unexplained, Unseen, at_ends, at_held_out, scatter_at
 from calib.identification import Identification
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
-from calib.poses import Poses
 from calib.scatter import Variances
 from calib.uncertainty.expanded import freedom
 from calib.uncertainty.pose_to_pose import Owner, parted
@@ -42,38 +40,31 @@ class ErrorFloor:
     scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
         here
     unfollowed : what the model does not follow from pose to pose; unexplained : what it lacks beside it
-    trend : how far the trend of the day will have gone when the arm comes to the targets; an_hour_on :
-        and an hour later; None where no clock tells
     seen : what poses showed that the fit was without, zero where there are none
     scatter_of : whose the scatter is: the arm's, unless the data leave that open
     surely : whether what the model lacks, or half of it, is more than chance
-    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     at_targets : ndarray, shape (targets,), m, all of it
-    hidden : what the data neither show nor rule out, for which a bound allows beside all that: scatter
-        that was not found, and a trend that may be chance
+    hidden : scatter that the data neither show nor rule out, for which a bound allows beside all that
     """
 
     scatter: float
     unfollowed: float
     unexplained: Unexplained
-    trend: float
-    an_hour_on: float | None
     seen: Unseen
     scatter_of: Literal["arm", "undecided"]
     surely: bool
-    after: float | None
     at_targets: Array
     hidden: float = 0.0
 
     @property
     def of_model(self) -> float:
-        """What the model lacks, but for the trend."""
+        """What the model lacks."""
         return float(np.hypot(self.unfollowed, self.unexplained.rms))
 
     @property
     def rms(self) -> float:
         """All of it."""
-        return float(np.linalg.norm([self.scatter, self.of_model, self.trend]))
+        return float(np.hypot(self.scatter, self.of_model))
 
 
 def error_floor(
@@ -92,13 +83,6 @@ def error_floor(
         for part in parted(arm, rest_of)
     )
     rest = Unexplained(0.0, "") if known is None else known.unexplained
-    trend, an_hour_on, after = np.zeros(len(targets)), None, cell.design.targets_after
-    if known is not None:
-        later = replace(targets, start=known.start)
-        trend, an_hour_on = (
-            known.moved_on(later, after or 0.0),
-            known.an_hour_on(later, after or 0.0),
-        )
 
     def rms(errors: Array) -> float:
         return task_error(errors, weights)[0]
@@ -120,30 +104,15 @@ def error_floor(
     part = _PART * float(np.hypot(rms(lacks), rest.rms))
     surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
     lacking = ErrorFloor(
-        rms(own), rms(lacks), rest, rms(trend), None if an_hour_on is None else rms(an_hour_on),
-        seen, "undecided" if rest_of == "undecided" else "arm", surely, after,
-        np.sqrt(own**2 + lacks**2 + rest.rms**2 + trend**2),
+        rms(own), rms(lacks), rest, seen, "undecided" if rest_of == "undecided" else "arm", surely,
+        np.sqrt(own**2 + lacks**2 + rest.rms**2),
     )  # fmt: skip
     if found is None or known is None:
         return lacking
     hidden = None if found.unnoticed is None else found.unnoticed[1].variances
     scattered = rms(np.sqrt(scatter_at(model, values, targets, hidden).mean(axis=-1)))
     scattered = scattered if lacking.rms else max(scattered, seen.certain)
-    moving = _hidden_trend(found, known, targets, weights, after)
-    return replace(lacking, hidden=float(np.hypot(scattered, moving)))
-
-
-def _hidden_trend(
-    found: Identification, known: Estimate, targets: Poses, weights: Array, after: float | None
-) -> float:
-    """RMS error at targets hours after the last reading by a trend that may be chance, m.
-
-    Zero where one is shown, which is expected then, or nobody says that the targets come later.
-    """
-    if not after or known.trend is not None or known.clock_unit != "s":
-        return 0.0
-    known = replace(known, trend=trend_of(fitted_of(found), sure=1.0))
-    return task_error(known.moved_on(replace(targets, start=known.start), after), weights)[0]
+    return replace(lacking, hidden=scattered)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from pydantic import Field
 from studies import document as doc
 from studies.document import Shown, mm, plural
 from studies.entries import JointValues, joint_columns, shown_joints
-from studies.noise import counts, lacks, moves_on, undecided
+from studies.noise import counts, lacks, undecided
 from studies.plots.style import BLUE, VERMILLION, Look
 from studies.record import BeforeAfter, Count, Entry, Envelope, From, NotNegative, Number, Record
 
@@ -33,15 +33,11 @@ class CorrectedErrors(Entry):
 
 
 class RmsErrors(CorrectedErrors):
-    """The same over all targets, and what the expected error consists of beside ``left``.
-
-    trend : how far the trend of the day will have gone by then
-    """
+    """The same over all targets, and what the expected error consists of beside ``left``."""
 
     from_parameters: NotNegative
     scatter: NotNegative
     unexplained: NotNegative
-    trend: NotNegative
 
 
 class Target(JointValues):
@@ -57,7 +53,6 @@ class Target(JointValues):
     from_parameters_mm: NotNegative
     scatter_mm: NotNegative
     unexplained_mm: NotNegative | None
-    trend_mm: NotNegative
     expected_mm: NotNegative
     turn_before_mrad: NotNegative
     turn_left_mrad: Annotated[NotNegative, Shown("turned")]
@@ -68,8 +63,6 @@ class CompensateRecord(Record):
     """Corrected commands, and the error that is expected to remain.
 
     scatter_of : whose the scatter is: what these data do not tell from the model's lacks is undecided
-    targets_after_h : hours after the last reading for which the error holds, where a trend goes on
-    trend_an_hour_later_mm : how far it goes an hour later; None where there is none, or no time
     not_clear : what the arm meets at a corrected command, by target
     """
 
@@ -80,8 +73,6 @@ class CompensateRecord(Record):
     max_mm: CorrectedErrors
     unexplained_from: Annotated[str, From("unexplained.source")]
     scatter_of: Literal["arm", "undecided"]
-    targets_after_h: Annotated[NotNegative | None, From("after")]
-    trend_an_hour_later_mm: NotNegative | None
     limited: dict[str, Count]
     not_clear: dict[str, str]
     targets: tuple[Target, ...] = Field(min_length=1)
@@ -105,14 +96,12 @@ def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> C
         "from_parameters": found.spread,
         "scatter": found.scatter,
         "unexplained": found.lacking,
-        "trend": found.trend,
     }
     reasons = sorted({*found.limited_by} - {""})
     over_all = {
         "rms": {name: found.rms(own) for name, own in errors.items()},
         "p95": {name: np.quantile(errors[name], 0.95) for name in CorrectedErrors.model_fields},
         "max": {name: np.max(errors[name]) for name in CorrectedErrors.model_fields},
-        "trend_an_hour_later": None if found.an_hour_on is None else found.rms(found.an_hour_on),
     }
     return CompensateRecord.from_result(
         over_all,
@@ -176,14 +165,11 @@ def _headline(record: CompensateRecord) -> doc.Sentence:
 def _missing(record: CompensateRecord) -> Iterator[doc.Sentence]:
     """What is expected holds as long as nothing else is missing, and where the day has not ended."""
     rms = record.rms_mm
-    errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained, rms.trend)
+    errs = math.hypot(rms.from_parameters, rms.scatter, rms.unexplained)
     if counts(rms.unexplained, errs):
         yield doc.Sentence(f"More poses will not help: {lacks(rms.unexplained)}.", "warn")
     elif record.scatter_of == "undecided" and counts(rms.scatter, errs):
         yield doc.Sentence(f"Of it, {undecided(rms.scatter)}.", "note")
-    if rms.trend:
-        said = moves_on(rms.trend, record.trend_an_hour_later_mm, record.targets_after_h)
-        yield doc.Sentence(f"{said}.", "warn")
 
 
 def _parts(record: CompensateRecord) -> Iterator[doc.Part]:
@@ -218,8 +204,6 @@ def _errors(record: CompensateRecord) -> Iterator[_ErrorRow]:
     if rms.scatter:
         yield f"  of it: {_SCATTERS[record.scatter_of]}", rms.scatter, None, None
     yield "  of it: what the model lacks", rms.unexplained, None, None
-    if rms.trend:
-        yield "  of it: drift until then", rms.trend, None, None
 
 
 _LIMITED = doc.columns(Target, "pose left_mm turn_left_mrad limited_by")

@@ -54,8 +54,6 @@ class LackingEntry(Entry):
     scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
     unexplained_mm : what the model lacks, from pose to pose and at poses that the fit was without
     unexplained_surely : whether that is more than chance
-    trend_mm : how far the trend of the day goes by the targets' time; trend_an_hour_later_mm : and an
-        hour later, None where there is none, or no time
     """
 
     rms_mm: NotNegative
@@ -64,16 +62,7 @@ class LackingEntry(Entry):
     unexplained_mm: Annotated[NotNegative, From("of_model")]
     unexplained_from: Annotated[str, From("unexplained.source")]
     unexplained_surely: Annotated[bool, From("surely")]
-    trend_mm: NotNegative
-    trend_an_hour_later_mm: Annotated[Maybe, From("an_hour_on")]
-    targets_after_h: Annotated[NotNegative | None, From("after")]
     seen: SeenElsewhere | None
-
-    @property
-    def open_end(self) -> bool:
-        """Whether a trend goes on, to a time that nobody said, or that no clock tells."""
-        untold = self.targets_after_h is None
-        return bool(self.trend_mm) and (untold or self.trend_an_hour_later_mm is None)
 
 
 class PlanProgress(Entry):

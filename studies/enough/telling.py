@@ -12,7 +12,7 @@ from studies.enough.record import (
     LackingEntry,
     StateEntry,
 )
-from studies.noise import counts, in_its_unit, lacks, moves_on, undecided
+from studies.noise import counts, in_its_unit, lacks, undecided
 
 _WEAKEST = 5
 _SOURCES = {
@@ -84,11 +84,9 @@ def _goal(record: EnoughRecord) -> Iterator[doc.Sentence]:
 
 
 def _met(record: EnoughRecord, needed: int) -> tuple[doc.Mood, str]:
-    """After so many poses. Nobody may stop on a figure that holds for the end of the day alone."""
+    """After so many poses."""
     names = ", ".join(step.pose or "" for step in record.order[:needed])
     after = f"after {needed} more: {names}" if needed else "now"
-    if record.lacking.open_end:
-        return "warn", f"is reached {after}, but only if the drift stops"
     if needed:
         return "good", f"is reached {after}"
     most = mm(record.now.task_most_mm)
@@ -97,17 +95,15 @@ def _met(record: EnoughRecord, needed: int) -> tuple[doc.Mood, str]:
 
 def _may_be_chance(lacking: LackingEntry) -> bool:
     """Whether most of what no pose lowers is an error at held-out poses that may be chance."""
-    largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
+    largest = max(lacking.scatter_mm, lacking.unexplained_mm)
     return largest == lacking.unexplained_mm > 0.0 and not lacking.unexplained_surely
 
 
 def _beyond_reach(lacking: LackingEntry) -> str:
     """Why no number of poses meets a goal, and what to do: the largest of what no pose lowers."""
-    largest = max(lacking.scatter_mm, lacking.unexplained_mm, lacking.trend_mm)
+    largest = max(lacking.scatter_mm, lacking.unexplained_mm)
     if largest == lacking.unexplained_mm:
         return lacks(largest)
-    if largest == lacking.trend_mm:
-        return "the readings drift through the day"
     if lacking.scatter_of == "arm":
         return f"the arm itself repeats to {mm(largest)} only"
     return undecided(largest)
@@ -127,9 +123,6 @@ def _systematic(record: EnoughRecord) -> Iterator[doc.Sentence]:
     worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
     if worth and not said:
         yield doc.Sentence(f"More poses will not help: {lacks(lacking.unexplained_mm)}.", "warn")
-    if lacking.trend_mm:
-        later, after = lacking.trend_an_hour_later_mm, lacking.targets_after_h
-        yield doc.Sentence(f"{moves_on(lacking.trend_mm, later, after)}.", "warn")
 
 
 def _parts(record: EnoughRecord) -> Iterator[doc.Part]:
@@ -169,7 +162,6 @@ def _shares(record: EnoughRecord) -> Iterator[doc.Sentence]:
     parts = {
         _SCATTERS[lacking.scatter_of]: lacking.scatter_mm,
         _LACKS[lacking.unexplained_surely]: lacking.unexplained_mm,
-        "the drift": lacking.trend_mm,
     }
     said = [f"{mm(value)} from {name}" for name, value in parts.items() if value]
     if said:

@@ -39,7 +39,7 @@ class BudgetRow(Entry):
     source: str
     instrument: Annotated[str, Shown("of")]
     evaluation: Annotated[Literal["A", "B"], Shown("type")]
-    part_of: Annotated[Literal["calibration", "arm", "model", "trend"], From("of")]
+    part_of: Annotated[Literal["calibration", "arm", "model"], From("of")]
     distribution: str
     divisor: Positive
     stated: Annotated[Maybe, Shown(rule=_OWN), OWN_UNIT]

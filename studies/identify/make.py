@@ -11,8 +11,8 @@ from calib import Identification
 from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
 from calib.compensation.estimate import estimate_of
-from calib.drift import drift_in
 from calib.identification import ADVICE
+from calib.identification.drift import drift_p
 from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
@@ -23,7 +23,6 @@ from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.fitted import estimated
 from studies.identify.budget import acceptance_entry, budget_entry
-from studies.identify.drift import drift_entry
 from studies.identify.errors import (
     IdentifyResidual,
     OfInstrument,
@@ -93,7 +92,7 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
     cell, fit, held = session.cell, found.fit, found.heldout
     estimate = estimate_of(found)
     accuracy = accuracy_at_targets(cell, found, estimate)
-    drift, acceptance = drift_in(cell, found, session.whole), judged(cell, found)
+    acceptance, tracked = judged(cell, found), found.model.tracked(session.whole)
     parts = [part for part in (fit, held) if part is not None]
     return IdentifyRecord.from_result(
         found,
@@ -141,7 +140,7 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         targets=accuracy.source,
         budget=budget_entry(accuracy),
         acceptance=acceptance and acceptance_entry(acceptance),
-        drift=drift and drift_entry(drift),
+        drift_p=None if tracked is None else drift_p(tracked[1]),
         sizes=found.sizes and sizes_entry(found.sizes),
         lenses=lens_entries(found),
         estimate=estimated(estimate),

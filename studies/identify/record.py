@@ -10,7 +10,6 @@ from pydantic import Field
 
 from studies.fitted import Estimated
 from studies.identify.budget import AcceptanceEntry, BudgetEntry
-from studies.identify.drift import DriftEntry
 from studies.identify.errors import (
     ErrorFigures,
     IdentifyResidual,
@@ -105,7 +104,7 @@ class IdentifyRecord(Record):
     targets: str
     budget: BudgetEntry
     acceptance: AcceptanceEntry | None
-    drift: DriftEntry | None
+    drift_p: Maybe
     sizes: SizePrior | None
     lenses: tuple[LensValue, ...]
     estimate: Estimated

@@ -60,7 +60,7 @@ FAULTS = {
     "in a list": ("compensated", ("targets", 1, "pose"), 7, "targets[1].pose: should be a valid"),
     "no targets": ("compensated", ("targets",), [], "targets: "),
     "nothing": ("enough", ("lacking",), None, "lacking: "),
-    "missing": ("enough", ("lacking", "trend_mm"), ..., "lacking.trend_mm: is missing"),
+    "missing": ("enough", ("lacking", "scatter_mm"), ..., "lacking.scatter_mm: is missing"),
     "another schema": ("enough", ("schema",), 2, "schema: is not 1"),
     "no number": ("enough", ("goal_mm",), float("nan"), "goal_mm: should be a finite"),
 }  # fmt: skip

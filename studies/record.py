@@ -265,7 +265,7 @@ class UnidentifiableEntry(Entry):
 class Judgement(NamedTuple):
     """What a tolerance makes of an error; word : for the outcome, where it is not its name."""
 
-    outcome: Literal["pass", "fail", "undecided"]
+    outcome: Literal["pass", "fail"]
     by: str
     word: str = ""
 

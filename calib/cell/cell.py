@@ -39,30 +39,6 @@ class Repeatability:
     rotation: float
 
 
-Rule = Literal["simple", "guarded"]
-Verdict = Literal["pass", "fail", "undecided"]
-
-
-@dataclass(frozen=True)
-class Acceptance:
-    """What a cell asks of held-out points.
-
-    tolerance : float, m, of the distance of each point; rule : how a point is judged by it
-    """
-
-    tolerance: float
-    rule: Rule
-
-    def judge(self, distances: Array, expanded: Array) -> list[Verdict]:
-        """Each of the distances (n,), m, whose expanded uncertainties are (n,), m."""
-        guard = expanded if self.rule == "guarded" else np.zeros_like(expanded)
-        passed, failed = distances + guard <= self.tolerance, distances - guard > self.tolerance
-        return [
-            "pass" if p else "fail" if f else "undecided"
-            for p, f in zip(passed, failed, strict=True)
-        ]
-
-
 SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]
 """Of the sizes of errors: found from the data, not counted, or widths by ``kind_unit``."""
 
@@ -96,7 +72,7 @@ class Cell:
         of two axes, boards all their points
     seats : dict, link -> slice, the three markers that stand for one on which an instrument rides
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
-    acceptance : Acceptance, or None without a tolerance
+    tolerance : float or None, m, of the distance of every held-out point
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
     marker_links : tuple of str, the tip of the robot on which each marker rides; ``robot.tip`` without
     """
@@ -125,7 +101,7 @@ class Cell:
     bodies: Mapping[str, slice] = field(default_factory=dict)
     seats: Mapping[str, slice] = field(default_factory=dict)
     size_prior: SizePrior = "estimated"
-    acceptance: Acceptance | None = None
+    tolerance: float | None = None
     about: Mapping[str, str] = field(default_factory=dict)
     marker_links: tuple[str, ...] = ()
 

@@ -13,7 +13,6 @@ from calib.arm.robot import Capsule, Robot, Shapes
 from calib.arm.se3 import from_xyz_rpy
 from calib.arm.statics import Payload
 from calib.cell import Cell, Load, Repeatability
-from calib.cell.cell import Acceptance
 from calib.cell.planned import (
     AskedLevels,
     Ball,
@@ -128,7 +127,7 @@ def load_cell(path: str | Path) -> Cell:
     every = [*markers.values(), *len(bodies.names) * [MarkerTable(position=(0.0, 0.0, 0.0))]]
     positions = np.array([m.position for m in markers.values()]).reshape(-1, 3)
     normals = np.array([m.normal or 3 * [math.nan] for m in every]).reshape(-1, 3)
-    load, tolerance = table.load, table.acceptance
+    load, asked = table.load, table.acceptance
     cell = Cell(
         name=table.name or path.stem,
         path=path,
@@ -154,7 +153,7 @@ def load_cell(path: str | Path) -> Cell:
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
         seats=bodies.seats,
-        acceptance=tolerance and Acceptance(tolerance.tolerance_mm * MM, tolerance.rule),
+        tolerance=asked and asked.tolerance_mm * MM,
         size_prior=table.model.size_prior,
         about={key: str(value) for key, value in table.report.items()},
         marker_links=(*map(table.link_of, table.markers_mm), *bodies.links) if table.links else (),

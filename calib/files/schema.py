@@ -257,7 +257,6 @@ class DiagnosisTable(TomlTable):
 
 class AcceptanceTable(TomlTable):
     tolerance_mm: Positive
-    rule: Literal["simple", "guarded"] = "guarded"
 
 
 def _widths(value: object) -> object:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from studies import document as doc
-from studies.document import STD, WHOLE, Mood, Rule, Sentence, Shown, labelled, listed, mm, plural
-from studies.record import OWN_UNIT, Count, Entry, From, Judgement, Maybe, NotNegative, Positive
+from studies.document import STD, WHOLE, Rule, Sentence, Shown, labelled, listed, mm
+from studies.record import OWN_UNIT, Entry, From, Judgement, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
-    from calib.uncertainty.acceptance import ConformityTest
+    from calib.identification import Residuals
     from calib.uncertainty.budget import Budget
     from calib.uncertainty.budget import UncertaintySource as Source
 
@@ -197,68 +197,35 @@ def _covered(found: ExpandedUncertainty) -> str:
     )
 
 
-Verdict = Literal["pass", "fail", "undecided"]
-
-
 class AcceptanceEntry(Entry):
-    """The verdict over all held-out points, and how many of them are which; None without any.
-
-    largest_mm : distance of any; expanded_mm : the largest uncertainty of any reading, with 95 %
-    """
+    """Whether every held-out point is within the tolerance; None where no point is held out."""
 
     tolerance_mm: Positive
-    rule: Literal["simple", "guarded"]
-    verdict: Verdict | None
-    points: Annotated[Count, From("verdicts")]
-    passed: Count
-    failed: Count
-    undecided: Count
-    largest_mm: NotNegative
-    expanded_mm: NotNegative
+    verdict: Literal["pass", "fail"] | None
+    largest_mm: NotNegative | None
 
     @property
-    def judgement(self) -> Judgement:
+    def judgement(self) -> Judgement | None:
         """The verdict and what it rests on."""
-        tolerance = f"tolerance {self.tolerance_mm:g} mm"
         if self.verdict is None:
-            return Judgement("undecided", f"{tolerance}: not judged without held-out poses")
-        counts = f"{self.passed} of {self.points} held-out points are within it"
-        largest = f"the largest error is {self.largest_mm:.3g} mm"
-        return Judgement(self.verdict, f"{tolerance}: {counts}, {largest}")
-
-    @property
-    def stated(self) -> str:
-        """The decision rule."""
-        if self.rule == "simple":
-            return (
-                "simple acceptance, no guard band: at the limit a wrong decision is as likely as a "
-                "right one (JCGM 106)"
-            )
-        return (
-            f"guard band of the readings' expanded uncertainty, up to {mm(self.expanded_mm)} with 95 % "
-            "(ISO 14253-1)"
-        )
+            return None
+        largest = f"the largest error of held-out points is {self.largest_mm:.3g} mm"
+        return Judgement(self.verdict, f"tolerance {self.tolerance_mm:g} mm: {largest}")
 
 
-def acceptance_entry(judged: ConformityTest) -> AcceptanceEntry:
-    """The entry of a judgement."""
-    count = judged.verdicts.count
-    return AcceptanceEntry.from_result(
-        judged,
-        judged.acceptance,
-        passed=count("pass"),
-        failed=count("fail"),
-        undecided=count("undecided"),
-        largest_mm=judged.distances.max(initial=0.0) * _MM,
-        expanded_mm=judged.expanded.max(initial=0.0) * _MM,
+def acceptance_entry(tolerance: float | None, held: Residuals | None) -> AcceptanceEntry | None:
+    """The entry for a tolerance, m, of held-out points."""
+    if tolerance is None:
+        return None
+    lengths = held.lengths() if held is not None else ()
+    if not len(lengths):
+        return AcceptanceEntry(tolerance_mm=tolerance * _MM, verdict=None, largest_mm=None)
+    largest = float(max(lengths))
+    return AcceptanceEntry(
+        tolerance_mm=tolerance * _MM,
+        verdict="pass" if largest <= tolerance else "fail",
+        largest_mm=largest * _MM,
     )
-
-
-_MOODS: dict[Verdict, tuple[str, Mood]] = {
-    "pass": ("Pass", "good"),
-    "fail": ("Fail", "warn"),
-    "undecided": ("Undecided", "warn"),
-}
 
 
 def accepted(entry: AcceptanceEntry | None) -> Iterator[Sentence]:
@@ -272,13 +239,8 @@ def accepted(entry: AcceptanceEntry | None) -> Iterator[Sentence]:
             "warn",
         )
         return
-    word, mood = _MOODS[entry.verdict]
-    counts = (
-        (entry.passed, "within"), (entry.failed, "beyond"), (entry.undecided, "too close to tell")
-    )  # fmt: skip
-    parts = ", ".join(f"{count} {where}" for count, where in counts if count)
     yield Sentence(
-        f"{word} (tolerance {mm(entry.tolerance_mm)}): {parts} of "
-        f"{plural(entry.points, 'held-out point')}; the largest error is {mm(entry.largest_mm)}.",
-        mood,
+        f"{entry.verdict.capitalize()} (tolerance {mm(entry.tolerance_mm)}): the largest error of "
+        f"held-out points is {mm(entry.largest_mm)}.",
+        "good" if entry.verdict == "pass" else "warn",
     )

@@ -17,7 +17,6 @@ from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.uncertainty.acceptance import judged
 from calib.uncertainty.budget import accuracy_at_targets
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
@@ -92,7 +91,7 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
     cell, fit, held = session.cell, found.fit, found.heldout
     estimate = estimate_of(found)
     accuracy = accuracy_at_targets(cell, found, estimate)
-    acceptance, tracked = judged(cell, found), found.model.tracked(session.whole)
+    tracked = found.model.tracked(session.whole)
     parts = [part for part in (fit, held) if part is not None]
     return IdentifyRecord.from_result(
         found,
@@ -139,7 +138,7 @@ def _record(session: MeasuredTable, found: Identification, **asked: object) -> I
         task_worst_mm=accuracy.worst(accuracy.expected.errors) * _MM,
         targets=accuracy.source,
         budget=budget_entry(accuracy),
-        acceptance=acceptance and acceptance_entry(acceptance),
+        acceptance=acceptance_entry(cell.tolerance, held),
         drift_p=None if tracked is None else drift_p(tracked[1]),
         sizes=found.sizes and sizes_entry(found.sizes),
         lenses=lens_entries(found),

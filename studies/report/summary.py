@@ -87,7 +87,6 @@ def _powers(low: float, high: float) -> list[float]:
 
 _MATTERS = ("identify", "compensate", "diagnose", "enough")
 """Kinds of results with an error before and after, what a reader asks for first."""
-_WORDS = {"pass": "Pass", "fail": "Fail", "undecided": "Not decided"}
 _KEYS: dict[str, tuple[str, ...]] = {
     "robot": ("robot", "model"),
     "serial number": ("serial",),
@@ -114,7 +113,7 @@ def _box(found: BeforeAfter, facts: Mapping[str, str]) -> Raw:
     look = "fell" if found.after < found.before else "fail"
     if (judged := found.judged) is not None:
         look = judged.outcome
-        word = Markup("<p class=outcome>{}</p>").format(judged.word or _WORDS[judged.outcome])
+        word = Markup("<p class=outcome>{}</p>").format(judged.word or judged.outcome.capitalize())
         by = Markup("<br>{}.").format(judged.by[:1].upper() + judged.by[1:])
     rows = Markup("").join(
         Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(label, text)
@@ -325,9 +324,8 @@ def _found(
         f"{100.0 * record.budget.probability:.0f} %{behind}",
     )
     if record.acceptance is not None:
-        verdict = (record.acceptance.verdict or "not judged").replace("_", " ")
+        verdict = record.acceptance.verdict or "not judged"
         yield "conformity", f"{verdict}, tolerance {mm(record.acceptance.tolerance_mm)}"
-        yield "decision rule", record.acceptance.stated
     if record.outliers:
         names = ", ".join(entry.pose for entry in record.outliers)
         yield "left out", f"poses {names}, as outliers"

@@ -152,9 +152,7 @@ CELL = _in(
         ),
         "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
         "a tolerance in micrometres": added("\n[acceptance]\ntolerance_um = 50\n"),
-        "a decision rule that is none": added(
-            '\n[acceptance]\ntolerance_mm = 0.1\nrule = "generous"\n'
-        ),
+        "a decision rule": added('\n[acceptance]\ntolerance_mm = 0.1\nrule = "guarded"\n'),
         "a table in what the report tells": added("\n[report]\nserial = { number = 3 }\n"),
         "a bell in what the report tells": added('\n[report]\nserial = "\\u0007"\n'),
         "a table misspelt": swap("[instrument]", "[instrumental]"),

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from calib.errors import InputError
 from calib.files.read import read_text
 
-_LARGEST_FILE = 5_000_000  # bytes, some 10 000 samples of a hand-eye calibration; half a minute
+_LARGEST_FILE = 5_000_000  # bytes, half a minute
 _DEEPEST = 20  # maps in maps
 _CORE = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merge", "value")
 _TAGS = {f"!!{name}" for name in (*_CORE, "opencv-matrix")}

@@ -11,7 +11,6 @@ from calib.effects.tool import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
-from doe.problem.visits import Visits
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
 
@@ -46,20 +45,20 @@ class Assessment:
     common: float = 0.0
 
 
-def assess(problem: Problem, visits: Visits) -> Assessment:
-    """Judge the visits of a plan together with those that are measured in any case."""
-    blocks = problem.information(visits)
+def assess(problem: Problem, q: Array) -> Assessment:
+    """Judge the poses of a plan (m, dof) together with those that are measured in any case."""
+    blocks = problem.information(q)
     M = problem.fixed + blocks.sum(axis=0)
     units = np.array([p.scale for p in problem.model.parameters])
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    each = problem.crossed(visits)
+    each = problem.crossed(q)
     crossed = problem.crossed_fixed + each.sum(axis=0)
     common = _common(problem, M, crossed)
     squared = _squared_errors(problem, M) + common
     by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
-    scene = scene_of(problem.cell, visits.q)
+    scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
     criterion, weights = problem.criterion, problem.at_targets.weights
     return Assessment(
@@ -69,14 +68,14 @@ def assess(problem: Problem, visits: Visits) -> Assessment:
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
         task_rms=_task(problem, M, crossed),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
-        observability=observability(problem, M, len(visits)),
+        observability=observability(problem, M, len(q)),
         without_pose=np.array(
             [
                 _task(problem, M - block, crossed - own)
                 for block, own in zip(blocks, each, strict=True)
             ]
         ),
-        without_marker=_without_markers(problem, visits, seen, common),
+        without_marker=_without_markers(problem, q, seen, common),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
         common=float(np.sqrt(weights @ common)),
@@ -138,9 +137,7 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     }
 
 
-def _without_markers(
-    problem: Problem, visits: Visits, seen: Mask, common: Array
-) -> dict[str, float]:
+def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> dict[str, float]:
     """Task RMS with all but one marker, m; the lost marker's position is no unknown then.
 
     common : ndarray, shape (K,), m^2, what all markers err by together: no marker less changes it much
@@ -154,7 +151,7 @@ def _without_markers(
         kept = np.delete(np.arange(len(model.marker_names)), lost)
         mask = seen.copy()
         mask[:, lost] = False
-        M = problem.fixed + problem.regressor.information(visits, mask).sum(axis=0)
+        M = problem.fixed + problem.regressor.information(q, mask).sum(axis=0)
         own = np.zeros(len(T), dtype=bool)
         for effect, part in model.parts:
             own[part] = isinstance(effect, Tool) and effect.marker == lost

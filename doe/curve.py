@@ -26,7 +26,7 @@ def accuracy_curve(problem: Problem, pool: Pool) -> tuple[CurveStep, ...]:
             chosen = choose(smaller, pool, Progress(), thorough=False)
         except CannotIdentify:
             continue
-        judged = assess(smaller, pool.visits.take(chosen.plan))
+        judged = assess(smaller, pool.q[chosen.plan])
         steps.append(
             CurveStep(
                 smaller.request.poses,

@@ -9,7 +9,6 @@ import numpy as np
 from calib.arm.robot import odd_limits
 from calib.effects.protocol import ElasticEffect
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
-from calib.effects.warm_up import WarmUp
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
@@ -36,6 +35,15 @@ def _left_out(design: Design) -> Iterator[str]:
     lost = design.problem.left_out
     if lost:
         yield f"not planned for, as the arm's own weight does not show it: {told(lost)}"
+
+
+def _unplanned(design: Design) -> Iterator[str]:
+    left = design.problem.unplanned
+    if left:
+        yield (
+            f"not planned for, as a plan chooses no order, sides and times: {', '.join(left)}. "
+            "posecal diagnose --plan-only says what a plan shows of such causes"
+        )
 
 
 def _common(design: Design) -> Iterator[str]:
@@ -179,30 +187,6 @@ def _reapproaches(design: Design) -> Iterator[str]:
         )
 
 
-def _heat(design: Design) -> Iterator[str]:
-    """What was assumed of heat: the course of the temperature, and how slowly the arm warms up."""
-    problem, course = design.problem, design.problem.cell.pace.course
-    warmed = "temperature" in problem.choice.needs
-    if warmed and not course:
-        yield (
-            "the course of the temperature is assumed: from 20 degC up by 4 K, 2.5 K of it in the "
-            "first hour. State yours as pairs of minutes and degrees, [timing] temperature_degC = "
-            "[[0, 20], [60, 22.5]]"
-        )
-    end = 0.0 if design.poses.time is None else float(design.poses.time.max())
-    if warmed and course and course[-1][0] < end:
-        yield (
-            f"[timing] temperature_degC ends after {course[-1][0] / 60.0:.3g} min and the last pose is "
-            f"read after {end / 60.0:.3g} min: {course[-1][1]:g} degC is taken from there on"
-        )
-    slow = {own.where: own.tuning for own in problem.model.effects if isinstance(own, WarmUp)}
-    if slow:
-        yield (
-            f"warm_up:{','.join(slow)} is planned for a time constant of "
-            f"{max(slow.values()) / 60.0:.0f} min: an arm that warms up more slowly is told less well"
-        )
-
-
 def _odd_limits(design: Design) -> Iterator[str]:
     yield from odd_limits(design.problem.cell.robot)
 
@@ -210,6 +194,7 @@ def _odd_limits(design: Design) -> Iterator[str]:
 _NOTES = (
     _odd_limits,
     _reapproaches,
+    _unplanned,
     _common,
     _unseen,
     _no_targets,
@@ -222,5 +207,4 @@ _NOTES = (
     _exempt,
     _hidden,
     _knots,
-    _heat,
 )

@@ -22,18 +22,16 @@ from doe.curve import accuracy_curve
 from doe.day.day import day_of, quickest_order
 from doe.notes import notes_of
 from doe.optimal.search import WholePlan
-from doe.plan import Candidates, Certificate, Design, Rival, pose_names
+from doe.plan import Candidates, Certificate, Design, Rival, named
 from doe.problem import Problem, problem_of
-from doe.problem.choice import choice_of
 from doe.problem.levels import at_level, levels_of, parse_levels
-from doe.problem.pool import Pool, chunked, drawn, listed, pool_of
+from doe.problem.pool import Pool, chunked, drawn, pool_of
 from doe.problem.request import (
     CANDIDATES,
     CannotIdentify,
     Request,
     no_candidate,
 )
-from doe.problem.visits import Visits
 from doe.solve import (
     Progress,
     check_count,
@@ -116,8 +114,7 @@ def design(
         seed=seed,
     )
     all_chosen = isinstance(source, Poses) and len(source) <= request.poses
-    timed = choice_of(cell, request).timed
-    if again is None and not (all_chosen or timed):
+    if again is None and not all_chosen:
         found = _with_usual_reapproaches(cell, request, against or {}, progress)
         if found is not None:
             return found
@@ -207,54 +204,38 @@ def _designed(
         levels = settled
     final, found, certificate = finish(problem, pool, chosen, progress)
     live = len(problem.posed(final).survivors(found.relaxed.G, found.value))
-    ordered = _ordered(problem, final.visits.take(found.plan))
-    poses, again, certificate = _visited(problem, final, found, certificate, ordered)
-    day = day_of(cell, poses)
-    poses = _later(problem, day.timed)
+    poses, again, certificate = _visited(problem, final, found, certificate)
     result = Design(
         problem=problem,
         poses=poses,
         levels=levels,
-        assessment=assess(problem, Visits.of(poses)),
+        assessment=assess(problem, poses.q),
         certificate=certificate,
         candidates=Candidates(pool.drawn, len(pool), pool.removed, live),
         rivals=_judged(problem, against, certificate.bound),
         curve=accuracy_curve(problem, pool) if request.curve else (),
         seconds=progress.laps,
         reapproaches=again,
-        day=day,
+        day=day_of(cell, poses),
     )
     progress.lap("judgement")
     return replace(result, notes=notes_of(result))
 
 
-def _later(problem: Problem, poses: Poses) -> Poses:
-    """The poses, read after those of a plan to extend where their time counts."""
-    begin = problem.choice.begin
-    return poses if poses.time is None or not begin else replace(poses, time=poses.time + begin)
-
-
-def _ordered(problem: Problem, visits: Visits) -> Visits:
-    """The visits of a plan in the order of a day."""
-    if visits.time is not None:
-        return visits.take(visits.time.argsort())
-    return visits.take(quickest_order(problem.cell, visits.q, visits.move))
-
-
 def _visited(
-    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate, ordered: Visits
+    problem: Problem, pool: Pool, found: WholePlan, certificate: Certificate
 ) -> tuple[Poses, Reapproaches | None, Certificate]:
     """The poses in the order of a day, with those that are read again, and what is proved of them."""
-    request, poses = problem.request, ordered.poses(problem.cell)
-    poses, again = replace(poses, names=pose_names(len(poses))), None
+    request, q, again = problem.request, pool.q[found.plan], None
+    poses = named(q[quickest_order(problem.cell, q)])
     if request.reapproaches:
         poses, again = with_reapproaches(problem, poses, request.reapproaches)
         certificate = with_second_visits(
-            problem, pool, found, certificate, Visits.of(poses.take(slice(-len(again.again), None)))
+            problem, pool, found, certificate, poses.q[-len(again.again) :]
         )
         instead = new_poses_instead(problem, pool, found.plan, len(again.again))
         again = replace(again, task_rms_instead=instead, asked=request.asked)
-    return poses, again, certificate
+    return replace(poses, order=np.arange(float(len(poses)))), again, certificate
 
 
 def _follows_levels(cell: Cell, request: Request) -> bool:
@@ -281,11 +262,10 @@ def _pool(problem: Problem) -> Pool:
     """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
     levels, source = problem.request.levels, problem.request.candidates
     if isinstance(source, Poses):
-        table = listed(problem.cell, source, problem.choice)
-        chunks, count = chunked(table), len(table)
+        chunks, count = chunked(source.q), len(source)
     else:
         seed, count = problem.request.seed, source
-        chunks = drawn(problem.cell, count, levels, seed, problem.choice)
+        chunks = drawn(problem.cell, count, levels, seed)
     pool = pool_of(problem.regressor, problem.constraints, levels, chunks, count)
     if problem.request.fixed is not None and not problem.request.repeats:
         pool = pool.without(problem.request.fixed.q)
@@ -319,12 +299,7 @@ def _check_rows(problem: Problem, table: Poses) -> None:
 def _judged(problem: Problem, against: Mapping[str, Poses], bound: float) -> dict[str, Rival]:
     found = {}
     for name, plan in against.items():
-        untold = plan.time is None and problem.choice.timed
-        if untold:
-            plan = _later(problem, day_of(problem.cell, plan).timed)
-        visits = Visits.of(plan)
-        own = problem
-        M = own.fixed + own.information(visits).sum(axis=0)
+        M = problem.fixed + problem.information(plan.q).sum(axis=0)
         value = float(problem.criterion.plain.value(M))
-        found[name] = Rival(assess(own, visits), value / bound, plan.q)
+        found[name] = Rival(assess(problem, plan.q), value / bound, plan.q)
     return found

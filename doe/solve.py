@@ -11,6 +11,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
+from doe.constraints import scene_of
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
 from doe.optimal.exchange import greedy
@@ -19,11 +20,8 @@ from doe.optimal.search import WholePlan, best_plan
 from doe.optimal.selection import Selection
 from doe.plan import Certificate
 from doe.problem import Problem
-from doe.problem.choice import within
-from doe.problem.pool import Pool, allowed, judge, movable, rounded, together
+from doe.problem.pool import Pool, judge, movable, rounded, together
 from doe.problem.request import CannotIdentify
-from doe.problem.visits import Visits, joined
-from doe.run_order import in_run_order
 
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
@@ -124,10 +122,6 @@ def finish(
     if problem.request.refine:
         pool, chosen = _polished(problem, pool, chosen)
         progress.lap("polish")
-    if problem.choice.timed:
-        ordered = in_run_order(problem, pool.visits.take(chosen.plan))
-        pool, chosen = _with_own(problem, pool, chosen, ordered)
-        progress.lap("order")
     posed = problem.posed(pool)
     value, bound = chosen.value, chosen.relaxed.bound
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
@@ -148,38 +142,33 @@ def finish(
 
 def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
     """The plan with its joint angles moved."""
-    M, own = problem.blocks(pool).total(chosen.plan), pool.visits.take(chosen.plan)
+    M, own = problem.blocks(pool).total(chosen.plan), pool.q[chosen.plan]
     return _with_own(problem, pool, chosen, polish(problem, own, M, seed=problem.request.seed))
 
 
-def _with_own(
-    problem: Problem, pool: Pool, chosen: WholePlan, visits: Visits
-) -> tuple[Pool, WholePlan]:
-    """The plan of these visits, which join the candidates, so that the bound knows them."""
-    plan = np.arange(len(pool), len(pool) + len(visits))
-    pool = together([pool, judge(problem.regressor, (), problem.request.levels, visits)])
+def _with_own(problem: Problem, pool: Pool, chosen: WholePlan, q: Array) -> tuple[Pool, WholePlan]:
+    """The plan of poses (N, dof), which join the candidates, so that the bound knows them."""
+    plan = np.arange(len(pool), len(pool) + len(q))
+    pool = together([pool, judge(problem.regressor, (), problem.request.levels, q)])
     posed = problem.posed(pool)
     relaxed = relax(posed, start=np.concatenate([chosen.relaxed.index, plan]))
     return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
 
 
-def polish(problem: Problem, visits: Visits, M: Array, *, seed: int) -> Visits:
-    """Move the poses of a plan inside the constraints, levels and moments kept.
+def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
+    """Move the poses of a plan inside the constraints, levels kept.
 
-    visits : Visits, N of them; M : ndarray, shape (p, p), information of the plan
-    Returns as many visits; the criterion is never lower than before.
+    q : ndarray, shape (N, dof); M : ndarray, shape (p, p), information of the plan
+    Returns as many poses; the criterion is never lower than before.
     """
     rng = np.random.default_rng(seed)
-    contacts = touched(problem.cell, visits.q)
-    blocks = problem.information(visits)
+    contacts = touched(problem.cell, q)
+    blocks = problem.information(q)
     value = float(problem.criterion.value(M))
-    for turn, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, _ROUNDS)):
-        moved, owner = _neighbours(problem, visits, contacts, width, rng)
-        other = problem.choice.tries(visits, problem.cell, turn)
-        owner = np.concatenate([owner, np.arange(len(other)) % len(visits)])
-        kept, found, owner = _feasible(problem, joined([moved, other]), owner)
-        taken = np.full(len(visits), -1)
-        for slot in range(len(visits)):
+    for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
+        kept, found, owner = _feasible(problem, *_neighbours(problem, q, contacts, width, rng))
+        taken = np.full(len(q), -1)
+        for slot in range(len(q)):
             own = np.flatnonzero(owner == slot)
             if not len(own):
                 continue
@@ -190,21 +179,21 @@ def polish(problem: Problem, visits: Visits, M: Array, *, seed: int) -> Visits:
                 value, taken[slot] = float(values[best]), own[best]
                 blocks[slot] = found[own[best]]
                 M = base + blocks[slot]
-        source = np.where(taken < 0, np.arange(len(visits)), len(visits) + taken)
-        visits = joined([visits, kept]).take(source)
-    return visits
+        source = np.where(taken < 0, np.arange(len(q)), len(q) + taken)
+        q = np.concatenate([q, kept])[source]
+    return q
 
 
 def _neighbours(
-    problem: Problem, visits: Visits, contacts: IntArray, width: float, rng: np.random.Generator
-) -> tuple[Visits, IntArray]:
-    """Visits near those of a plan, some of each, and which one each of them is near.
+    problem: Problem, q: Array, contacts: IntArray, width: float, rng: np.random.Generator
+) -> tuple[Array, IntArray]:
+    """Poses near those of a plan (N, dof), some of each, and which one each of them is near.
 
-    contacts : of each visit, shape (N,); width : of the steps, by the joints' ranges
+    contacts : of each, shape (N,); width : of the steps, by the joints' ranges
     """
     robot, levels = problem.cell.robot, problem.request.levels
     low, high = robot.sample_limits().T
-    free, q, each = movable(problem.cell, levels), visits.q, (len(visits), _TRIES)
+    free, each = movable(problem.cell, levels), (len(q), _TRIES)
     steps = rng.normal(size=(*each, robot.dof)) * width * (high - low) * free
     # Half of the tries move one joint alone: most gains lie along single axes.
     lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
@@ -213,27 +202,23 @@ def _neighbours(
     owner = np.repeat(np.arange(len(q)), _TRIES)
     if levels is not None:
         tries[:, levels.joint] = q[owner, levels.joint]
-    tries = brought(problem.cell, robot.tied(tries), contacts[owner], free)
-    moved = replace(visits.take(owner), q=tries)
-    if moved.move is not None:
-        moved = replace(moved, move=within(problem.cell, tries, moved.move))
-    return moved, owner
+    return brought(problem.cell, robot.tied(tries), contacts[owner], free), owner
 
 
-def _feasible(problem: Problem, tries: Visits, owner: IntArray) -> tuple[Visits, Array, IntArray]:
-    """Tries that satisfy the constraints, their information, and the visit each belongs to."""
+def _feasible(problem: Problem, tries: Array, owner: IntArray) -> tuple[Array, Array, IntArray]:
+    """Tries that satisfy the constraints, their information, and the pose each belongs to."""
     for constraint in problem.constraints:
         if len(tries):
-            kept = allowed(constraint, problem.cell, tries)
-            tries, owner = tries.take(kept), owner[kept]
+            kept = constraint.allows(scene_of(problem.cell, tries))
+            tries, owner = tries[kept], owner[kept]
     none = np.zeros((0, *problem.fixed.shape))
     return tries, problem.information(tries) if len(tries) else none, owner
 
 
 def with_second_visits(
-    problem: Problem, pool: Pool, found: WholePlan, before: Certificate, more: Visits
+    problem: Problem, pool: Pool, found: WholePlan, before: Certificate, more: Array
 ) -> Certificate:
-    """The certificate of the plan with second visits of some of its poses."""
+    """The certificate of the plan with second visits of some of its poses (m, dof)."""
     plain, relaxed = problem.criterion.plain, found.relaxed
     blocks, again = problem.blocks(pool), problem.information(more)
     scores = blocks.scores(relaxed.G)
@@ -262,4 +247,4 @@ def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int
     beside = replace(blocks.take(some), fixed=blocks.total(chosen))
     any_of = Allowed.any_of(len(some), count)
     more = some[greedy(Selection(problem.criterion, beside, any_of))]
-    return assess(problem, pool.visits.take(np.concatenate([chosen, more]))).task_rms
+    return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms

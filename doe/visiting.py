@@ -24,7 +24,6 @@ from calib.poses.moves import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
 from doe.problem.request import Request
-from doe.problem.visits import Visits
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
@@ -106,7 +105,7 @@ def shares(problem: Problem, q: Array) -> Array:
 
     Where the repeatability is not known it is taken for much larger than the instrument's noise.
     """
-    H = problem.regressor.levers(Visits(q), visible(scene_of(problem.cell, q)))
+    H = problem.regressor.levers(q, visible(scene_of(problem.cell, q)))
     arm = problem.cell.repeatability
     if arm is None or not problem.cell.scatters:
         sizes = np.sqrt((H**2).mean(axis=(0, 1)).reshape(2, 3).mean(axis=1))

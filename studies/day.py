@@ -6,14 +6,9 @@ from collections.abc import Iterator
 from typing import Annotated
 
 from studies.document import Sentence, listed
-from studies.entries import JointValues
 from studies.record import Entry, From, Maybe, NotNegative
 
 _MINUTE = 60.0
-
-
-class LastMove(JointValues):
-    """The last move of each joint to a pose, with its sign: from the side that is prescribed."""
 
 
 class DayEntry(Entry):

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
-import numpy as np
-
 from calib.arrays import Array
 from calib.poses import Poses
 
@@ -101,25 +99,13 @@ class Pace:
     speed : float, share of the joints' speeds and accelerations at which the arm goes from pose to pose
     settle : float, s, that it waits there; reading : s, that one reading takes
     load : float, s, that hanging the load, or taking it off, takes
-    course : tuple of (s, degC), temperature of the arm over the day, in order; empty where nobody says
     """
 
     speed: float = 0.1
     settle: float = 2.0
     reading: float = 10.0
     load: float = 120.0
-    course: tuple[tuple[float, float], ...] = ()
 
     def standing(self, loaded: bool) -> float:
         """Time at a pose [s]; loaded : whether it is also read with the load, hung there."""
         return self.settle + self.reading * (1 + loaded) + 2.0 * self.load * loaded
-
-    def temperature(self, time: Array) -> Array:
-        """Temperature [degC] at times since the first reading, shape (n,), s.
-
-        Linear between what is stated; else as usual: it rises by 4 K, by two thirds in an hour.
-        """
-        if not self.course:
-            return np.asarray(20.0 + 4.0 * (1.0 - np.exp(-time / 3600.0)))
-        at, degrees = np.array(self.course).T
-        return np.asarray(np.interp(time, at, degrees))

@@ -254,7 +254,6 @@ def _pace(table: schema.TimingTable) -> Pace:
         table.settle_s,
         table.read_s,
         60.0 * table.load_change_min,
-        tuple((60.0 * minute, degrees) for minute, degrees in table.temperature),
     )
 
 

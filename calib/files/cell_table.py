@@ -103,6 +103,7 @@ _STRUCK = {
     "keep_sight": "leave it out: the ways between poses are not planned",
     "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
     "model.prior": "state the sizes of errors by size_prior",
+    "timing.temperature_degC": "give temperatures as a column of the measurements",
     "design.reference_every": "set reapproaches: poses that are visited again",
     "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
     "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from datetime import date, time
-from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
 from pydantic import (
@@ -45,23 +44,6 @@ if TYPE_CHECKING:
 else:
     _TABLES = tuple(own for _, own in KINDS.values())
     AnyInstrument = Annotated[Union[_TABLES], Field(discriminator="kind")]  # noqa: UP007
-
-
-def _pairs(course: object) -> object:
-    """What looks like the temperatures of a day."""
-    if not isinstance(course, list) or not all(isinstance(p, list) and len(p) == 2 for p in course):
-        raise ValueError(_COURSE)
-    return course
-
-
-def _in_turn(course: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The temperatures of a day, in order."""
-    if any(b[0] <= a[0] for a, b in pairwise(course)):
-        raise ValueError(_COURSE)
-    return course
-
-
-_COURSE = "needs pairs [minutes, degC] in the order of time, as [[0, 20], [60, 23]]"
 
 
 class CapsuleTable(TomlTable):
@@ -243,12 +225,6 @@ class TimingTable(TomlTable):
     settle_s: NotNegative = 2.0
     read_s: NotNegative = 10.0
     load_change_min: NotNegative = 2.0
-    temperature: Annotated[
-        list[tuple[NotNegative, Number]],
-        BeforeValidator(_pairs),
-        AfterValidator(_in_turn),
-        Field(alias="temperature_degC"),
-    ] = []
 
 
 class DiagnosisTable(TomlTable):

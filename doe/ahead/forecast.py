@@ -96,8 +96,8 @@ class Forecast(Linearisation):
         levels, found = levels_of(self.cell, None, None), list[Array]()
         if levels is not None and (levels.of(self.data.poses.q) < 0).any():
             levels = None
-        for visits in drawn(self.cell, _DRAWN, levels, seed):
-            found.append(self.allowed(visits.q))
+        for q in drawn(self.cell, _DRAWN, levels, seed):
+            found.append(self.allowed(q))
             if sum(map(len, found)) >= count:
                 break
         return np.concatenate(found)[:count]

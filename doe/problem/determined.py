@@ -11,12 +11,10 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import Effect
 from calib.effects.protocol import ElasticEffect
-from calib.effects.warm_up import WarmUp
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
 from calib.poses import poses_at
-from doe.problem.choice import Choice
 from doe.problem.linearisation import Regressor
 from doe.problem.request import CannotIdentify, Request
 
@@ -46,7 +44,7 @@ def without_idle(
     return tuple(e for e in effects if e not in idle), left
 
 
-def check_identifiable(regressor: Regressor, rows: Array, request: Request, choice: Choice) -> None:
+def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
@@ -75,7 +73,7 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request, choi
             "name others",
         )
     raise CannotIdentify(
-        tuple(lost), f"no plan determines {told(found)}; {_help(cell, model, lost, choice)}"
+        tuple(lost), f"no plan determines {told(found)}; {_help(cell, model, lost)}"
     )
 
 
@@ -106,12 +104,9 @@ def _undetermined(
     return identifiable(scaled, np.ones(p), ids).unidentifiable
 
 
-def _help(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
+def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
     elastic = any("compliance" in name or "stiffness" in name for name in lost)
     out = "take it out of [model] effects"
-    slow = _too_slow(cell, model, lost, choice)
-    if slow:
-        return f"{slow}: plan a longer day (more poses, or [timing] read_s), or {out}"
     if not elastic:
         return f"{out}, free more joints, or add markers"
     loads = loads_of(
@@ -120,16 +115,3 @@ def _help(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
     if cell.load is None and loads.absent:
         return f"{out}, or give a [load]"
     return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"
-
-
-def _too_slow(cell: Cell, model: Model, lost: Sequence[str], choice: Choice) -> str:
-    """What of the parameters that are lost changes little over the day, "" for nothing."""
-    own = {p.effect for p in model.parameters if p.id in lost}
-    minutes = f"{np.ptp(choice.times) / 60.0:.2g} min" if choice.timed else ""
-    acting = [effect for effect in model.effects if effect.kind in own]
-    if any(isinstance(effect, WarmUp) for effect in acting):
-        return f"readings of {minutes} are short beside a warm-up of an hour"
-    if any("temperature" in effect.uses for effect in acting):
-        degrees = np.ptp(cell.pace.temperature(choice.times))
-        return f"in {minutes} the temperature changes by no more than {degrees:.2g} K"
-    return ""

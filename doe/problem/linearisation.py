@@ -22,10 +22,9 @@ from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.uncertainty.considered import common_displacements
-from doe.problem.visits import Visits
 
 Stays = tuple[IntArray, IntArray]
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
@@ -174,59 +173,60 @@ class Regressor(Linearisation):
         numbers = int(self.model.readout.channels.rows.sum())
         return int(min(numbers * readings_each, self.T.shape[1]))
 
-    def rows(self, visits: Visits, visible: Mask | None = None) -> Array:
+    def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
 
-        visits : Visits, m of them; visible : ndarray, shape (m, M), markers in sight, all without it
+        q : ndarray, shape (m, dof), one visit each
+        visible : ndarray, shape (m, M), markers in sight, all without it
         """
-        poses, visit = self._readings(visits)
+        poses, visit = self._readings(q)
         # What carries nothing of the model still tells what the approach was off by.
-        first = len(visits) if self.loaded_only else 0
+        first = len(q) if self.loaded_only else 0
         if not self.cell.scatters:
             poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
         rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
         turned = stacked(rows[first:]) @ self.T
-        return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(visits))
+        return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
-    def levers(self, visits: Visits, visible: Mask) -> Array:
+    def levers(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
 
-        visits : Visits, m of them; visible : ndarray of bool, shape (m, M)
+        q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, M)
         """
-        poses, visit = self._readings(visits)
+        poses, visit = self._readings(q)
         points = self.model.predict(self.values, poses)
         W = self.foreseen(poses, points, visible[visit], np.nan)
         own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
-        return _by_visit(own, len(visits))
+        return _by_visit(own, len(q))
 
-    def crossed(self, visits: Visits, visible: Mask) -> Array:
+    def crossed(self, q: Array, visible: Mask) -> Array:
         """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
         component, shape (m, p, b).
 
-        visits : Visits, m of them; visible : ndarray of bool, shape (m, M)
+        q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, M)
         """
         if not errors_of(self.model):
-            return np.zeros((len(visits), len(self.T), 0))
-        poses, visit = self._readings(visits)
+            return np.zeros((len(q), len(self.T), 0))
+        poses, visit = self._readings(q)
         seen, points = visible[visit], self.model.predict(self.values, poses)
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
         rows = self.candidates(poses, seen, (visit, visit), np.nan)
         moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
-        own, more = (_by_visit(r.by_reading, len(visits)) for r in (rows, moved))
+        own, more = (_by_visit(r.by_reading, len(q)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
-    def _readings(self, visits: Visits) -> tuple[Poses, IntArray]:
+    def _readings(self, q: Array) -> tuple[Poses, IntArray]:
         """The readings of visits, all free and then all loaded, and the visit of each."""
-        poses = readings(self.cell, visits.poses(self.cell))
-        return poses, np.arange(len(poses)) % len(visits)
+        poses = readings(self.cell, poses_at(q))
+        return poses, np.arange(len(poses)) % len(q)
 
-    def information(self, visits: Visits, visible: Mask | None = None) -> Array:
+    def information(self, q: Array, visible: Mask | None = None) -> Array:
         """Information matrix of each visit, shape (m, p, p)."""
         p, each = len(self.T), self.model.readout.channels.rows.sum() * len(self.T)
-        found = np.empty((len(visits), p, p))
-        for own in in_parts(len(visits), int(each)):
-            rows = self.rows(visits.take(own), None if visible is None else visible[own])
+        found = np.empty((len(q), p, p))
+        for own in in_parts(len(q), int(each)):
+            rows = self.rows(q[own], None if visible is None else visible[own])
             np.matmul(np.swapaxes(rows, -1, -2), rows, out=found[own])
         return found
 

@@ -14,24 +14,18 @@ from calib.cell import Cell
 from calib.cell.contacts import brought, contacts_of
 from calib.cell.views import NUMBERS, looking, views_of
 from calib.errors import CalibError
-from calib.poses import Poses
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
-from doe.constraints.scene import Clearance
-from doe.day.approach import last_move
 from doe.optimal.blocks import pack, packed_size
-from doe.problem.choice import Choice
 from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
 from doe.problem.request import Request, no_candidate
-from doe.problem.visits import Visits, joined
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
 _LARGEST = 8e9  # bytes of information blocks
 _STEP = 1e-2  # degrees or millimetres
 _WORKERS = 2
-_TRIED_SIDES = 8  # of each row of a table
 PROBE = 2000
 """Feasible configurations that are enough to know a cell by."""
 _PER_LEVEL = 20
@@ -53,10 +47,8 @@ def rounded(cell: Cell, q: Array) -> Array:
     return np.where(first > last, np.clip(q, low, high), inside)
 
 
-def drawn(
-    cell: Cell, count: int, levels: AngleLevels | None, seed: int, choice: Choice | None = None
-) -> Iterator[Visits]:
-    """Scrambled Sobol configurations in chunks, the levels and moments in turn; count in all.
+def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iterator[Array]:
+    """Scrambled Sobol configurations in chunks, the levels in turn; count in all.
 
     In turn, too, they are brought to what is touched, and to where cameras see their boards, and left
     for all instruments else.
@@ -65,18 +57,16 @@ def drawn(
     free = np.flatnonzero(movable(cell, levels))
     rng = np.random.default_rng(seed)
     views = NUMBERS if views_of(cell) else 0
-    sampler = Sobol(len(free) + views + (choice.dimensions if choice else 0), rng)
+    sampler = Sobol(len(free) + views, rng)
     for start in range(0, count, CHUNK):
         m = min(CHUNK, count - start)
         q, points = np.tile(low, (m, 1)), sampler.random(m)
         q[:, free] += points[:, : len(free)] * (high - low)[free]
-        even, move = np.split(points[:, len(free) :], [views], axis=1)
         q = rounded(cell, q)
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        q = in_turn_brought(cell, cell.robot.tied(q), even, levels, start)
-        yield choice.visits(cell, q, move, start) if choice else Visits(q)
+        yield in_turn_brought(cell, cell.robot.tied(q), points[:, len(free) :], levels, start)
 
 
 def in_turn_brought(
@@ -113,39 +103,26 @@ def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
     return np.asarray(cell.robot.free & at_no_level)
 
 
-def listed(cell: Cell, table: Poses, choice: Choice) -> Visits:
-    """The poses of a table, each with last moves by chance and at every moment, where these count.
-
-    Last moves that the table tells are kept.
-    """
-    move = last_move(cell, table)
-    sides = _TRIED_SIDES if choice.sided.any() and move is None else 1
-    row = np.repeat(np.arange(len(table)), sides * max(1, len(choice.times)))
-    even = np.random.default_rng(0).random((len(row), choice.dimensions))
-    found = choice.visits(cell, table.q[row], even, 0)
-    return found if move is None or not choice.sided.any() else replace(found, move=move[row])
-
-
-def chunked(visits: Visits) -> Iterator[Visits]:
+def chunked(q: Array) -> Iterator[Array]:
     """Candidates in chunks."""
-    for start in range(0, len(visits), CHUNK):
-        yield visits.take(slice(start, start + CHUNK))
+    for start in range(0, len(q), CHUNK):
+        yield q[start : start + CHUNK]
 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
     """Candidates that may be measured.
 
-    visits : Visits, n of them
+    q : ndarray, shape (n, dof), rad or m
     packed : ndarray, shape (n, p (p + 1) / 2), information of each
-    level : ndarray of int, shape (n,), of each its level or moment, zero without either
+    level : ndarray of int, shape (n,), of each its level, zero without levels
     visible : ndarray of bool, shape (n, C), readings that can be had at each
     drawn : int, candidates before the constraints
     removed_at : dict, constraint -> ndarray of int, candidates that it removed at each level, each
         counted where it fell first
     """
 
-    visits: Visits
+    q: Array
     packed: Array
     level: IntArray
     visible: Mask
@@ -153,12 +130,7 @@ class Pool:
     removed_at: dict[str, IntArray]
 
     def __len__(self) -> int:
-        return len(self.visits)
-
-    @property
-    def q(self) -> Array:
-        """Joint values, shape (n, dof), rad or m."""
-        return self.visits.q
+        return len(self.q)
 
     @property
     def removed(self) -> dict[str, int]:
@@ -175,7 +147,7 @@ class Pool:
     def where(self, kept: Mask) -> Pool:
         """Some of the candidates, (n,), the counts as they were."""
         own = self.packed[kept], self.level[kept], self.visible[kept]
-        return Pool(self.visits.take(kept), *own, self.drawn, self.removed_at)
+        return Pool(self.q[kept], *own, self.drawn, self.removed_at)
 
     def too_few(
         self, cell: Cell, levels: AngleLevels | None, level: int, found: int, needed: int
@@ -193,7 +165,7 @@ def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
     names = dict.fromkeys(name for part in parts for name in part.removed_at)
     none = np.zeros(1, dtype=int)
     return Pool(
-        joined([part.visits for part in parts]),
+        np.concatenate([part.q for part in parts]),
         np.concatenate([part.packed for part in parts]) if packed is None else packed,
         np.concatenate([part.level for part in parts]),
         np.concatenate([part.visible for part in parts]),
@@ -206,57 +178,40 @@ def judge(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
     levels: AngleLevels | None,
-    visits: Visits,
+    q: Array,
 ) -> Pool:
     """Remove the candidates that may not be measured, and linearise the others."""
-    cell, total = regressor.cell, len(visits)
-    count, level = _levels_of(levels, visits)
-    removed = {}
+    cell, total, removed = regressor.cell, len(q), {}
+    count = 1 if levels is None else len(levels.values)
+    level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
     if (level < 0).any():
         removed["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
-        visits, level = visits.take(level >= 0), level[level >= 0]
+        q, level = q[level >= 0], level[level >= 0]
     for constraint in constraints:
-        if not len(visits):
+        if not len(q):
             break
-        kept = allowed(constraint, cell, visits)
+        kept = constraint.allows(scene_of(cell, q))
         removed[constraint.name] = np.bincount(level[~kept], minlength=count)
         if not kept.all():
-            visits, level = visits.take(kept), level[kept]
+            q, level = q[kept], level[kept]
     seen = np.ones((0, len(cell.channels)), bool)
-    seen = visible(scene_of(cell, visits.q)) if len(visits) else seen
+    seen = visible(scene_of(cell, q)) if len(q) else seen
     read = seen.any(axis=1)
     if not read.all():
         removed[OUT_OF_SIGHT] = np.bincount(level[~read], minlength=count)
-        visits, level, seen = visits.take(read), level[read], seen[read]
-    if not len(visits):
+        q, level, seen = q[read], level[read], seen[read]
+    if not len(q):
         empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Pool(visits, empty, level, seen, total, removed)
-    packed = pack(regressor.information(visits, None if seen.all() else seen))
-    return Pool(visits, packed, level, seen, total, removed)
-
-
-def _levels_of(levels: AngleLevels | None, visits: Visits) -> tuple[int, IntArray]:
-    """How many levels, or moments, there are, and that of each candidate; -1 at none of them."""
-    if levels is not None:
-        return len(levels.values), levels.of(visits.q)
-    if visits.moment is None:
-        return 1, np.zeros(len(visits), dtype=int)
-    return int(visits.moment.max(initial=0)) + 1, visits.moment
-
-
-def allowed(constraint: Constraint, cell: Cell, visits: Visits) -> Mask:
-    """Whether a constraint allows visits, (n,): what the arm may meet also where a last move begins."""
-    found = constraint.allows(scene_of(cell, visits.q))
-    if visits.move is None or not isinstance(constraint, Clearance):
-        return found
-    return np.asarray(found & constraint.allows(scene_of(cell, visits.q - visits.move)))
+        return Pool(q, empty, level, seen, total, removed)
+    packed = pack(regressor.information(q, None if seen.all() else seen))
+    return Pool(q, packed, level, seen, total, removed)
 
 
 def pool_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
     levels: AngleLevels | None,
-    chunks: Iterable[Visits],
+    chunks: Iterable[Array],
     count: int,
 ) -> Pool:
     """Candidates of all chunks, count in all, judged and linearised in two threads.
@@ -284,8 +239,8 @@ def probe_of(
     regressor: Regressor,
     constraints: tuple[Constraint, ...],
     request: Request,
-    chunks: Iterable[Visits],
-) -> tuple[Visits, Mask]:
+    chunks: Iterable[Array],
+) -> tuple[Array, Mask]:
     """Feasible candidates of every level, m of them, and their visible markers, shape (m, M).
 
     What the cell is like, of as many chunks as it takes. Raises CalibError where a
@@ -295,8 +250,8 @@ def probe_of(
     count = 1 if levels is None else len(levels.values)
     found: list[Pool] = []
     per_level = np.zeros(count, dtype=int)
-    for visits in chunks:
-        found.append(judge(regressor, constraints, levels, visits))
+    for q in chunks:
+        found.append(judge(regressor, constraints, levels, q))
         at = np.zeros(len(found[-1]), dtype=int) if levels is None else found[-1].level
         per_level += np.bincount(at, minlength=count)
         every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL
@@ -308,4 +263,4 @@ def probe_of(
         raise CalibError(pool.too_few(regressor.cell, levels, level, 0, 1))
     if not len(pool):
         raise CalibError(no_candidate(pool.drawn, pool.removed))
-    return pool.visits, pool.visible
+    return pool.q, pool.visible

@@ -16,13 +16,12 @@ from calib.errors import CalibError, InputError
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import Unidentifiable
-from calib.poses import Poses
+from calib.poses import Poses, poses_at
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.selection import Selection
-from doe.problem.choice import Choice, choice_of
 from doe.problem.determined import check_identifiable, is_silent, without_idle
 from doe.problem.linearisation import Regressor, nominal
 from doe.problem.pool import MOST_PROBED, PROBE, Pool, drawn, probe_of, rounded
@@ -34,9 +33,9 @@ from doe.problem.request import (
     rival_rows,
     subset_of,
     with_rivals,
+    without_unplanned,
 )
 from doe.problem.target_errors import TargetErrors
-from doe.problem.visits import Visits, joined
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -49,23 +48,23 @@ class Problem:
 
     cell : Cell; with the rivals in its model where there are some
     request : Request
-    choice : Choice, what a plan settles beside the joint angles
     regressor : Regressor, in coordinates in which the mean information of a probe is the identity
     constraints : tuple of Constraint
     criterion : Criterion
     targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
     left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
+    unplanned : tuple of str, effects of the user's model that depend on more than the joints
     """
 
     cell: Cell
     request: Request
-    choice: Choice
     regressor: Regressor
     constraints: tuple[Constraint, ...]
     criterion: Criterion
     targets: Poses
     at_targets: TargetErrors
     left_out: tuple[Unidentifiable, ...] = ()
+    unplanned: tuple[str, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -82,16 +81,16 @@ class Problem:
         M = RIDGE * np.eye(known.shape[1]) + known.T @ known
         fixed = self.request.fixed
         if fixed is not None:
-            M = M + self.information(Visits.of(fixed)).sum(axis=0)
+            M = M + self.information(fixed.q).sum(axis=0)
         return M
 
-    def information(self, visits: Visits) -> Array:
-        """Information matrix of m visits, hidden markers left out, shape (m, p, p)."""
-        return self.regressor.information(visits, visible(scene_of(self.cell, visits.q)))
+    def information(self, q: Array) -> Array:
+        """Information matrix of configurations (m, dof), hidden markers left out, (m, p, p)."""
+        return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
-    def crossed(self, visits: Visits) -> Array:
-        """By errors common to all readings, of m visits, shape (m, p, b)."""
-        return self.regressor.crossed(visits, visible(scene_of(self.cell, visits.q)))
+    def crossed(self, q: Array) -> Array:
+        """By errors common to all readings, shape (m, p, b)."""
+        return self.regressor.crossed(q, visible(scene_of(self.cell, q)))
 
     @cached_property
     def crossed_fixed(self) -> Array:
@@ -99,7 +98,7 @@ class Problem:
         fixed = self.request.fixed
         if fixed is None:
             return np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
-        return np.asarray(self.crossed(Visits.of(fixed)).sum(axis=0))
+        return np.asarray(self.crossed(fixed.q).sum(axis=0))
 
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
@@ -110,11 +109,8 @@ class Problem:
         return Selection(self.criterion, self.blocks(pool), self.rules(pool.level))
 
     def rules(self, level: IntArray) -> Allowed:
-        """Which sets of candidates make a plan, for candidates at these levels, or moments."""
-        levels, choice = self.request.levels, self.choice
-        if choice.timed:
-            counts = choice.counts(self.request.poses)
-            return Allowed(level, choice.times, counts, len(counts), repeats=self.request.repeats)
+        """Which sets of candidates make a plan, for candidates at these levels."""
+        levels = self.request.levels
         if levels is None:
             return Allowed.any_of(len(level), self.request.poses, self.request.repeats)
         counts = np.full(len(levels.values), levels.per_level)
@@ -130,17 +126,18 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     that no plan determines (CannotIdentify), a criterion that lacks what it needs.
     """
     refuse_unplaced(cell)
+    cell, unplanned = without_unplanned(cell)
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
-    constraints, choice = constraints_of(cell), choice_of(cell, request)
-    chunks = drawn(cell, MOST_PROBED, request.levels, request.seed + 1, choice)
+    constraints = constraints_of(cell)
+    chunks = drawn(cell, MOST_PROBED, request.levels, request.seed + 1)
     first = next(chunks)
-    angles = readings(cell, _angles(cell, request, first.take(slice(PROBE))))
+    angles = readings(cell, _angles(cell, request, first[:PROBE]))
     model = build(cell, angles).model
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
     probe, seen = probe_of(regressor, constraints, request, chain([first], chunks))
     try:
-        refuse_idle_effects(cell, model, readings(cell, probe.poses(cell)))
+        refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
     except CalibError as error:
         raise CannotIdentify((), str(error)) from None
     rows = regressor.rows(probe, seen)
@@ -149,7 +146,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         model = model.with_effects(effects)
         regressor = Regressor.nominal(cell, model, nominal(model, angles))
         rows = regressor.rows(probe, seen)
-    check_identifiable(regressor, rows, request, choice)
+    check_identifiable(regressor, rows, request)
     regressor = replace(regressor, loaded_only=is_silent(cell, rows))
     known = regressor.known.T @ regressor.known / request.poses
     regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)
@@ -168,20 +165,21 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         direction_of(model, request),
         lambda: at.rows,
         at.weights,
-        regressor.information(probe.take(slice(_REGION)), seen[:_REGION]),
+        regressor.information(probe[:_REGION], seen[:_REGION]),
         None if request.rivals is None else rival_rows(model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    return Problem(cell, request, choice, regressor, constraints, criterion, targets, at, left_out)
+    return Problem(
+        cell, request, regressor, constraints, criterion, targets, at, left_out, unplanned
+    )
 
 
-def _angles(cell: Cell, request: Request, probe: Visits) -> Poses:
+def _angles(cell: Cell, request: Request, probe: Array) -> Poses:
     """Poses from which angle-dependent effects take their knots: the levels, else the whole range.
 
-    probe : some of the candidates
+    probe : ndarray, shape (m, dof), some of the candidates
     """
     ends = rounded(cell, cell.robot.sample_limits().T)
     if request.levels is not None:
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]
-    both = replace(probe.take([0, -1]), q=cell.robot.tied(ends))
-    return joined([probe, both]).poses(cell)
+    return poses_at(np.concatenate([probe, cell.robot.tied(ends)]))

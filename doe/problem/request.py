@@ -17,8 +17,6 @@ from doe.problem.levels import AngleLevels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
-PLANNED = frozenset({"approach", "motion", "time", "temperature"})
-"""What effects may ask of a reading, and a plan settles."""
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 
 
@@ -69,9 +67,8 @@ def _check_rival(
     text: str, name: str, place: str, everywhere: set[str], present: set[tuple[str, str]]
 ) -> None:
     """Refuse what no plan settles, and a part of what the model has."""
-    unplanned = set(catalogue()[name].uses) - PLANNED
-    if unplanned:
-        known = " and ".join(sorted(unplanned))
+    if catalogue()[name].uses:
+        known = " and ".join(sorted(catalogue()[name].uses))
         raise CalibError(
             f"rival {text!r} depends on {known}, which no choice of poses settles; "
             "judge a plan in its order, as posecal diagnose does of a plan"
@@ -79,6 +76,24 @@ def _check_rival(
     for whole, kind in catalogue().items():
         if name in kind.parts and (whole in everywhere or (whole, place) in present):
             raise CalibError(f"rival {text!r} is a part of {whole}, which the model has already")
+
+
+def without_unplanned(cell: Cell) -> tuple[Cell, tuple[str, ...]]:
+    """The cell without those effects of its model that depend on more than joints and load, and these.
+
+    No choice of poses settles the order, the sides and the times of the readings. Raises CannotIdentify
+    where nothing else is left.
+    """
+    kinds, names = catalogue(), {text: parse_effect(text)[0] for text in cell.effects}
+    left = tuple(text for text, name in names.items() if name in kinds and kinds[name].uses)
+    if left and len(left) == len(cell.effects):
+        uses = " and ".join(sorted(kinds[names[left[0]]].uses))
+        raise CannotIdentify(
+            (),
+            f"{left[0]} depends on {uses}, which no choice of poses settles; add effects that depend "
+            "on joints to [model] effects",
+        )
+    return replace(cell, effects=tuple(e for e in cell.effects if e not in left)), left
 
 
 def rival_rows(model: Model, rivals: tuple[str, str]) -> tuple[IntArray, IntArray]:

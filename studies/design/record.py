@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from studies.day import DayEntry, LastMove
+from studies.day import DayEntry
 from studies.document import FOUR, Shown
 from studies.entries import (
     JointValues,
@@ -53,31 +53,10 @@ class ProofEntry(Entry):
 
 
 class DesignPose(JointValues):
-    """A pose of the plan; level : deg or mm, None without levels.
-
-    time_s : of its reading, since the first, None where joint speeds are unknown
-    temperature_degC : then, None where the model does not ask for it
-    last_move : as the plan prescribes it, None where the model does not depend on it
-    """
+    """A pose of the plan; level : deg or mm, None without levels."""
 
     pose: str
     level: Annotated[Maybe, Shown(detail=True)]
-    time_s: Maybe
-    temperature_degC: Maybe  # noqa: N815
-    last_move: LastMove | None
-
-    @property
-    def moves(self) -> dict[str, float]:
-        """The last moves of the joints that make one, deg or mm."""
-        own = self.last_move
-        return (
-            {} if own is None else {j: v for j, v in (own.joints_deg | own.joints_mm).items() if v}
-        )
-
-    @property
-    def minutes(self) -> float | None:
-        """When it is read [min]."""
-        return None if self.time_s is None else self.time_s / 60.0
 
 
 class PredictedStd(Entry):
@@ -164,10 +143,7 @@ class CurveStepEntry(Entry):
 
 
 class DesignRecord(Record, PlanAccuracy):
-    """The poses to measure, and the proof of how good they are.
-
-    timed : whether the model depends on the time, so that the order is part of the plan
-    """
+    """The poses to measure, and the proof of how good they are."""
 
     command: Literal["design"] = "design"
     criterion: str
@@ -197,7 +173,6 @@ class DesignRecord(Record, PlanAccuracy):
     matches: dict[str, Count | None]
     unchecked: str
     day: DayEntry | None
-    timed: Annotated[bool, From("problem.choice.timed")]
 
     @property
     def again(self) -> int:
@@ -252,25 +227,11 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
 
 
 def _poses(found: Design, levels: list[float]) -> tuple[DesignPose, ...]:
-    """The poses in their order, with what the plan settles beside the joint angles."""
-    from doe.day.approach import last_move
-
-    robot, poses, count = found.problem.cell.robot, found.poses, len(found.poses)
-    times = np.full(count, np.nan) if poses.time is None else poses.time
-    degrees = np.full(count, np.nan)
-    if "temperature" in found.problem.choice.needs:
-        degrees = found.problem.cell.pace.temperature(times)
-    moves = last_move(found.problem.cell, poses)
+    """The poses in their order."""
+    robot, poses = found.problem.cell.robot, found.poses
     return tuple(
-        DesignPose(
-            pose=name,
-            level=levels[i],
-            time_s=times[i],
-            temperature_degC=degrees[i],
-            last_move=None if moves is None else LastMove(**shown_joints(robot, moves[i])),
-            **shown_joints(robot, poses.q[i]),
-        )
-        for i, name in enumerate(poses.names)
+        DesignPose(pose=name, level=level, **shown_joints(robot, q))
+        for name, level, q in zip(poses.names, levels, poses.q, strict=True)
     )
 
 

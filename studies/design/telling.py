@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from studies.plots.style import Picture
 
 _MOST_PARAMETERS = 24  # above it base and tool are for the page
 _WORTH_EXPLAINING = 0.002  # missing efficiency
-_USUAL_MOVE = 30.0  # deg or mm
 
 
 def told(record: DesignRecord) -> doc.Document:
@@ -136,26 +135,6 @@ def _facts(record: DesignRecord) -> Iterator[doc.Sentence]:
     )
     if record.day is not None:
         yield from day_told(record.day)
-    yield from _order(record)
-
-
-def _order(record: DesignRecord) -> Iterator[doc.Sentence]:
-    """What is to be kept to on the day, where the model depends on it."""
-    moved = list(dict.fromkeys(joint for row in record.poses for joint in row.moves))
-    if moved:
-        sizes = sorted({abs(size) for row in record.poses for size in row.moves.values()})
-        said = " or ".join(f"{own:g}" for own in sizes)
-        yield doc.Sentence(
-            f"each pose is reached by a last move of {doc.listed(moved)} by {said} deg (or mm), from "
-            "the side that the plan prescribes (columns approach_.. and move_..)",
-            label="approach",
-        )
-    if record.timed:
-        yield doc.Sentence(
-            "the model depends on the time: keep to the order, and to the times as far as you can "
-            "(columns order and time_s)",
-            label="order",
-        )
 
 
 def _travel(record: DesignRecord) -> str:
@@ -166,28 +145,7 @@ def _travel(record: DesignRecord) -> str:
 
 def _poses(record: DesignRecord) -> tuple[doc.Column[DesignPose], ...]:
     joints = joint_columns(record.poses, doc.HUNDREDTH, detail=False)
-    timed = record.poses[0].time_s is not None
-    when = doc.Column[DesignPose]("at\n[min]", lambda row: row.minutes, doc.TENTH)
-    sides = doc.Column[DesignPose]("last\nmoves", lambda row: _signs(row.moves))
-    return doc.columns(
-        DesignPose,
-        "pose",
-        *joints,
-        "level" if record.level_joint else "",
-        *([when] if timed else []),
-        *([sides] if any(row.moves for row in record.poses) else []),
-    )
-
-
-def _signs(moves: Mapping[str, float]) -> str:
-    """From which side joints come, one sign for each; double where it comes by more than usual.
-
-    >>> _signs({"A1": 5.0, "A2": -40.0})
-    '+ --'
-    """
-    return " ".join(
-        ("+" if own > 0.0 else "-") * (1 + (abs(own) > _USUAL_MOVE)) for own in moves.values()
-    )
+    return doc.columns(DesignPose, "pose", *joints, "level" if record.level_joint else "")
 
 
 _DETERMINED = doc.columns(PredictedStd, "effect where name std unit")

@@ -543,17 +543,12 @@ type = "sphere"
 center_mm = [0, 0, 500]
 radius_mm = 900
 """
-_SPEEDS = "\n[robot.speed_deg_s]\n" + "".join(f"A{k} = 100\n" for k in range(1, 7))
 _PROGRAM, _FEW = "program cell.toml plan.csv -o plan.src", "--candidates 500"
 
 
-def _heated(course: str) -> Edit:
-    return added(f"{_SPEEDS}[timing]\ntemperature_degC = {course}\n")
-
-
-def _drifting(more: str) -> Edit:
-    model, levels = effects("base", "tool", "geometry", "base_drift"), r"(?m)^levels = .*$"
-    return lambda text: re.sub(levels, "poses = 15", model(text)) + more
+def _drifting(text: str) -> str:
+    """A model of a drift alone."""
+    return re.sub(r"(?m)^levels = .*$", "poses = 15", effects("base_drift")(text))
 
 
 DAYS = [
@@ -561,15 +556,9 @@ DAYS = [
           added(_AROUND + _SHAPE)),
     Fault("a mesh as an obstacle", f"design cell.toml {_FEW}", "cell.toml",
           added('\n[[design.obstacle]]\ntype = "mesh"\nfile = "table.stl"\n')),
-    Fault("a drift planned without the joints' speeds", f"design cell.toml {_FEW}", "cell.toml",
-          _drifting("")),
-    Fault("a drift planned with levels", f"design cell.toml --levels A2=5x3 {_FEW}", "cell.toml",
-          _drifting(_SPEEDS)),
-    Fault("a drift planned after a plan without times", f"design cell.toml --extend plan.csv {_FEW}",
-          "cell.toml", _drifting(_SPEEDS)),
-    Fault("temperatures that go back in time", _PROGRAM, "cell.toml",
-          _heated("[[0, 20], [60, 22], [30, 23]]")),
-    Fault("temperatures without times", _PROGRAM, "cell.toml", _heated("[20, 22]")),
+    Fault("a plan for a drift alone", f"design cell.toml {_FEW}", "cell.toml", _drifting),
+    Fault("temperatures of the day", _PROGRAM, "cell.toml",
+          added("\n[timing]\ntemperature_degC = [[0, 20], [60, 22]]\n")),
     Fault("blocks of load", "compare cell.toml plan.csv", "plan.csv", column("load_block", "1")),
     Fault("a reference pose", f"design cell.toml {_FEW}", "cell.toml",
           lambda text: text.replace("[design] ", "[design]\nreference_every = 5 ")),

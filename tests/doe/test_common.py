@@ -21,7 +21,6 @@ from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
 from doe.assess import assess
-from doe.problem.visits import Visits
 from studies.demo.embedded import embedded_cell
 from tests.helpers import with_effects
 
@@ -90,7 +89,7 @@ def test_a_plan_expects_the_error_that_days_have(
 
 
 def test_without_one_pose_they_are_there_still(plan: doe.Design) -> None:
-    fewer = assess(plan.problem, Visits(plan.poses.q[1:]))
+    fewer = assess(plan.problem, plan.poses.q[1:])
     assert plan.assessment.without_pose[0] == pytest.approx(fewer.task_rms, rel=1e-6)
     assert fewer.common > 0.0
 

@@ -26,7 +26,6 @@ from doe.assess import assess
 from doe.plan import named
 from doe.problem.levels import levels_of
 from doe.problem.request import Request
-from doe.problem.visits import Visits
 from doe.visiting import reapproaches_of, usual_reapproaches, with_reapproaches
 from studies.design.record import design_record
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
@@ -80,7 +79,7 @@ def test_they_are_spread(plain: doe.Design) -> None:
 def test_they_count_as_what_they_are(cell: Cell) -> None:
     known = replace(cell, repeatability=ARM)
     plan = doe.design(known, poses=9, reapproach=4, **QUICK)
-    alone = assess(plan.problem, Visits(plan.poses.q[:9]))
+    alone = assess(plan.problem, plan.poses.q[:9])
     assert (plan.assessment.std < alone.std).all()
     assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
     assert alone.value < plan.value == pytest.approx(plan.assessment.value)
@@ -246,4 +245,4 @@ def test_all_poses_are_kept_where_fewer_leave_the_model_open(kr270: Cell) -> Non
     assert 48 < len(plan.problem.model.parameters) <= 60
     assert plan.reapproaches is None
     assert len(np.unique(plan.poses.configuration)) == 20
-    assert np.isfinite(assess(plan.problem, Visits(plan.poses.q)).std).all()
+    assert np.isfinite(assess(plan.problem, plan.poses.q).std).all()

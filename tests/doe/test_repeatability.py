@@ -21,7 +21,6 @@ from calib.poses import poses_at
 from doe.problem import problem_of
 from doe.problem.linearisation import Regressor
 from doe.problem.request import Request
-from doe.problem.visits import Visits
 from studies.compare.compare import compare
 from studies.compare.experiment import POINTS
 from tests.helpers import cell_of, random_robot, with_effects
@@ -70,7 +69,7 @@ def test_information_is_that_of_readings_which_err_together(kr270: Cell, loaded:
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (4, 6))
     visible = np.array([[True] * 3, [True, False, True], [False, True, True], [True] * 3])
-    found = problem.regressor.information(Visits(q), visible)
+    found = problem.regressor.information(q, visible)
     back = np.linalg.inv(problem.regressor.T)
     B = calib.observation(cell, q).reshape(4, -1, 3, 3, len(back))
     for own, seen, rows, M in zip(q, visible, B, found, strict=True):
@@ -94,9 +93,9 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
     back = np.linalg.inv(problem.regressor.T)
     still = replace(cell, repeatability=None)
     alone = Regressor.nominal(still, problem.model, problem.regressor.values)
-    alone = replace(alone, T=problem.regressor.T, loaded_only=True).information(Visits(q))
+    alone = replace(alone, T=problem.regressor.T, loaded_only=True).information(q)
     for own, rows, M, ideal in zip(
-        q, calib.observation(cell, q), problem.regressor.information(Visits(q)), alone, strict=True
+        q, calib.observation(cell, q), problem.regressor.information(q), alone, strict=True
     ):
         V = covariance_of(cell, problem.model, own, ARM, seen)
         expected = rows.T @ np.linalg.solve(V, rows)

@@ -47,7 +47,6 @@ from doe.ahead.enough import enough
 from doe.assess import assess
 from doe.problem import problem_of
 from doe.problem.request import Request
-from doe.problem.visits import Visits
 from studies.compensate.record import compensate_record
 from studies.compensate.record import told as told_of_commands
 from studies.document import Document
@@ -127,7 +126,7 @@ def _foreseen(
     came = rms_3d(found.predict(targets) - day.reached)
     if not day.scatter.std.any():  # before anything is measured the arm is believed to come back
         plan = problem_of(cell, Request(len(data), "task"))
-        yield Said("design", assess(plan, Visits.of(data.poses)).task_rms, came)
+        yield Said("design", assess(plan, data.poses.q).task_rms, came)
     accuracy = accuracy_at_targets(cell, found)
     yield Said("identify", accuracy.rms(accuracy.expected.errors), came)
 

@@ -53,10 +53,6 @@ def test_the_time_of_a_day() -> None:
     day = day_of(cell, poses_at(np.array([[0.0], [1.0], [3.0]])))
     assert day.moving == pytest.approx((1.0 + 0.5) + (2.0 + 0.5))
     assert day.standing == pytest.approx(3 * (3.0 + 2 * 7.0 + 2 * 120.0))
-    moved = poses_at(day.poses.q, approach=np.ones((3, 1)))  # the last five degrees from below
-    last = durations(cell, np.array([[np.radians(5.0)]])).item()
-    longer = durations(cell, np.array([[1.0], [2.0]]) - np.radians(5.0)).sum()
-    assert day_of(cell, moved).moving == pytest.approx(longer + 2 * last)
 
 
 def test_the_order_takes_little_time() -> None:

@@ -17,7 +17,6 @@ from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
 from doe.problem.problem import RIDGE, Problem, problem_of
 from doe.problem.request import CannotIdentify, Request
-from doe.problem.visits import Visits
 from doe.solve import check_count
 from studies.demo.embedded import embedded_cell
 
@@ -71,7 +70,7 @@ def pool(cell: Cell) -> tuple[Problem, Pool]:
     problem = problem_of(cell, Request(8, "D"))
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (200, cell.robot.dof))
-    found = pool_of(problem.regressor, constraints_of(cell), None, chunked(Visits(q)), len(q))
+    found = pool_of(problem.regressor, constraints_of(cell), None, chunked(q), len(q))
     return problem, found
 
 
@@ -84,9 +83,7 @@ def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: C
         for n in range(1, 12)
         if max(
             np.linalg.matrix_rank(
-                problem.information(
-                    found.visits.take(rng.choice(len(found), n, replace=False))
-                ).sum(axis=0),
+                problem.information(found.q[rng.choice(len(found), n, replace=False)]).sum(axis=0),
                 tol=1e-6,
             )
             for _ in range(20)
@@ -112,7 +109,7 @@ def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: C
     assert (np.array(told) < 1.001 * std).all()
     # No plan of these candidates is better than the bound says, the best by their own look included.
     problem = found.problem
-    blocks = problem.information(Visits(q))
+    blocks = problem.information(q)
     alone = problem.criterion.plain.value(problem.fixed + blocks)
     plans = [rng.choice(len(q), 4, replace=False) for _ in range(2000)]
     plans += [rng.choice(np.argsort(-alone)[:12], 4, replace=False) for _ in range(200)]

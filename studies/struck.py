@@ -27,6 +27,9 @@ INSTEAD: dict[str, str] = {
         "write readings as rows: see `posecal explain import`",
     ),
     "--calibration": "take the lens from `lenses` of --json, and write it by cv2.FileStorage",
+    **dict.fromkeys(
+        ("--mjcf", "--dh", "--dh-convention", "--kinematics"), "write the robot as URDF by `--urdf`"
+    ),
     "iso9283": "give `posecal identify` a --holdout: it states the error at poses of their own",
 }
 """Command or option -> what to use in its place."""

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from calib.arm.robot import Convention, Robot
-from calib.arm.se3 import displacement, inverse, rotate, so3_exp, so3_log, transform, transformed
+from calib.arm.se3 import inverse, rotate, so3_log, transform, transformed
 from calib.arrays import Array
 
 
@@ -90,7 +90,7 @@ def _about(axis: Literal["x", "y", "z"], angle: Array) -> Array:
     return R
 
 
-# -- the table of a given chain: common normals, near a table where there is one -----------------
+# -- the table of a given chain: common normals, near another table -------------------------------
 
 _PARALLEL = 0.05  # sine of the angle below which the foot of the common normal says nothing
 _COINCIDENT = 1e-9  # m
@@ -99,81 +99,34 @@ _STEP = 1e-6  # of the differences by which the last row is fitted
 _ROUNDS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class DhFit:
-    """A table and what stands beside it: ``T_base_tip(q) = T_base table(q) T_tip``, exactly.
-
-    T_base : ndarray, shape (4, 4), the table's first frame in the robot's base
-    T_tip : ndarray, shape (4, 4), the robot's tip in the table's last frame
-    """
-
-    table: DhTable
-    T_base: Array
-    T_tip: Array
-
-
-def dh_of_robot(robot: Robot, corrections: Array, near: DhTable | Convention) -> DhFit:
-    """The table of a robot whose frames are displaced.
+def dh_of_robot(robot: Robot, near: DhTable) -> DhTable:
+    """The table of a robot whose numbers are near those of another table of the same arm.
 
     Where axes are not parallel their common normal tells the row. Where they nearly are, d stays where
     it is, the foot of the normal might be a kilometre away, and beta takes the tilt about y.
-
-    corrections : ndarray, shape (n + 2, 6), m and rad, as in :class:`~calib.arm.robot.Robot`; that of
-        the base is not part of the robot
-    near : the table that the robot was read from, or the convention of a first one
     """
-    origins = robot.origins @ displacement(corrections[1:])
-    place = _first(robot, near)
-    moved = frames_at_zero(origins)[0] @ inverse(robot.origins[0])
-    return _fit(robot, origins, replace(place, T_base=moved @ place.T_base), follow=True)
-
-
-def _first(robot: Robot, near: DhTable | Convention) -> DhFit:
-    """The robot's own table; of a chain from elsewhere one that begins as near the base as it may."""
-    if isinstance(near, DhTable):
-        return DhFit(near, np.eye(4), np.eye(4))
-    zeros = np.zeros(robot.dof)
-    table = DhTable(near, robot.joints, robot.prismatic, *[zeros] * 5)
-    T = robot.origins[0]
-    z = rotate(T[:3, :3], robot.axes[0])
-    foot = T[:3, 3] - z * (z @ T[:3, 3])
-    place = DhFit(table, transform(_shortest_turn(z), foot), np.eye(4))
-    return _fit(robot, robot.origins, place, follow=False)
-
-
-def _fit(robot: Robot, origins: Array, near: DhFit, follow: bool) -> DhFit:
-    """The table of a chain; with ``follow`` near another one of the same arm, d of parallel axes kept.
-
-    The table begins at ``near.T_base``, which must have its z on axis 1 where L_0 says so.
-    """
-    table, n = near.table, robot.dof
-    frames = frames_at_zero(origins)
+    table, n = near, robot.dof
+    frames = frames_at_zero(robot.origins)
     z = np.concatenate([rotate(frames[:n, :3, :3], robot.axes), frames[n:, :3, 2]])
-    points = _points(frames, z, table) if follow else frames[:, :3, 3]
+    points = _points(frames, z, table)
     classic = table.convention == "classic"
     theta, d = table.theta.copy(), table.d.copy()
     alpha, a, beta = table.alpha.copy(), table.a.copy(), table.beta.copy()
-    F = near.T_base @ table.links[0]
-    ends = (
-        n if classic and not follow else n - 1
-    )  # the last link is fitted to the tip where it follows
-    for k in range(ends):
+    F = frames[0] @ inverse(robot.origins[0]) @ table.links[0]
+    for k in range(n - 1):  # the last link is fitted to the tip
         row = k if classic else k + 1
-        fixed_d = d[k] if follow else None
         theta[k], d[k], alpha[row], a[row], beta[row] = _normal(
-            inverse(F), points[k + 1], z[k + 1], theta[k], alpha[row], fixed_d
+            inverse(F), points[k + 1], z[k + 1], theta[k], alpha[row], d[k]
         )
         F = F @ joint(theta[k], d[k]) @ link(alpha[row], a[row], beta[row])
-    if follow:
-        own = np.array([theta[-1], d[-1], *((alpha[-1], a[-1]) if classic else ())])
-        fixed = beta[-1] if classic else 0.0
-        goal = inverse(F) @ frames[n] @ inverse(near.T_tip)
-        own = _nearest(own, fixed, goal, robot.reach)
-        theta[-1], d[-1] = own[:2]
-        if classic:
-            alpha[-1], a[-1] = own[2:]
-        F = F @ _last(own, fixed)
-    made = replace(
+    own = np.array([theta[-1], d[-1], *((alpha[-1], a[-1]) if classic else ())])
+    fixed = beta[-1] if classic else 0.0
+    goal = inverse(F) @ frames[n]
+    own = _nearest(own, fixed, goal, robot.reach)
+    theta[-1], d[-1] = own[:2]
+    if classic:
+        alpha[-1], a[-1] = own[2:]
+    return replace(
         table,
         theta=_without_dust(theta, table.theta),
         d=_without_dust(d, table.d),
@@ -181,7 +134,6 @@ def _fit(robot: Robot, origins: Array, near: DhFit, follow: bool) -> DhFit:
         a=_without_dust(a, table.a),
         beta=_without_dust(beta, table.beta),
     )
-    return DhFit(made, near.T_base, inverse(F) @ frames[n])
 
 
 def _without_dust(values: Array, near: Array) -> Array:
@@ -204,18 +156,18 @@ def _points(frames: Array, z: Array, table: DhTable) -> Array:
 
 
 def _normal(
-    to_axis: Array, point: Array, z: Array, theta0: float, alpha0: float, d0: float | None
+    to_axis: Array, point: Array, z: Array, theta0: float, alpha0: float, d0: float
 ) -> tuple[float, float, float, float, float]:
     """(theta, d, alpha, a, beta) from a frame on one axis to the next axis, angles near those given.
 
     to_axis : ndarray, shape (4, 4), that takes the base to the frame; point, z : of the next axis, in
-        the base; d0 : m, the foot on parallel axes, None for the one that is level with ``point``
+        the base; d0 : m, the foot on parallel axes
     """
     p, z = transformed(to_axis, point), rotate(to_axis[:3, :3], z)
     x = np.array([-z[1], z[0], 0.0])
     parallel = np.linalg.norm(x) < _PARALLEL
     if parallel:
-        d = p[2] if d0 is None else d0
+        d = d0
         x = p + z * ((d - p[2]) / z[2])
         x[2] = 0.0
         if np.linalg.norm(x) < _COINCIDENT:
@@ -248,10 +200,7 @@ def _last(own: Array, beta: float) -> Array:
 
 
 def _nearest(own: Array, beta: float, goal: Array, length: float) -> Array:
-    """The last row that comes nearest to a frame; a turn counts as its arc at ``length``.
-
-    What is left of the frame stands in ``T_tip``, so that the fit need not be exact.
-    """
+    """The last row that comes nearest to a frame; a turn counts as its arc at ``length``."""
 
     def off(values: Array) -> Array:
         D = inverse(_last(values, beta)) @ goal
@@ -265,12 +214,3 @@ def _nearest(own: Array, beta: float, goal: Array, length: float) -> Array:
         slope = np.column_stack([(off(own + h) - off(own - h)) / (2.0 * _STEP) for h in steps])
         own = own - np.linalg.pinv(slope, rcond=1e-6) @ r
     return own
-
-
-def _shortest_turn(z: Array) -> Array:
-    """The rotation of the smallest angle that takes the z axis to a unit vector."""
-    axis = np.array([-z[1], z[0], 0.0])
-    sine = np.linalg.norm(axis)
-    if sine < 1e-12:
-        return so3_exp(np.array([np.pi if z[2] < 0.0 else 0.0, 0.0, 0.0]))
-    return so3_exp(axis / sine * np.arctan2(sine, z[2]))

@@ -16,7 +16,7 @@ from calib.arm.se3 import transformed
 from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
 
-Form: TypeAlias = Literal["urdf", "mjcf", "dh", "kinematics"]
+Form: TypeAlias = Literal["urdf", "mjcf", "dh"]
 Convention: TypeAlias = Literal["classic", "modified"]
 """Of a DH table."""
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -24,7 +24,6 @@ _IN_WORDS = {
     "urdf": "URDF",
     "mjcf": "MJCF",
     "dh": "DH table",
-    "kinematics": "maker's kinematics file",
 }
 _FOLLOWS = 1e-7  # rad or m
 _DOUBLINGS = 8  # of configurations drawn, where a joint that others move leaves its limits
@@ -64,7 +63,7 @@ class Shapes:
 class Source:
     """The file that holds a robot.
 
-    form : ``urdf``, ``mjcf``, ``dh`` or ``kinematics``
+    form : ``urdf``, ``mjcf`` or ``dh``
     files : tuple of Path, the file, and those that it includes; none where no file holds the robot
     convention : ``classic`` or ``modified``, of a DH table
     """

@@ -102,6 +102,7 @@ _PLAINLY = {
 _STRUCK = {
     "keep_sight": "leave it out: the ways between poses are not planned",
     "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
+    "robot.kinematics": "name the maker's URDF by urdf",
     "model.prior": "state the sizes of errors by size_prior",
     "timing.temperature_degC": "give temperatures as a column of the measurements",
     "design.reference_every": "set reapproaches: poses that are visited again",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +24,7 @@ _LONGEST = 50.0  # m of a link: more is probably millimetres
 _SHOWN_UNITS = {"alpha": "deg", "a": "mm", "theta": "deg", "d": "mm", "beta": "deg"}
 
 
-@dataclass(frozen=True)
-class DhFile:
-    """A table and the unit of each of its columns, as the file has them."""
-
-    table: DhTable
-    units: dict[str, str]
-
-
-def read_dh(path: Path, convention: Convention) -> DhFile:
+def read_dh(path: Path, convention: Convention) -> DhTable:
     """A table in a convention that no file tells.
 
     Raises InputError for columns without unit, a joint twice, and units that cannot be meant.
@@ -44,13 +35,12 @@ def read_dh(path: Path, convention: Convention) -> DhFile:
     n = len(found.rows)
     if n > _MOST_JOINTS:
         raise InputError(path, "", f"has {n} joints, at most {_MOST_JOINTS} are possible")
-    values, units = {}, {}
+    values = {}
     for name, known in COLUMNS.items():
         unit = next((u for u in known if f"{name}_{u}" in found.columns), None)
         values[name] = np.zeros(n)
         if unit is not None:
             values[name] = _checked(found, name, unit) * known[unit]
-            units[name] = unit
     found.refuse_twice("joint", "name each joint once")
     kinds = found.text("kind") if "kind" in found.columns else n * ["revolute"]
     for row, kind in enumerate(kinds):
@@ -58,7 +48,7 @@ def read_dh(path: Path, convention: Convention) -> DhFile:
             what = f"{kind[:40]!r} is not known"
             raise found.fault(row, "kind", what, f"use {' or '.join(KINDS)}")
     prismatic = np.array([kind == "prismatic" for kind in kinds])
-    return DhFile(DhTable(convention, tuple(found.names("joint")), prismatic, **values), units)
+    return DhTable(convention, tuple(found.names("joint")), prismatic, **values)
 
 
 def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
@@ -66,18 +56,17 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 
     Raises InputError.
     """
-    return robot_of_dh(read_dh(path, convention).table, path.stem, base, tip)
+    return robot_of_dh(read_dh(path, convention), path.stem, base, tip)
 
 
-def dh_text(table: DhTable, units: dict[str, str] | None = None) -> str:
-    """The text of a table to 15 digits, in degrees and millimetres if nothing else is said."""
-    units = _SHOWN_UNITS | (units or {})
+def dh_text(table: DhTable) -> str:
+    """The text of a table to 15 digits, in degrees and millimetres."""
     columns: dict[str, list[str]] = {"joint": list(table.joints)}
     if table.prismatic.any():
         columns["kind"] = [KINDS[int(slides)] for slides in table.prismatic]
     for name in ("alpha", "a", "theta", "d", *(("beta",) if table.beta.any() else ())):
-        values = getattr(table, name) / COLUMNS[name][units[name]]
-        columns[f"{name}_{units[name]}"] = [f"{value + 0.0:.15g}" for value in values]
+        values = getattr(table, name) / COLUMNS[name][_SHOWN_UNITS[name]]
+        columns[f"{name}_{_SHOWN_UNITS[name]}"] = [f"{value + 0.0:.15g}" for value in values]
     return columns_text(columns)
 
 

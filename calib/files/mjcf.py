@@ -17,7 +17,7 @@ from calib.arm.robot import Place, Robot, weights_of
 from calib.arm.se3 import so3_about, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf_tree import WORLD, Chain, chain_of, joints_of, label, part_of, read_mjcf
+from calib.files.mjcf_tree import WORLD, chain_of, joints_of, label, part_of, read_mjcf
 
 
 @contextmanager
@@ -72,13 +72,11 @@ class MjcfJoint:
 class MjcfBody:
     """A body on the way to a tip as compiled.
 
-    element : Element, as it stands in the file
     parent : int, position among these of the one that carries it, -1 for the base
     T : ndarray, shape (4, 4), T_parent_body
     joints : list of MjcfJoint, the first one moves the others
     """
 
-    element: Element
     parent: int
     T: Array
     joints: list[MjcfJoint]
@@ -90,14 +88,11 @@ class MjcfChain:
 
     tips : dict, name -> position of the body that is or holds the tip, -1 for the base, and its frame
         (4, 4) there; the tip first
-    frames : dict, <frame> of the file -> ndarray, shape (4, 4), in its body
     weights : list of place, mass [kg] and centre of mass (3,), m, of every body that the chain moves
     """
 
-    tree: Chain
     bodies: list[MjcfBody]
     tips: dict[str, tuple[int, Array]]
-    frames: dict[Element, Array]
     weights: list[tuple[Place, float, Array]]
 
 
@@ -175,15 +170,12 @@ def compiled(
     at = {b: i for i, b in enumerate(own)}
     bodies = [
         MjcfBody(
-            element,
             at.get(int(model.body_parentid[b]), -1),
             placed(model.body_pos[b], model.body_quat[b]),
             [_joint(path, element, model, int(j)) for j in np.flatnonzero(model.jnt_bodyid == b)],
         )
         for element, b in zip(tree.bodies, own, strict=True)
     ]
-    sites = {e: model.site(name) for e, name in part.names.items() if e.tag == "frame"}
-    frames = {frame: placed(site.pos, site.quat) for frame, site in sites.items()}
     tips: dict[str, tuple[int, Array]] = {}
     for name, end in tree.tips.items():
         body = -1 if end.body is None else tree.bodies.index(end.body)
@@ -191,10 +183,8 @@ def compiled(
         tips[name] = body, np.eye(4) if site is None else placed(site.pos, site.quat)
     places = places_of(model, 0 if base == WORLD else int(model.body(base).id), own)
     return MjcfChain(
-        tree,
         bodies,
         tips,
-        frames,
         [(place, float(model.body_mass[i]), model.body_ipos[i]) for i, place in places.items()],
     )
 

@@ -181,7 +181,7 @@ class Part:
     """What of a file MuJoCo is given: the chain and what gives it mass.
 
     root : Element, a file of its own; meshes : dict, contents of the files that it names
-    names : dict, body of the chain -> its name there, frame on it -> name of a site in its origin
+    names : dict, body of the chain -> its name there
     """
 
     root: Element
@@ -227,9 +227,6 @@ def part_of(path: Path, chain: Chain) -> Part:
         if element in chain.bodies:
             names[element] = element.get("name") or f"body {len(names)} of the chain"
             copy.set("name", names[element])
-        elif element.tag == "frame":
-            names[element] = f"frame {len(names)} of the chain"
-            SubElement(copy, "site", name=names[element])
         return copy
 
     root = _bare(chain.root)

@@ -13,11 +13,11 @@ from calib.arm.dh import robot_of_dh
 from calib.arm.robot import Convention, Form, Robot, odd_limits
 from calib.errors import InputError
 from calib.files.dh import dh_text
-from calib.files.kinematics import read_ur_calibration
 from calib.files.mjcf_tree import WORLD, inside, joints_of, read_mjcf
 from calib.files.read import read_bytes, read_xml
 from calib.files.robot import load_robot, robot_files
 from calib.files.shapes import urdf_shapes
+from calib.files.ur_calibration import read_ur_calibration
 from calib.files.urdf import Urdf
 
 _TIPS = ("tool0", "tcp", "tool", "ee", "eef", "end_effector", "attachment", "flange")
@@ -229,7 +229,7 @@ def propose(
     model: str = "",
     others: tuple[str, ...] = (),
 ) -> Proposal:
-    """Read a URDF, xacro output, MJCF, DH table or a maker's file, whichever it is.
+    """Read a URDF, xacro output, MJCF, DH table or the calibration of a UR, whichever it is.
 
     convention : of a DH table, which does not tell it; base, tip : in place of those proposed
     model : of the arm that a ``calibration.conf`` of Universal Robots belongs to
@@ -239,14 +239,16 @@ def propose(
     """
     head = read_bytes(path, _LARGEST_FILE).removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
     kind = path.suffix.lower()
-    tabular = head != b"<" and kind not in (".yaml", ".yml", ".conf")
+    if kind in (".yaml", ".yml") and head != b"<":
+        raise InputError(path, "", "is no URDF, MJCF or DH table", "take the maker's URDF")
+    tabular = head != b"<" and kind != ".conf"
     if not tabular and convention is not None:
         raise InputError(path, "", "is no DH table", "leave --dh out")
     if kind == ".conf" and head != b"<":
         return _of_calibration(path, base, tip, model, others)
     notes: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
-    form: Form = "dh" if tabular else "kinematics"
+    form: Form = "dh"
     if tabular and convention is None:
         what = "does not tell the convention of its DH table, which makes another arm of it"
         raise InputError(path, "", what, "add --dh classic or --dh modified")
@@ -309,7 +311,7 @@ def _absent(unread: tuple[str, ...]) -> tuple[str, ...]:
 
 def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
     lacks = []
-    source = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}.get(form, "kinematics file")
+    source = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}[form]
     open_ended = ~np.isfinite(robot.limits).all(axis=1)
     if open_ended.any():
         names = ", ".join(np.array(robot.joints)[open_ended])

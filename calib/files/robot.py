@@ -1,4 +1,4 @@
-"""The nominal robot from any form: URDF, MJCF, DH table, a maker's file."""
+"""The nominal robot from any form: URDF, MJCF, DH table."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import numpy as np
 from calib.arm.robot import Convention, Form, Robot, Source
 from calib.errors import InputError
 from calib.files.dh import load_dh
-from calib.files.kinematics import load_kinematics
 from calib.files.mjcf import load_mjcf, mjcf_files
 from calib.files.shapes import mjcf_shapes, urdf_shapes
 from calib.files.urdf import load_urdf
 
 _FARTHEST = 50.0  # m: no link is as long
-READERS = {"urdf": load_urdf, "mjcf": load_mjcf, "kinematics": load_kinematics}
+READERS = {"urdf": load_urdf, "mjcf": load_mjcf}
 _SHAPES = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}
 
 

@@ -1,4 +1,4 @@
-"""The identified robot in any form: URDF, MJCF, DH table, a maker's file, offsets of its joints."""
+"""The identified robot as URDF, and as offsets of its joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.kinematics import tip_points
-from calib.arm.robot import Convention, Form, Robot, Source
+from calib.arm.robot import Robot
 from calib.arm.se3 import fit_rigid, transformed
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
@@ -17,26 +17,9 @@ from calib.effects.protocol import Constant
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.csv_table import columns_text
-from calib.files.dh_out import corrected_dh, dh_lacks
-from calib.files.kinematics import corrected_kinematics, kinematics_lacks, kinematics_of
-from calib.files.mjcf_out import corrected_mjcf, mjcf_of_urdf
 from calib.files.robot import load_robot
 from calib.files.urdf_out import chain_urdf, corrected_urdf
 from calib.model import Model
-
-LACKS: dict[Form, str] = {
-    "urdf": "the bare chain, without shapes and moments of inertia",
-    "mjcf": "without shapes",
-    "dh": "without limits, efforts, masses and shapes",
-    "kinematics": "without limits, efforts, masses and shapes",
-}
-"""What a robot has not in this form that it may have in the one that it is made from."""
-
-_MIMICS: dict[Form, str] = {
-    "mjcf": "couples joints by an equality, which posecal reads from a URDF only",
-    "dh": "does not say which joints mimic others",
-    "kinematics": "does not say which joints mimic others",
-}
 
 
 @dataclass(frozen=True)
@@ -48,59 +31,28 @@ class Written:
 
 
 def corrected_robot(
-    cell: Cell,
-    form: Form,
-    corrections: Array,
-    markers: dict[str, Array],
-    target: Path,
-    convention: Convention | None = None,
+    cell: Cell, corrections: Array, markers: dict[str, Array], target: Path
 ) -> Written:
-    """The robot with the identified geometry, in one of the forms that a cell may name.
+    """The robot with the identified geometry as URDF.
 
-    In its own form the user's file is kept but for the corrected numbers. An MJCF, a DH table or a
-    kinematics file as URDF is the bare chain with the limits and masses that there are.
+    The user's own URDF is kept but for the corrected numbers. Of an MJCF or a DH table it is the bare
+    chain with the limits and masses that there are.
 
-    corrections, markers, target : as for :func:`~calib.files.mjcf_out.corrected_mjcf`
-    convention : of a DH table; the cell's own, else classic
+    corrections, markers : as for :func:`~calib.files.urdf_out.corrected_urdf`
 
-    Raises InputError where the file cannot be read any more, where MuJoCo is needed and missing, and
-    for an arm whose maker has no kinematics file.
+    Raises InputError where the file cannot be read any more, and for a tree of another form.
     """
-    lacks = []
-    if cell.robot.branched and form != cell.robot.source.form:
-        what, tips = f"a {Source(form)} made anew has one tip", ", ".join(cell.robot.tips)
-        remedy = f"write it as the robot's own form, {cell.robot.source}"
-        raise InputError(target, "", f"{what}, and this robot has {tips}", remedy)
-    if form != cell.robot.source.form:
-        lacks.append(f"is made anew from the {cell.robot.source}: {LACKS[form]}")
-        lacks += [f"{_MIMICS[form]}: {m.joint} by {m.master}" for m in cell.robot.mimics]
-    if form == "dh":
-        convention = convention or cell.robot.source.convention or "classic"
-        fit, text = corrected_dh(cell, corrections, convention)
-        notes = dh_lacks(fit, cell.robot, markers)
-        return Written(text, (*lacks, f"is {convention}; name it so in the cell", *notes))
-    if form == "kinematics":
-        own = cell.robot.source.form == "kinematics"
-        text = (
-            corrected_kinematics(cell.robot_files[0], corrections)
-            if own
-            else kinematics_of(cell.robot, corrections)
-        )
-        return Written(text, (*lacks, *kinematics_lacks(cell.robot, corrections, own)))
     source, robot = cell.robot_files[0], cell.robot
-    links = dict(zip(cell.marker_names, cell.marker_links, strict=False))
-    if form == robot.source.form == "mjcf":
-        return Written(corrected_mjcf(source, robot, corrections, markers, target, links), ())
     if robot.source.form == "urdf":
-        text = corrected_urdf(source, robot, corrections, markers, links)
-    elif robot.source.form == "mjcf":  # limits as in the file
-        whole = load_robot("mjcf", source, robot.base, robot.tip)
-        text = chain_urdf(whole, corrections, markers)
-    else:
-        text = chain_urdf(robot, corrections, markers)
-    if form == "mjcf":
-        text = mjcf_of_urdf(source, text, robot.tip)
-    return Written(text, tuple(lacks))
+        links = dict(zip(cell.marker_names, cell.marker_links, strict=False))
+        return Written(corrected_urdf(source, robot, corrections, markers, links), ())
+    if robot.branched:
+        what = f"a URDF made anew has one tip, and this robot has {', '.join(robot.tips)}"
+        raise InputError(target, "", what, "name the robot's URDF in the cell")
+    if robot.source.form == "mjcf":  # limits as in the file
+        robot = load_robot("mjcf", source, robot.base, robot.tip)
+    lack = f"is made anew from the {cell.robot.source}: the bare chain, without shapes and moments"
+    return Written(chain_urdf(robot, corrections, markers), (f"{lack} of inertia",))
 
 
 def not_rigid(model: Model) -> list[str]:

@@ -68,7 +68,6 @@ class RobotTable(TomlTable):
     mjcf: str | None = None
     dh: str | None = None
     dh_convention: Literal["classic", "modified"] | None = None
-    kinematics: str | None = None
     base: str = ""
     tip: str = ""
     repeatability_mm: NotNegative | None = None

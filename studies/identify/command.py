@@ -18,7 +18,6 @@ from studies.command.options import (
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
-    from calib.arm.robot import Convention, Form
     from calib.identification.estimators import Method
     from calib.observations import Approach, Weighting
 
@@ -73,19 +72,6 @@ if TYPE_CHECKING:
     type=PATH,
     help="Write the robot with the identified geometry and the markers as URDF.",
 )
-@click.option("--mjcf", "mjcf_path", metavar="OUT", type=PATH,
-              help="The same as MJCF, for MuJoCo.")  # fmt: skip
-@click.option(
-    "--dh",
-    "dh_path",
-    metavar="OUT",
-    type=PATH,
-    help="The same as DH table; the output names what such a table cannot contain.",
-)
-@click.option("--dh-convention", type=click.Choice(["classic", "modified"]), default=None,
-              help="Convention for --dh. Default: that of the cell, otherwise classic.")  # fmt: skip
-@click.option("--kinematics", "kinematics_path", metavar="OUT", type=PATH,
-              help="The same as the maker's YAML file: Universal Robots, Franka.")  # fmt: skip
 @click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
               help="Write joint offsets alone, for a controller that accepts only these.")  # fmt: skip
 @click.option(
@@ -105,10 +91,6 @@ def identify(
     length_mm: float,
     differences: bool,
     urdf_path: Path | None,
-    mjcf_path: Path | None,
-    dh_path: Path | None,
-    dh_convention: Convention | None,
-    kinematics_path: Path | None,
     zeros_path: Path | None,
     counts_per_deg: str | None,
     folder: Path | None,
@@ -131,11 +113,8 @@ def identify(
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
         session = read_session(cell, data_path, holdout, seed)
-    robots: dict[Form, Path | None] = {
-        "urdf": urdf_path, "mjcf": mjcf_path, "dh": dh_path, "kinematics": kinematics_path,
-    }  # fmt: skip
     counts = counts_of(counts_per_deg)
-    written = [*robots.values(), zeros_path, output_file(json_path)]
+    written = [urdf_path, zeros_path, output_file(json_path)]
     check_outputs(written, inputs_of(session), folder)
     count = min(len(session.whole), MOST)
     with working(f"identifying {count} readings", SECONDS * count):
@@ -143,7 +122,7 @@ def identify(
             session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
             differences=differences,
         )  # fmt: skip
-    files, left_out = robot_texts(cell, found, robots, dh_convention)
+    files, left_out = robot_texts(cell, found, urdf_path)
     if zeros_path is not None:
         files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)
         left_out += lost

@@ -1,12 +1,10 @@
-"""The robots that ``identify`` writes: their texts, and what each form leaves out."""
+"""The robot that ``identify`` writes: its URDF, and the offsets of its joints."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from calib import Cell, Identification
-from calib.arm.robot import Convention, Form
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
@@ -14,27 +12,21 @@ from studies.document import listed
 
 
 def robot_texts(
-    cell: Cell,
-    result: Identification,
-    robots: Mapping[Form, Path | None],
-    convention: Convention | None,
+    cell: Cell, result: Identification, path: Path | None
 ) -> tuple[dict[Path, str], list[str]]:
-    """The files of the corrected robot, and lines on what they do not hold. Raises InputError."""
+    """The URDF of the corrected robot, and lines on what it does not hold. Raises InputError."""
+    if path is None:
+        return {}, []
     corrections = result.model.constant_displacements(result.values)
     every = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
     markers = {name: own for name, own in every.items() if name in cell.named_markers}
     flange = flange_unknown(cell, result)
-    texts, lines = {}, []
-    for form, path in robots.items():
-        if path is not None:
-            made = corrected_robot(cell, form, corrections, markers, path, convention)
-            texts[path] = _headed(made.text, flange) if form == "urdf" else made.text
-            lines += [f"{path}: {flange}"] if flange else []
-            lines += [f"{path} {lack}" for lack in made.lacks]
-    names = not_rigid(result.model)
-    if names and texts:
+    made = corrected_robot(cell, corrections, markers, path)
+    lines = [f"{path}: {flange}"] if flange else []
+    lines += [f"{path} {lack}" for lack in made.lacks]
+    if names := not_rigid(result.model):
         lines.append(f"the robot written is rigid, without {', '.join(names)}")
-    return texts, lines
+    return {path: _headed(made.text, flange)}, lines
 
 
 def flange_unknown(cell: Cell, result: Identification) -> str:

@@ -52,8 +52,8 @@ def init(
     """Write a commented cell.toml and an empty measurements.csv for a robot.
 
     ROBOT is a URDF (also as xacro writes it), an MJCF, or a DH table
-    (joint,alpha_deg,a_mm,theta_deg,d_mm). It may also be a kinematics file of Universal Robots or
-    Franka, or the calibration.conf of a UR controller.
+    (joint,alpha_deg,a_mm,theta_deg,d_mm). It may also be the calibration.conf of a
+    UR controller.
 
     You can plan with this cell at once. Rough marker positions and the noise are all that you give;
     their lines are marked EDIT.

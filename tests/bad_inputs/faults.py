@@ -425,10 +425,6 @@ A1,180,0,0,-645
 A2,90,330,0,0
 A3,0,1150,-90,0
 """
-_UR = "kinematics:\n" + "".join(
-    f"  {name}: {{x: 0, y: 0, z: 0.16, roll: 0, pitch: 0, yaw: 0}}\n"
-    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-)
 _CONF = """[mounting]
 delta_theta = [0, 0, 0, 0, 0, 0]
 delta_a = [0, 0, 0, 0, 0, 0]
@@ -473,10 +469,6 @@ ROBOTS = [
     Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
     Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
           whole("<robot name='arm'><link name='a'/></robot>")),
-    Fault("a UR file cut off", "init ur.yaml -o new", "ur.yaml", lambda _: lines(3)(_UR)),
-    Fault("a YAML of something else", "init ur.yaml -o new", "ur.yaml", whole("a: 1\n")),
-    Fault("an expression in a kinematics file", "init ur.yaml -o new", "ur.yaml",
-          whole(_UR.replace("z: 0.16", "z: pi/2"))),
     Fault("a calibration of no model", "init calibration.conf -o new", "calibration.conf",
           whole(_CONF)),
     Fault("a calibration of an unknown model", "init calibration.conf -o new --model UR6",
@@ -487,9 +479,11 @@ ROBOTS = [
           "calibration.conf", whole("[camera]\nx = 1\n")),
     Fault("DH without its convention", _IDENTIFY, "cell.toml", _DH_CELL),
     Fault("two files of one robot", _IDENTIFY, "cell.toml",
-          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nkinematics = "ur.yaml"')),
+          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nmjcf = "arm.xml"')),
     Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
-    Fault("kinematics of another maker", _IDENTIFY + " --kinematics out.yaml"),
+    Fault("a maker's YAML", "init ur.yaml -o new", "ur.yaml", whole("a: 1\n")),
+    Fault("a maker's YAML in a cell", _IDENTIFY, "cell.toml",
+          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nkinematics = "ur.yaml"')),
     Fault("counts of a joint that is not there",
           _IDENTIFY + " --zero-offsets out.csv --counts-per-deg J1=100"),
     Fault("counts that are no number", _IDENTIFY + " --zero-offsets out.csv --counts-per-deg A1"),

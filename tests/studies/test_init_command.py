@@ -16,7 +16,6 @@ from calib.model.build import build
 from studies.demo.embedded import embedded_text
 from tests import two_arms
 from tests.calib.files.test_dh import TABLES
-from tests.calib.files.test_kinematics import franka_text, ur_text
 from tests.helpers import all_seen
 from tests.studies.command_line import run as posecal
 
@@ -53,8 +52,6 @@ FILES = {
     "arm.xml": (MJCF, (), "base", "attachment_site"),
     "arm.csv": (TABLES["three parallel axes"], ("--dh", "classic"), "base", "tip"),
     "scara.csv": (TABLES["a SCARA in other units"], ("--dh", "modified"), "base", "tip"),
-    "ur.yaml": (ur_text(), (), "base_link", "tool0"),
-    "fr3.yml": (franka_text(), (), "link0", "link8"),
 }
 
 

@@ -125,28 +125,28 @@ def test_loads_hang_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
     assert load_cell(written(tmp_path, tip, more=text.replace(other, tip))).payload.frame == -1
 
 
-@pytest.mark.parametrize("form", ["urdf", "mjcf"])
 @pytest.mark.parametrize("seed", range(8))
-def test_a_corrected_tree_leads_to_the_same_markers_in_mujoco(
-    tmp_path: Path, seed: int, form: str
-) -> None:
-    named = {"robot": MJCF} if form == "mjcf" else {}
-    cell: Cell = load_cell(written(tmp_path, other_tip(seed), seed=seed, **named))
+def test_a_corrected_tree_leads_to_the_same_markers_in_mujoco(tmp_path: Path, seed: int) -> None:
+    cell: Cell = load_cell(written(tmp_path, other_tip(seed), seed=seed))
     rng = np.random.default_rng(seed)
     corrections = rng.normal(size=(cell.robot.frame_count, 6)) * 1e-2
     corrections[0] = 0.0
     markers = dict(zip(cell.marker_names, cell.markers, strict=True))
-    text = corrected_robot(cell, form, corrections, markers, tmp_path / f"out.{form}").text
-    model: Any = in_mujoco(text) if form == "urdf" else mujoco.MjModel.from_xml_string(text)
+    model: Any = in_mujoco(corrected_robot(cell, corrections, markers, tmp_path / "out.urdf").text)
     data: Any = mujoco.MjData(model)
-    marked = data.body if form == "urdf" else data.site
     q = rng.uniform(-1.0, 1.0, (4, cell.robot.dof))
     frames = forward(cell.robot, q, corrections)
     for i, row in enumerate(q):
         R, p = stand(model, data, cell.robot, row)
         for name, frame in zip(cell.marker_names, cell.marker_frames, strict=True):
             ours = frames.o[i, frame] + frames.R[i, frame] @ markers[name]
-            np.testing.assert_allclose(R @ ours + p, marked(f"marker_{name}").xpos, atol=1e-9)
+            np.testing.assert_allclose(R @ ours + p, data.body(f"marker_{name}").xpos, atol=1e-9)
+
+
+def test_a_tree_of_another_form_is_refused(tmp_path: Path) -> None:
+    cell = load_cell(written(tmp_path, other_tip(3), MJCF))
+    with pytest.raises(InputError, match=r"one tip, and this robot has .*; name the robot's URDF"):
+        corrected_robot(cell, np.zeros((cell.robot.frame_count, 6)), {}, tmp_path / "out.urdf")
 
 
 @pytest.mark.parametrize("seed", range(4))

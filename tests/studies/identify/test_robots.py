@@ -1,4 +1,4 @@
-"""Days on arms of makers, whose files take what was found; a flange that only markers know."""
+"""Days on an arm whose file takes what was found; a flange that only markers know."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import csv
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -16,13 +17,40 @@ from calib.files.urdf import load_urdf
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.research.withheld.truth import Action
 from tests.bad_inputs.run import posecal
-from tests.calib.files.test_kinematics import CELL, UR, numbers, ur_text
-from tests.plain_arm import dh_pose, rpy_pose, turn
+from tests.calib.files.test_ur_calibration import UR
+from tests.helpers import cell_text
+from tests.plain_arm import rpy_pose, turn
 from tests.studies.command_line import run
 
 SIGMA = 1e-5  # m
 MARKERS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.05], [-0.04, -0.07, 0.03]])
+CELL = cell_text('urdf = "arm.urdf"\nbase = "base"\ntip = "tool0"', "{marks}")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+def ur_urdf() -> str:
+    """A UR5e whose joints turn about z, as its maker's file has them."""
+    text, parent = '<robot name="UR5e"><link name="base"/>', "base"
+    for name, own in zip(NAMES, UR.values(), strict=True):
+        xyz, rpy = (" ".join(map(repr, map(float, part))) for part in (own[:3], own[3:]))
+        text += (
+            f'<link name="{name}"/><joint name="{name}_joint" type="revolute">'
+            f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+            '<axis xyz="0 0 1"/><limit lower="-6" upper="6" effort="0" velocity="1"/></joint>'
+        )
+        parent = name
+    return text + (
+        f'<link name="tool0"/><joint name="flange" type="fixed"><parent link="{parent}"/>'
+        '<child link="tool0"/></joint></robot>'
+    )
+
+
+def origins_of(path: Path) -> list[list[float]]:
+    """x y z roll pitch yaw of every joint that turns."""
+    root = ElementTree.parse(path).getroot()
+    origins = [j.find("origin") for j in root.findall("joint[@type='revolute']")]
+    return [[float(v) for key in ("xyz", "rpy") for v in o.get(key, "").split()]
+            for o in origins if o is not None]  # fmt: skip
 
 
 def fitted(true: Array, points: Array) -> float:
@@ -62,9 +90,9 @@ class Day:
         points = np.einsum("pik,mk->pmi", points, tool)
         self.q, self.true = q[40:], points[40:]
         noisy = points[:40] + SIGMA * rng.normal(size=(40, 3, 3))
-        (folder / "arm.yaml").write_text(ur_text())
+        (folder / "arm.urdf").write_text(ur_urdf())
         marks = "\n".join(f"m{j + 1} = {(1e3 * m).tolist()}" for j, m in enumerate(MARKERS))
-        (folder / "cell.toml").write_text(CELL.format(ends="").replace("m1 = [80, 0, 40]", marks))
+        (folder / "cell.toml").write_text(CELL.format(marks=marks))
         with (folder / "data.csv").open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(
@@ -74,13 +102,10 @@ class Day:
                 writer.writerow([f"p{i}", f"m{j + 1}", *q[i], *noisy[i, j]])
         self.said = run(
             *("identify", folder / "cell.toml", folder / "data.csv"),
-            *("--kinematics", folder / "better.yaml", "--dh", folder / "better.csv"),
             *("--zero-offsets", folder / "zeros.csv", "--counts-per-deg", "elbow_joint=-1000"),
             *("--urdf", folder / "better.urdf"),
         )
         assert self.said.exit_code == 0, self.said.output
-        where = re.findall(r"; (m\d) is at \(([^)]*)\) mm there", self.said.output)
-        self.in_table = np.array([np.array(p.split(","), dtype=float) / 1e3 for _, p in where])
 
 
 @pytest.fixture(scope="module")
@@ -88,21 +113,11 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Day:
     return Day(tmp_path_factory.mktemp("day"))
 
 
-def test_the_makers_file_predicts_poses_never_measured(day: Day) -> None:
-    found = list(numbers(day.folder / "better.yaml").values())
+def test_the_file_predicts_poses_never_measured(day: Day) -> None:
+    found = origins_of(day.folder / "better.urdf")
     before, after = (best_tool(day, origins) for origins in (list(UR.values()), found))
-    print(f"UR file: {before * 1e3:.4f} -> {after * 1e3:.4f} mm")
-    assert "hash: calib_12345" in (day.folder / "better.yaml").read_text()
+    print(f"UR: {before * 1e3:.4f} -> {after * 1e3:.4f} mm")
     assert before > 1e-3 > 30 * after
-
-
-def test_the_dh_table_predicts_them_too(day: Day) -> None:
-    text = (day.folder / "better.csv").read_text()
-    T = np.array([dh_pose(text, "classic", p) for p in day.q])
-    points = np.einsum("pik,mk->pmi", T[:, :3, :3], day.in_table) + T[:, None, :3, 3]
-    assert fitted(day.true, points) < 2 * SIGMA
-    assert "is classic; name it so in the cell" in day.said.output
-    assert "beta (Hayati) at shoulder_lift_joint, elbow_joint" in day.said.output
 
 
 def test_zero_offsets_are_the_part_along_the_axes(day: Day) -> None:
@@ -121,7 +136,7 @@ def test_zero_offsets_are_the_part_along_the_axes(day: Day) -> None:
     assert 0.0 < float(said[2]) < float(said[1])
     nominal = [[*own[:3], *own[3:]] for own in UR.values()]
     shifted = day.q + np.radians([float(row["offset"]) for row in rows])
-    true = list(numbers(day.folder / "better.yaml").values())
+    true = origins_of(day.folder / "better.urdf")
 
     def points(origins: list[list[float]], q: Array) -> Array:
         T = np.array([rpy_pose(origins, p) for p in q])

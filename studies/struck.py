@@ -30,6 +30,7 @@ INSTEAD: dict[str, str] = {
     **dict.fromkeys(
         ("--mjcf", "--dh", "--dh-convention", "--kinematics"), "write the robot as URDF by `--urdf`"
     ),
+    "--differences": "leave it out: free and loaded readings identify compliances beside geometry",
     "iso9283": "give `posecal identify` a --holdout: it states the error at poses of their own",
 }
 """Command or option -> what to use in its place."""

@@ -10,7 +10,7 @@ fresh days.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, log10
 from typing import Literal
 
@@ -23,11 +23,10 @@ from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
-from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
 from calib.effects.context import ARM
 from calib.effects.timed import Timed
-from calib.identification.tuning import profiled
 from calib.model.covariance import determined
 from calib.poses import Poses
 
@@ -174,7 +173,7 @@ def causes_of(
     if not finding.named:
         return
     stage, after = finding.stage, finding.after
-    std = _deviations(stage, after, finding.scale)
+    std = _deviations(after, finding.scale)
     for named in finding.named:
         if _no_cause(finding, named):
             continue
@@ -223,16 +222,9 @@ def _no_cause(finding: Finding, named: Named) -> bool:
     return bool(_share_of(finding, named.entry) < _NO_SHARE and (std > candidate.limits).all())
 
 
-def _deviations(stage: Stage, after: Fit, scale: float) -> Array:
-    """Standard deviations of all values, shape (p,), NaN where the data do not determine the value.
-
-    Of tunings those of the profile likelihood, where that is no parabola.
-    """
-    std = np.where(determined(after.span), scale * np.sqrt(np.diag(after.covariance)), np.nan)
-    observation = stage.observation(after.model, after.weight)
-    observation = replace(observation, scatter=stage.scatter.at(after.variances))
-    profile = profiled(observation, after.values, after.span, std, scale)
-    return np.where(np.isfinite(profile), profile, std)
+def _deviations(after: Fit, scale: float) -> Array:
+    """Standard deviations of all values, shape (p,), NaN where the data do not determine the value."""
+    return np.where(determined(after.span), scale * np.sqrt(np.diag(after.covariance)), np.nan)
 
 
 def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -> Standing:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import Array, Mask, by_size, stacked
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
@@ -19,7 +19,6 @@ from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, nor
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
-_TURNS = 12  # rigid parameters and elastic differences in turn: each gains three digits
 _SETTLED = 1e-6  # of a plausible size, or of the standard deviations of the estimate
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
 
@@ -85,84 +84,9 @@ class Estimator:
         return dof - round(rows - float(np.trace(observation.model.by_prior @ follow.T)))
 
 
-@dataclass(frozen=True)
-class Differences(Estimator):
-    """Elastic parameters from differences between readings at equal joints.
-
-    Errors of geometry, the same with and without load, drop out of the differences. Base, tool and
-    other rigid parameters follow from the readings themselves; the two sets are found in turn.
-    """
-
-    def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
-    ) -> Minimum:
-        del most  # each of its turns takes few
-        soft = elastic_directions(observation.model, span)
-        values, iterations, settled = start, 0, False
-        for _ in range(_TURNS):
-            rigid = levenberg_marquardt(observation.flat, values, span[:, ~soft])
-            elastic = levenberg_marquardt(
-                points_of(observation, centred=True).flat, rigid.values, span[:, soft]
-            )
-            iterations += rigid.iterations + elastic.iterations
-            moved = np.abs(elastic.values - values) / observation.model.sizes
-            values = elastic.values
-            settled = bool(moved.max(initial=0.0) < _SETTLED)
-            if settled:
-                break
-        converged = rigid.converged & elastic.converged & settled
-        return Minimum(values, elastic.cost, converged, iterations)
-
-    def judged(
-        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
-    ) -> LinearProblem:
-        del kept  # differences are weighted by their noise: their minimum is the points' own
-        soft = span[:, elastic_directions(observation.model, span)]
-        return by_instrument(observation, values, soft, centred=True)
-
-    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
-        """Both sets are linear in the same readings: what the elastic ones owe to noise goes into
-        the rigid ones.
-        """
-        from_readings, from_differences = self._gains(observation, values, span)
-        gain = from_readings + from_differences
-        return np.asarray(gain @ gain.T)
-
-    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
-        read, centred = (o.rows(moved) for o in (observation, points_of(observation, centred=True)))
-        read, centred = (stacked(rows) for rows in (read, centred))
-        gains = self._gains(observation, values, span)
-        # What is known beside the readings comes last, and stays as it is.
-        from_readings, from_differences = (gain[:, : len(read)] for gain in gains)
-        return np.asarray(from_readings @ read + from_differences @ centred)
-
-    def _gains(self, observation: Observation, values: Array, span: Array) -> tuple[Array, Array]:
-        """How values follow weighted readings and their differences, both (p, N)."""
-        soft = elastic_directions(observation.model, span)
-        rigid, elastic = span[:, ~soft], span[:, soft]
-        _, J = observation.flat(values)
-        _, J_centred = points_of(observation, centred=True).flat(values)
-        to_rigid, to_elastic = np.linalg.pinv(J @ rigid), np.linalg.pinv(J_centred @ elastic)
-        k = len(to_rigid)
-        # Each set is fitted beside the other: where both stand still, all is solved together.
-        both = np.eye(span.shape[1])
-        both[:k, k:], both[k:, :k] = to_rigid @ J @ elastic, to_elastic @ J_centred @ rigid
-        settled = np.hstack([rigid, elastic]) @ np.linalg.inv(both)
-        return settled[:, :k] @ to_rigid, settled[:, k:] @ to_elastic
-
-    def dof(self, observation: Observation, span: Array) -> int:
-        numbers = observation.numbers
-        groups = (numbers[index] for index in by_size(observation.data.poses.configuration))
-        spare = sum(int((own.sum(axis=1) - own.max(axis=1)).sum()) for own in groups)
-        soft = int(elastic_directions(observation.model, span).sum())
-        return spare - soft if soft else -1
-
-
-def by_instrument(
-    observation: Observation, values: Array, span: Array, centred: bool = False
-) -> LinearProblem:
+def by_instrument(observation: Observation, values: Array, span: Array) -> LinearProblem:
     """The readings to first order, as if nothing but the instrument erred."""
-    points = replace(points_of(observation, centred=centred), scatter=None)
+    points = replace(points_of(observation), scatter=None)
     return points.linear(values, span)
 
 

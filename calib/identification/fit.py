@@ -16,9 +16,7 @@ import numpy as np
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.errors import CalibError
 from calib.identification.estimators import (
-    Differences,
     Estimator,
     choose_directions,
     elastic_directions,
@@ -75,7 +73,7 @@ class Estimation:
     choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
-    levels : VarianceEstimate, how whole poses err together; None for differences, where that drops out
+    levels : VarianceEstimate or None, how whole poses err together
     sizes : Widths, of errors, where they hold what the readings leave open
     """
 
@@ -159,8 +157,6 @@ class Estimation:
 
     def under_levels(self, cell: Cell) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
-        if isinstance(self.estimator, Differences):
-            return self
         problem = self._problem
         levels = levels_of(*problem, known=cell.repeatability)
         observation = replace(self.observation, scatter=problem[0].at(levels.variances))
@@ -197,15 +193,8 @@ def search(
 
     With something elastic in the model, gross outliers are first looked for under the rigid part
     alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
-
-    Raises CalibError where the estimator lacks the readings that it needs.
     """
     choice = _Choice.at(observation, start)
-    if estimator.dof(observation, choice.span) < 0:
-        raise CalibError(
-            "too few readings at equal joints for differences: each configuration must be measured "
-            "free and loaded, and the model must hold something elastic"
-        )
     if kept is None:
         kept = _stiffly_kept(estimator, observation, start, choice.span)
     best, choice = _fit(estimator, observation.only(kept), start, start, choice)
@@ -252,7 +241,7 @@ def search_with_noise_scales(
     start : ndarray, shape (p,), SI; raises as :func:`search` does
     """
     found = search(estimator, observation, start)
-    if not isinstance(observation, Points) or isinstance(estimator, Differences):
+    if not isinstance(observation, Points):
         return found
     for _ in range(_SCALE_ROUNDS):
         if not (by := _scales_left(found)):

@@ -58,12 +58,6 @@ class Identification(Result, Estimation):
     distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
         between measured and predicted points, m
     by_instrument : dict, (instrument, unit) -> dict of the same keys -> RMS of its errors in that unit
-    std_by_pose : ndarray, shape (p,), standard deviations if the points of a pose err together, as
-        they do under a model that lacks something; None where the poses are too few to tell
-    step_two_std : ndarray, shape (p,), standard deviations that would follow if base and tool were
-        known (the paper's step 2), NaN for base and tool
-    profiled : ndarray, shape (p,), standard deviations of tunings by the profile of the likelihood, NaN
-        where the covariance holds, or None
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
     unnoticed : covariance, shape (p, p), SI, that scatter adds which was not found, part of
         ``covariance``, and that scatter; None where it was found, or is known
@@ -84,9 +78,6 @@ class Identification(Result, Estimation):
     nominal: Array
     distances: dict[str, Array]
     by_instrument: dict[tuple[str, str], dict[str, float]]
-    std_by_pose: Array | None
-    step_two_std: Array
-    profiled: Array | None = None
     footprint: float = 1.0
     unnoticed: tuple[Array, Unnoticed] | None = None
     common: tuple[Considered, ...] = ()
@@ -142,8 +133,6 @@ class Identification(Result, Estimation):
             added, few = np.diag(self.unnoticed[0]), self.unnoticed[1].freedom
             added = np.clip(added, 0.0, own)  # below nothing is rounding
             own = own - added
-        if self.profiled is not None:
-            own = np.where(np.isfinite(self.profiled), self.profiled**2, own)
         common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
         return [(own, self.freedom), (added, few), *common]
 
@@ -176,16 +165,6 @@ class Identification(Result, Estimation):
     def systematic(self) -> Array:
         """What common errors add to the covariance of the values, shape (p, p), SI."""
         return sum((one.covariance for one in self.common), np.zeros_like(self.covariance))
-
-    @property
-    def optimism(self) -> Array:
-        """Factor by which step 2 alone understates each standard deviation, shape (p,).
-
-        NaN where step 2 has none.
-        """
-        return np.sqrt(self._variances[0][0]) / np.where(
-            self.step_two_std > 0.0, self.step_two_std, np.nan
-        )
 
     def interval(self, level: float = LEVEL) -> Array:
         """Coverage interval of each parameter, shape (p, 2), SI.

@@ -12,17 +12,17 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import CalibError, Unsolvable
-from calib.identification.estimators import Differences, Estimator, Method, steps
+from calib.identification.estimators import Estimator, Method
 from calib.identification.fit import Estimation, fitted
 from calib.identification.identification import Identification, Status
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
 from calib.identification.start import check_counts, initial_values, strayed, whitening
-from calib.identification.tuning import profiled, with_tunings
+from calib.identification.tuning import with_tunings
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
-from calib.model.covariance import clustered, covariance, ignorance
+from calib.model.covariance import ignorance
 from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
@@ -43,7 +43,6 @@ from calib.threads import one_blas_thread
 from calib.uncertainty.considered import considered
 
 _SHARE = 0.5  # of the errors that the readings determine where their sizes hold the others
-_POSES_PER_DIRECTION = 3  # fewer do not tell how poses scatter
 
 
 @one_blas_thread
@@ -56,7 +55,6 @@ def identify(
     method: Method = "joint",
     weighting: Weighting = "full",
     length: float = 1.0,
-    differences: bool = False,
 ) -> Identification:
     """Estimate the effects that the cell's model contains.
 
@@ -66,7 +64,6 @@ def identify(
     method : "joint" (all parameters at once) or "two-step" (the paper's section III, iterated)
     weighting, length : of approach pose: "full" propagated covariance, "normalised" by each
         component's own standard deviation, or "plain" with a characteristic length [m]
-    differences : elastic parameters from differences between readings at equal joints
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
@@ -77,7 +74,6 @@ def identify(
         method=method,
         weighting=weighting,
         length=length,
-        differences=differences,
     )
     held = predicted(cell, fit, heldout) if heldout is not None else None
     hidden = fit.by_unnoticed(cell)
@@ -92,30 +88,26 @@ def estimated(
     method: Method = "joint",
     weighting: Weighting = "full",
     length: float = 1.0,
-    differences: bool = False,
 ) -> tuple[Built, Array, Estimation]:
     """The estimate of :func:`identify` alone, before what is told of it; it raises the same.
 
     Returns the model, where the search started, shape (p,), and the estimate.
     """
-    check_options(approach, method, weighting, length, differences)
+    check_options(approach, method, weighting, length)
     built = build(cell, data.poses)
-    if differences and built.model.prior_rows:
-        raise CalibError("differences go without the widths of [model] size_prior; drop one")
     data = after_the_first_move(built.model, data)
-    asked = cell.size_prior == "estimated" and not differences
+    asked = cell.size_prior == "estimated"
     check_counts(built.model, data, _SHARE if asked else 1.0)
     refuse_idle_effects(cell, built.model, data.poses)
-    estimator = Differences() if differences else Estimator(method)
     try:
-        points, start = _points(cell, built.model, data, approach, differences)
+        points, start = _points(cell, built.model, data, approach)
         observation: Observation = (
             points
             if approach == "points"
             else as_poses(points, points.model.marker_positions(start), weighting, length)
         )
         errors = elementary(built.model, built.full) if asked else None
-        return built, start, fitted(cell, estimator, observation, start, errors)
+        return built, start, fitted(cell, Estimator(method), observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
 
@@ -162,9 +154,6 @@ def _identification(
         nominal=nominal,
         distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
         by_instrument=by_instrument,
-        std_by_pose=_std_by_pose(fit),
-        step_two_std=_step_two_std(counted, values, span) * widening,
-        profiled=profiled(counted, values, span, np.sqrt(np.diag(stated)), widening),
         footprint=model.footprint(values, data),
         unnoticed=hidden,
         common=considered(model, values, data, follow),
@@ -187,7 +176,7 @@ def _parts(
 
 
 def _points(
-    cell: Cell, model: Model, data: Measurements, approach: Approach, differences: bool
+    cell: Cell, model: Model, data: Measurements, approach: Approach
 ) -> tuple[Points, Array]:
     """What is fitted, whitened, its tunings found by a scan, and where the search starts (p,)."""
     start = initial_values(model, data)
@@ -200,8 +189,6 @@ def _points(
         if len(model.where(Tool)):
             start = with_measured_shape(model, data, start)
     points = Points(model, data, weights)
-    if differences:  # what is common to a configuration drops out of them
-        return points, start
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     return replace(points, known=scatter_of(model, start, data.poses, arm)), start
 
@@ -234,37 +221,7 @@ def _nominal(observation: Observation, start: Array) -> Array:
     return nominal
 
 
-def _std_by_pose(fit: Estimation) -> Array | None:
-    """Standard deviations from the scatter of whole poses, None where they are few."""
-    kept, counted, span = fit.kept, fit.counted, fit.span
-    if isinstance(fit.estimator, Differences) or not counted.efficient:
-        return None
-    if not 0 < _POSES_PER_DIRECTION * span.shape[1] <= int(kept.sum()):
-        return None
-    r, J = replace(points_of(counted), known=counted.known).linearise(fit.values)
-    held = counted.prior_residuals(fit.values)[1]
-    if not kept.all():
-        r, J = r[kept], J[kept]
-    cov = clustered(r, J, span, held)
-    if len(held):
-        known = counted.linear(fit.values, span).held_gains
-        cov = cov + known.T @ known
-    return np.sqrt(np.diag(cov))
-
-
-def _step_two_std(observation: Observation, values: Array, span: Array) -> Array:
-    """Standard deviations of the paper's step 2, base and tool taken as known; NaN for those."""
-    _, rest = steps(observation.model, span)
-    if not rest.shape[1]:
-        return np.full(len(values), np.nan)
-    _, J = observation.flat(values)
-    std = np.sqrt(np.diag(covariance(J, rest)))
-    return np.where(std > 0.0, std, np.nan)
-
-
-def check_options(
-    approach: str, method: str, weighting: str, length: float, differences: bool
-) -> None:
+def check_options(approach: str, method: str, weighting: str, length: float) -> None:
     """Refuse options that are unknown or do not go together."""
     for value, known in (
         (approach, ("points", "pose")),
@@ -275,8 +232,6 @@ def check_options(
             raise CalibError(f"{value!r} is unknown; choose {' or '.join(known)}")
     if not 0.0 < length < np.inf:
         raise CalibError(f"the characteristic length {length} must be a length above zero")
-    if differences and (approach != "points" or method != "joint"):
-        raise CalibError("differences go with approach points and method joint; drop one of them")
 
 
 def check_orientable(model: Model, data: Measurements, start: Array) -> None:

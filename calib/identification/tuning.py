@@ -1,8 +1,7 @@
-"""Tunings from the data: where a search for one begins, and how sure it is.
+"""Tunings from the data: where a search for one begins.
 
 The cost of a fit has many minima over cycles, a time constant or a moment, so it is scanned
-(:mod:`calib.identification.scan`). The same scan is the profile of the likelihood, from which intervals
-follow where it is no parabola.
+(:mod:`calib.identification.scan`).
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from calib.identification.estimators import choose_directions
 from calib.identification.scan import Carried, carried, falls, times
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
-from calib.observations import Observation, Points, points_of
+from calib.observations import Points
 from calib.poses import Poses
 from calib.solver import levenberg_marquardt
 
@@ -27,11 +26,6 @@ _ROUNDS, _SETTLED = 8, 0.05
 _FINER = 8  # parts into which a step of the grid is divided around the best
 _ANY = 1e4  # plausible sizes: amplitudes that nothing holds back
 _NOTHING = 1e-8  # share of a column that the rest leaves, below which it is none
-_WITHIN = 3.841  # rise of the cost in variances, at the ends of an interval of 95 per cent
-_END = 1.96
-_WIDE = 12.0  # the same for tunings that are looked at more closely
-_AROUND, _PARTS = 6.0, 48  # standard deviations on either side of the estimate, and points there
-_PARABOLA = 0.15  # by which the ends of an interval may leave those of the parabola
 
 
 def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
@@ -134,63 +128,3 @@ def _falls(effect: Tuned, poses: Poses, carried: Carried, tunings: Array) -> Arr
     f = effect.functions(poses, tunings).shape[-1]
     sizes = np.array([p.size for p in effect.amplitudes]).reshape(f, -1)
     return falls(carried, effect.functions(poses, tunings), _ANY * sizes.ravel())
-
-
-# -- how sure ----------------------------------------------------------------------------------
-
-
-def profiled(
-    observation: Observation, values: Array, span: Array, std: Array, factor: float
-) -> Array:
-    """Standard deviations of tunings by the profile of the likelihood, NaN where a parabola does, (p,).
-
-    span : ndarray, shape (p, k), directions that were fitted
-    std : ndarray, shape (p,), by the parabola
-    factor : float, actual over stated noise where whole poses do not err together
-    Half the interval of 95 per cent over 1.96, on the wider side.
-    """
-    model, points = observation.model, points_of(observation)
-    out = np.full(len(values), np.nan)
-    for effect, part in model.parts:
-        fitted = span[part.start].any() or part.start in model.still
-        if isinstance(effect, Tuned) and fitted and not effect.rests(values[part]):
-            own = _half_width(effect, part, points, values, span, std[part.start], factor)
-            out[part.start] = own / _END
-    return out
-
-
-def _half_width(
-    effect: Tuned,
-    part: slice,
-    points: Points,
-    values: Array,
-    span: Array,
-    std: float,
-    factor: float,
-) -> float:
-    """Half the interval, on its wider side; NaN where the parabola's will do."""
-    poses, at = points.data.poses, float(values[part.start])
-    r, J, (carrier,) = _linearised(points, values, [effect])
-    own = times(carrier, effect.functions(poses, np.array(at)))
-    others = span[:, ~span[part].any(axis=0)]
-    r = r + own @ values[part.start + 1 : part.stop]
-    problem = LinearProblem(r, J, others, mixing=points.mixing)
-    scan = carried(problem.complement, carrier)
-    grid = effect.grid(poses)
-    gain = _falls(effect, poses, scan, np.append(grid, at))
-    left = float((problem.independent[0] ** 2).sum() - gain[-1])
-    spread = left / max(1, int(points.numbers.sum()))
-    near = grid[gain[:-1] >= gain[-1] - _WIDE * max(1.0, spread)]
-    if effect.smooth:
-        near = np.append(near, at + std * np.linspace(-_AROUND, _AROUND, 2 * _PARTS + 1))
-    near = np.unique(np.append(near, at))
-    cost = -_falls(effect, poses, scan, near)
-    limit = _WITHIN * (1.0 if points.mixing is not None else factor**2)
-    inside = near[cost <= cost[near == at].min() + limit]
-    if effect.smooth:
-        half = float(np.abs(inside - at).max())
-        return np.nan if abs(half / (_END * std) - 1.0) <= _PARABOLA else half
-    read = np.unique(poses.clock)
-    before = read[np.searchsorted(read, inside, "right") - 1]
-    after = read[np.minimum(np.searchsorted(read, inside, "right"), len(read) - 1)]
-    return float(max((at - before).max(), (after - at).max()))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.instruments import Tracker
@@ -146,25 +146,6 @@ def _inverse(columns: Array) -> tuple[Array, Array]:
     scale = np.linalg.norm(columns, axis=0)
     scale = np.asarray(np.where(scale > 0.0, scale, 1.0), dtype=float)
     return np.asarray(np.linalg.pinv(triangle(columns / scale), rcond=_NUMERICAL)), scale
-
-
-def clustered(r: Array, J: Array, span: Array, held: Array) -> Array:
-    """Covariance of all p values when the rows of one pose err together, shape (p, p).
-
-    r : ndarray, shape (m, rows), residuals; J : ndarray, shape (m, rows, p); any common unit
-    held : ndarray, shape (h, p), derivatives of what is known beside the poses, exactly
-    Sandwich over the poses (Liang and Zeger, Biometrika 73(1), 1986) with the usual correction
-    m / (m - 1) (N - 1) / (N - k), N the number of rows that count. It takes the scatter from the
-    residuals themselves and wants several times more poses than k.
-    """
-    m, k = len(r), span.shape[1]
-    back, scale = _inverse(np.concatenate([condensed(stacked(J)), held]) @ span)
-    inverse = back / scale[:, None]
-    scores = (r[:, None] @ J)[:, 0] @ span @ inverse @ inverse.T
-    half = scores @ span.T
-    moved = span.any(axis=1)
-    N = sum(int(rows[..., moved].any(axis=-1).sum()) for rows in (*J, held))
-    return np.asarray(half.T @ half * (m / (m - 1) * (N - 1) / (N - k)))
 
 
 def correlation(cov: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, by_size
+from calib.arrays import Array, IntArray, Mask
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
@@ -153,12 +153,7 @@ class Points(Observation):
     """Every number of every reading: of a tracker, every coordinate of every marker.
 
     Rows are those of the c channels that were read, so many of each pose as of the one that has most.
-
-    centred : subtract the mean of each configuration: only differences between readings at equal
-        joints count, what is common to them (geometry) drops out
     """
-
-    centred: bool = False
 
     def whitened(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
@@ -171,9 +166,9 @@ class Points(Observation):
     def rows(self, J: Array) -> Array:
         """Weighted rows of a Jacobian (..., m, C, r, p), shape (..., m, r c, p).
 
-        It may have the c channels alone that are read, unless means are subtracted.
+        It may have the c channels alone that are read.
         """
-        J, W = self._relative(J), self.weights
+        W = self.weights
         *batch, m, C, _, p = J.shape
         at = np.arange(m)[:, None], self.data.read
         if at[1].shape[1] < W.shape[1]:
@@ -181,23 +176,9 @@ class Points(Observation):
         weighted = W @ J
         return weighted.reshape((*batch, m, math.prod(weighted.shape[-3:-1]), p))
 
-    def _relative(self, a: Array) -> Array:
-        """Subtract the weighted mean of each configuration: what its readings have in common."""
-        if not self.centred:
-            return a
-        out = np.empty_like(a)
-        group = self.data.poses.configuration
-        information = np.swapaxes(self.weights, -1, -2) @ self.weights
-        for index in by_size(group):
-            own, here = information[index], a[..., index, :, :, :]
-            total, weighted = own.sum(axis=1), (own @ here).sum(axis=-4)
-            mean = np.linalg.pinv(total, hermitian=True) @ weighted
-            out[..., index, :, :, :] = here - mean[..., None, :, :, :]
-        return out
 
-
-def points_of(observation: Observation, *, centred: bool = False) -> Points:
+def points_of(observation: Observation) -> Points:
     """The readings behind an observation, weighed by the instrument: by them poses are judged."""
     o = observation
     scatter = o.known if o.scatter is None else o.scatter
-    return Points(o.model, o.data, o.weights, centred, scatter=scatter, prior_weight=o.prior_weight)
+    return Points(o.model, o.data, o.weights, scatter=scatter, prior_weight=o.prior_weight)

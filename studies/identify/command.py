@@ -61,11 +61,6 @@ if TYPE_CHECKING:
     help="Length that converts rotations to mm in the plain weighting.",
 )
 @click.option(
-    "--differences",
-    is_flag=True,
-    help="Identify elastic parameters from loaded minus free readings at equal joints.",
-)
-@click.option(
     "--urdf",
     "urdf_path",
     metavar="OUT",
@@ -89,7 +84,6 @@ def identify(
     method: Method,
     weighting: Weighting,
     length_mm: float,
-    differences: bool,
     urdf_path: Path | None,
     zeros_path: Path | None,
     counts_per_deg: str | None,
@@ -120,7 +114,6 @@ def identify(
     with working(f"identifying {count} readings", SECONDS * count):
         found, record = identified(
             session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
-            differences=differences,
         )  # fmt: skip
     files, left_out = robot_texts(cell, found, urdf_path)
     if zeros_path is not None:

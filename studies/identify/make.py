@@ -59,7 +59,6 @@ def identified(
     method: Method = "joint",
     weighting: Weighting = "full",
     length_mm: float = 1000.0,
-    differences: bool = False,
 ) -> tuple[Identification, IdentifyRecord]:
     """Identify a session.
 
@@ -72,7 +71,7 @@ def identified(
     with faults_in(session.data_path, effects_of=cell.path):
         found = calib.identify(
             cell, data, heldout=held.heldout, approach=approach, method=method,
-            weighting=weighting, length=length_mm * 1e-3, differences=differences,
+            weighting=weighting, length=length_mm * 1e-3,
         )  # fmt: skip
     of_pose = approach == "pose"
     record = _record(
@@ -81,7 +80,6 @@ def identified(
         warnings=(*held.warnings, *said, *found.warnings),
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
-        differences=differences,
     )
     return found, record
 

@@ -33,8 +33,6 @@ class IdentifiedParameter(Entry):
     """An identified value; what belongs to its deviation is None where it was not estimated.
 
     degrees_of_freedom : behind ci95, None where the uncertainty counts as known
-    std_by_pose : if the points of a pose err together, as under a model that lacks something
-    step_two_optimism : factor by which it would be less if base and tool were known
     """
 
     id: str
@@ -45,8 +43,6 @@ class IdentifiedParameter(Entry):
     std: Annotated[MaybePositive, OWN_UNIT]
     ci95: Annotated[tuple[Number, Number] | None, OWN_UNIT]
     degrees_of_freedom: Maybe
-    std_by_pose: Annotated[Maybe, OWN_UNIT]
-    step_two_optimism: Maybe
     unit: str
 
     @property
@@ -83,15 +79,12 @@ class SizePrior(Entry):
 def parameter_entries(found: Identification) -> tuple[IdentifiedParameter, ...]:
     """The entries of all parameters, in the order of the model."""
     known = (found.std > 0.0) & np.isfinite(found.std)
-    nothing = np.full(len(found.values), np.nan)
     return IdentifiedParameter.from_each(
         found.model.parameters,
         value=found.values,
         std=np.where(known, found.std, np.nan),
         ci95=[own if k else None for own, k in zip(found.interval().tolist(), known, strict=True)],
         degrees_of_freedom=np.where(known, found.freedoms, np.nan),
-        std_by_pose=nothing if found.std_by_pose is None else found.std_by_pose,
-        step_two_optimism=found.optimism,
     )
 
 

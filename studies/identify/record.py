@@ -67,7 +67,6 @@ class IdentifyRecord(Record):
     command: Literal["identify"] = "identify"
     weighting: Literal["full", "normalised", "plain"] | None
     length_mm: Maybe
-    differences: bool
     holdout: str | None
     status: Literal["converged", "not_converged", "rank_deficient"]
     advice: str

@@ -179,7 +179,6 @@ def _by_pose(record: IdentifyRecord) -> list[tuple[Any, ...]]:
 _APPROACHES = {"points": "marker points", "pose": "full poses from the marker points"}
 _METHODS = {"joint": "all parameters at once", "two-step": "base and tool in turn with the rest"}
 _TOGETHER = 0.9  # correlation worth a line
-_BY_POSE, _OPTIMISM = 1.2, 1.05  # ratios worth a line
 _INTERVAL = doc.Rule(doc.TO_STD.show, absent="")
 _PARAMETERS = doc.columns(
     IdentifiedParameter,
@@ -204,10 +203,7 @@ def _parameters(record: IdentifyRecord) -> Iterator[doc.Part]:
         f"{plural(record.poses, 'reading')}, {plural(record.points, 'point')}",
         label="identified",
     )
-    how = ", elastic parameters from differences" * record.differences
-    yield doc.Sentence(
-        f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}{how}", label="method"
-    )
+    yield doc.Sentence(f"{_APPROACHES[record.approach]}, {_METHODS[record.method]}", label="method")
     for k, words in enumerate(noise_words(record.noise)):
         yield doc.Sentence(words, label="" if k else "noise")
     caption = (
@@ -260,32 +256,10 @@ def _doubts(record: IdentifyRecord) -> Iterator[doc.Sentence]:
     few = [name for name in record.unused_poses if name not in record.before_the_first_move]
     if few:
         yield doc.Sentence(f"{listed(few)}: too few markers for an orientation", "note", "unused")
-    together = _common_error(record)
-    if together > _BY_POSE:
-        yield doc.Sentence(
-            "the points of one pose err together. Counted by pose, the standard deviations are "
-            f"{doc.TENTH(together)} times these (median; JSON: std_by_pose)",
-            "note", "by pose",
-        )  # fmt: skip
-    worst = max((p.step_two_optimism or 0.0 for p in record.parameters), default=0.0)
-    if worst > _OPTIMISM:
-        yield doc.Sentence(
-            "these uncertainties include those of base and tool. If both were known, they would be up "
-            f"to {doc.TENTH(worst)} times smaller",
-            label="include",
-        )
     if record.absorbed:
         count = plural(len(record.absorbed), "redundant parameter")
         merged = "was" if len(record.absorbed) == 1 else "were"
         yield doc.Sentence(f"{count} {merged} merged into these (JSON: absorbed)", label="merged")
-
-
-def _common_error(record: IdentifyRecord) -> float:
-    """Median ratio of standard deviations by pose to those by point; 1 where it cannot be told."""
-    ratios = [p.std_by_pose / p.std for p in record.parameters if p.std and p.std_by_pose]
-    if not ratios or record.noise.source != "residual" or record.noise.scatters:
-        return 1.0
-    return float(np.median(ratios))
 
 
 def _correlated(record: IdentifyRecord) -> Iterator[tuple[str, str, float]]:

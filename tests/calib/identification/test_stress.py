@@ -137,14 +137,6 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     assert any("check units" in text for text in result.warnings)
 
 
-def test_differences_need_pairs(kr270: Cell) -> None:
-    rng = np.random.default_rng(4)
-    cell = with_effects(cell_of(kr270.robot, MARKERS, RIGID), *RIGID, "joint_compliance:A2")
-    data, _ = measured(cell, random_configurations(cell, rng, 40), rng)
-    with pytest.raises(CalibError, match="measured free and loaded"):
-        calib.identify(cell, data, differences=True)
-
-
 def test_held_out_points_keep_their_own_deviation(kr270: Cell) -> None:
     cell, data, rng = day(kr270, 5, 40, MARKERS)
     points = data.points[:20] + rng.normal(size=(20, 3, 3)) * 2e-4

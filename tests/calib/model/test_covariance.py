@@ -15,7 +15,6 @@ from calib.cell.targets import targets_of
 from calib.compensation.estimate import estimate_of
 from calib.model.covariance import (
     accuracy,
-    clustered,
     covariance,
     determined,
     errors_at,
@@ -116,8 +115,6 @@ def test_a_direction_that_moves_nothing_has_no_deviation() -> None:
     assert not found[2].any()
     lost = np.array([False, False, True])
     assert np.isfinite(ignorance(J, np.eye(3), np.ones(3), lost)).all()
-    rows = J.reshape(4, 3, 3)
-    assert np.isfinite(clustered(rows[..., 0], rows, np.eye(3), np.zeros((0, 3)))).all()
 
 
 def test_freedom_beyond_all_bounds_is_none() -> None:

@@ -142,7 +142,6 @@ def test_parameters_are_as_uncertain_as_refits_scatter(folder: Path, world: Worl
         {"method": "two-step"},
         {"approach": "pose"},
         {"approach": "pose", "weighting": "plain"},
-        {"differences": True},
     ],
     ids=str,
 )

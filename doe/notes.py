@@ -127,11 +127,6 @@ def _shapes(design: Design) -> Iterator[str]:
         more = f" and {len(cell.shapes.unread) - 3} more" if len(cell.shapes.unread) > 3 else ""
         yield f"shapes that cannot be read: {', '.join(cell.shapes.unread[:3])}{more}"
     for floor in design.problem.constraints:
-        if isinstance(floor, Floor) and floor.assumed:
-            yield (
-                f"the floor is taken at {floor.height * 1e3:.0f} mm, where the base stands. Set "
-                "[design] floor_mm to change it, or to false"
-            )
         if isinstance(floor, Floor) and floor.exempt:
             yield f"not checked against the floor, as always below it: {', '.join(floor.exempt)}"
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.cell.contacts import brought, touched
 from doe.assess import assess, open_parameters
 from doe.constraints import scene_of
 from doe.criteria.determinant import Determinant
@@ -162,11 +161,10 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     Returns as many poses; the criterion is never lower than before.
     """
     rng = np.random.default_rng(seed)
-    contacts = touched(problem.cell, q)
     blocks = problem.information(q)
     value = float(problem.criterion.value(M))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
-        kept, found, owner = _feasible(problem, *_neighbours(problem, q, contacts, width, rng))
+        kept, found, owner = _feasible(problem, *_neighbours(problem, q, width, rng))
         taken = np.full(len(q), -1)
         for slot in range(len(q)):
             own = np.flatnonzero(owner == slot)
@@ -185,11 +183,11 @@ def polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
 
 
 def _neighbours(
-    problem: Problem, q: Array, contacts: IntArray, width: float, rng: np.random.Generator
+    problem: Problem, q: Array, width: float, rng: np.random.Generator
 ) -> tuple[Array, IntArray]:
     """Poses near those of a plan (N, dof), some of each, and which one each of them is near.
 
-    contacts : of each, shape (N,); width : of the steps, by the joints' ranges
+    width : of the steps, by the joints' ranges
     """
     robot, levels = problem.cell.robot, problem.request.levels
     low, high = robot.sample_limits().T
@@ -202,7 +200,7 @@ def _neighbours(
     owner = np.repeat(np.arange(len(q)), _TRIES)
     if levels is not None:
         tries[:, levels.joint] = q[owner, levels.joint]
-    return brought(problem.cell, robot.tied(tries), contacts[owner], free), owner
+    return robot.tied(tries), owner
 
 
 def _feasible(problem: Problem, tries: Array, owner: IntArray) -> tuple[Array, Array, IntArray]:

@@ -49,13 +49,11 @@ class Shapes:
 
     capsules : dict, joint name or ``base`` or ``tool`` -> tuple of Capsule
     unread : tuple of str, shapes of the robot's file that could not be read, with the reason
-    stands_at : float, m, lowest point of the base's shapes in its frame, or None
     own : whether they are those of the robot's file
     """
 
     capsules: Mapping[str, tuple[Capsule, ...]] = field(default_factory=dict)
     unread: tuple[str, ...] = ()
-    stands_at: float | None = None
     own: bool = False
 
 

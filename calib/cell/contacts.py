@@ -1,4 +1,4 @@
-"""Where the arm meets what it touches: poses that are solved for, as none that is drawn lies there.
+"""Where the arm meets what it touches.
 
 A contact is a marker at a plane or a socket whose place the cell gives.
 """
@@ -6,20 +6,17 @@ A contact is a marker at a plane or a socket whose place the cell gives.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from calib.arm.approach import approached
-from calib.arm.kinematics import Frames, forward, point_slopes
+from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import rotate
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.instruments import Instrument
 from calib.poses import Poses
 
 TOUCHES = 1e-5  # m: a pose of a plan that misses by more touches nothing
-_MET = 1e-9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +36,9 @@ class Contact:
         """Rows (m, r), m, that are zero where markers (m, 3) touch."""
         return self.instrument.read(self.place, points[:, None])[:, 0]
 
-    def slopes(self, points: Array) -> Array:
-        """Their derivatives by the markers, (m, r, 3)."""
-        by = self.instrument.linearise(self.place, points[:, None]).by_points
-        each = np.eye(3) if by is None else by[:, 0]
-        return np.broadcast_to(each, (len(points), *each.shape[-2:]))
-
 
 def contacts_of(cell: Cell) -> tuple[Contact, ...]:
-    """All that the arm can be brought to, site by site; none where nobody says where they stand."""
+    """All that the arm can touch, site by site; none where nobody says where they stand."""
     found = []
     for instrument, part in cell.channels.blocks:
         if not instrument.touches or instrument.unforeseen:
@@ -80,31 +71,6 @@ def with_sites(cell: Cell, poses: Poses) -> Poses:
         return poses
     names = np.array([*(contact.site for contact in contacts_of(cell)), ""])
     return replace(poses, site=names[touched(cell, poses.q)])
-
-
-def brought(cell: Cell, q: Array, wanted: IntArray, free: Mask | None = None) -> Array:
-    """Configurations (m, dof) brought to the contacts wanted of each, (m,), where that is in reach.
-
-    wanted : positions among the contacts, -1 for none
-    free : ndarray of bool, shape (dof,), joints that may move, all without it
-    """
-    q = q.copy()
-    free = np.ones(q.shape[1], bool) if free is None else free
-    for k, contact in enumerate(contacts_of(cell)):
-        own = np.flatnonzero(wanted == k)
-        if len(own):
-            met = approached(cell.robot, q[own], free, partial(_missed, cell, contact))
-            there = _distance(cell, contact, met) < _MET
-            q[own[there]] = met[there]
-    return q
-
-
-def _missed(cell: Cell, contact: Contact, starts: IntArray, frames: Frames) -> tuple[Array, Array]:
-    del starts
-    points = _points(cell, contact, frames)
-    frame = cell.marker_frames[contact.marker]
-    slopes = point_slopes(cell.robot, frames, points, frame)
-    return contact.missed(points), contact.slopes(points) @ slopes
 
 
 def _points(cell: Cell, contact: Contact, frames: Frames) -> Array:

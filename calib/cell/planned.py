@@ -76,7 +76,7 @@ class Planned:
     repeats : bool, whether a pose may be measured more than once
     reapproaches : int or None, poses that are visited again
     obstacles : tuple of Body, in the order of the file
-    floor : float or None, m, height above which the arm keeps; floorless : bool, whether there is none
+    floor : float or None, m, height above which the arm keeps; None where there is none
     margin : float, m, distance that the arm keeps of floor and obstacles
     """
 
@@ -88,7 +88,6 @@ class Planned:
     reapproaches: int | None = None
     obstacles: tuple[Body, ...] = ()
     floor: float | None = None
-    floorless: bool = False
     margin: float = 0.0
 
 

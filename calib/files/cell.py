@@ -64,8 +64,7 @@ def planned(path: Path, robot: Robot, table: schema.DesignTable) -> Planned:
         targets_after=None if table.targets_after_h is None else table.targets_after_h * _HOUR,
         repeats=table.repeats,
         reapproaches=table.reapproaches,
-        floor=table.floor_mm * MM if isinstance(table.floor_mm, float) else None,
-        floorless=table.floor_mm is False,
+        floor=None if table.floor_mm is None else table.floor_mm * MM,
         margin=table.margin_mm * MM,
         obstacles=tuple(_body(obstacle) for obstacle in table.obstacle),
     )

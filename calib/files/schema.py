@@ -199,10 +199,14 @@ class HalfSpaceTable(TomlTable):
     normal: Direction
 
 
-FloorHeight = Annotated[
-    Annotated[Number, Tag("number")] | Annotated[Literal[False], Tag("none")],
-    Discriminator(lambda value: "none" if value is False else "number"),
-]
+def _no_switch(value: object) -> object:
+    """Refuse the value that said that there is no floor: none is assumed."""
+    if value is False:
+        raise ValueError("takes a height; leave it out where there is no floor")
+    return value
+
+
+FloorHeight = Annotated[Number, BeforeValidator(_no_switch)]
 
 
 class DesignTable(TomlTable):

@@ -33,17 +33,14 @@ def shapes_of(
     unread : shapes that are none of these; may grow while spans are taken
     """
     capsules: dict[str, list[Capsule]] = {}
-    lowest = []
     for (k, T), local, radius in spans:
         points = transformed(T, local)
-        if k == 0:
-            lowest.append(float(points[:, 2].min()) - radius)
         start, end, wide = enclosing_capsule(points)
         (a, b, c), (d, e, f) = start.tolist(), end.tolist()
         own = capsules.setdefault(("base", *joints)[k], [])
         own.append(Capsule((a, b, c), (d, e, f), wide + radius))
     found = {name: tuple(own) for name, own in capsules.items()}
-    return Shapes(found, tuple(unread), min(lowest, default=None))
+    return Shapes(found, tuple(unread))
 
 
 def corners(half: Array) -> Array:

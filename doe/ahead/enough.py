@@ -164,7 +164,8 @@ def enough(
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     known_after_all = result.needed is not None or result.beyond_reach
-    if goal is None or known_after_all or any(e.uses for e in model.effects):
+    unplanned = any(e.uses for e in model.effects) or any(i.touches for i in cell.instruments)
+    if goal is None or known_after_all or unplanned:
         return result
     q = _fresh(day, task, seed)
     if not len(q):

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.arrays import Array, TextArray
 from calib.cell import Cell
-from doe.constraints.limits import hanging_load, in_contact, joint_limits, joint_torque
+from doe.constraints.limits import hanging_load, joint_limits, joint_torque
 from doe.constraints.obstacles import Floor, floor_of, obstacles_of
 from doe.constraints.scene import Clearance, Constraint, Scene, moving_capsules, scene_of
 from doe.constraints.self_collision import clear_of_itself
@@ -29,7 +29,6 @@ def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
     """Constraints that can act in a cell, the cheap ones first."""
     found = (
         joint_limits(cell),
-        in_contact(cell),
         floor_of(cell),
         *(obstacles_of(cell) if moving_capsules(cell) else ()),
         clear_of_itself(cell),

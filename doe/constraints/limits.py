@@ -1,4 +1,4 @@
-"""What the arm can do where it stands: joint limits, a load that hangs, drives that hold, touch."""
+"""What the arm can do where it stands: joint limits, a load that hangs, drives that hold."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from calib.arm.se3 import skew
 from calib.arrays import Array, Mask
 from calib.cell import Cell, Load
-from calib.cell.contacts import touched
 from doe.constraints.scene import Constraint, Scene, turned
 
 _SLACK = 1e-9  # rad or m; a limit that is converted from degrees is still reached
@@ -32,22 +31,6 @@ def joint_limits(cell: Cell) -> JointLimits | None:
     """The limits of the cell's robot; None where all its joints turn without end."""
     limits = cell.robot.limits
     return JointLimits(limits) if np.isfinite(limits).any() else None
-
-
-@dataclass(frozen=True)
-class Touching(Constraint):
-    """A marker meets something: what the solver does not bring there is out of reach."""
-
-    name: str = "contact"
-
-    def allows(self, scene: Scene) -> Mask:
-        return np.asarray(touched(scene.cell, scene.q) >= 0)
-
-
-def in_contact(cell: Cell) -> Touching | None:
-    """Where all instruments are to be touched, and stand where the cell says; else None."""
-    all_touch = all(i.touches and not i.unforeseen for i in cell.instruments)
-    return Touching() if all_touch else None
 
 
 @dataclass(frozen=True, eq=False)

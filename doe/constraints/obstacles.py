@@ -23,7 +23,6 @@ from doe.constraints.distances import (
 from doe.constraints.scene import Clearance, Scene, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
-_UPRIGHT = 0.999  # cosine
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +94,11 @@ class Floor(Clearance):
     height : float, m, along the base's z axis; margin : float, m, that the arm keeps above it
     checked : positions in ``Scene.capsules``; exempt : names of capsules that reach below it
         practically everywhere: a column that turns in its base, or a coarse shape
-    assumed : whether nobody gave the height
     """
 
     height: float
     checked: tuple[int, ...]
     exempt: tuple[str, ...] = ()
-    assumed: bool = False
     margin: float = 0.0
     name: str = "floor"
 
@@ -119,9 +116,8 @@ def _lowest(scene: Scene, which: Sequence[int]) -> Array:
 
 
 def floor_of(cell: Cell) -> Floor | None:
-    """The floor that the cell gives, or that the robot's own shape stands on; None without either."""
-    given = cell.design.floor
-    height = assumed_height(cell) if given is None else given
+    """The floor that the cell gives; None without one."""
+    height = cell.design.floor
     if height is None:
         return None
     probe, margin = probe_scene(cell), cell.design.margin
@@ -130,15 +126,4 @@ def floor_of(cell: Cell) -> Floor | None:
     kept = (lowest > height + margin).mean(axis=0) > 1.0 - _ALWAYS
     checked = [i for i, above in zip(moving, kept, strict=True) if above]
     exempt = [probe.capsules[i].name for i in moving if i not in checked]
-    return Floor(height, tuple(checked), tuple(exempt), given is None, margin)
-
-
-def assumed_height(cell: Cell) -> float | None:
-    """Where the shape of an upright base ends below, by the robot's file, base frame [m].
-
-    None where the file does not tell, the cell says that there is no floor, or gives shapes itself.
-    """
-    pull = float(np.linalg.norm(cell.gravity))
-    upright = bool(pull) and -cell.gravity[2] > _UPRIGHT * pull
-    assumable = upright and cell.shapes.own and not cell.design.floorless
-    return cell.shapes.stands_at if assumable else None
+    return Floor(height, tuple(checked), tuple(exempt), margin)

@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.cell.contacts import brought, contacts_of
 from calib.cell.views import NUMBERS, looking, views_of
 from calib.errors import CalibError
 from calib.sobol import Sobol
@@ -50,8 +49,7 @@ def rounded(cell: Cell, q: Array) -> Array:
 def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iterator[Array]:
     """Scrambled Sobol configurations in chunks, the levels in turn; count in all.
 
-    In turn, too, they are brought to what is touched, and to where cameras see their boards, and left
-    for all instruments else.
+    In turn, too, they are brought to where cameras see their boards, and left for all instruments else.
     """
     low, high = cell.robot.sample_limits().T
     free = np.flatnonzero(movable(cell, levels))
@@ -66,35 +64,30 @@ def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iter
         if levels is not None:
             turn = np.arange(start, start + m) % len(levels.values)
             q[:, levels.joint] = levels.values[turn]
-        yield in_turn_brought(cell, cell.robot.tied(q), points[:, len(free) :], levels, start)
+        yield looking_in_turn(cell, cell.robot.tied(q), points[:, len(free) :], levels, start)
 
 
-def in_turn_brought(
+def looking_in_turn(
     cell: Cell, q: Array, even: Array, levels: AngleLevels | None, start: int = 0
 ) -> Array:
-    """Configurations (m, dof) for one instrument after the other: at a contact, in a view, anywhere.
+    """Configurations (m, dof) for one camera's view after the other, and for all other instruments.
 
     even : ndarray, shape (m, 6), in [0, 1), how a board stands in a view; (m, 0) where there is none
     start : int, how many went before
     """
-    contacts, views = contacts_of(cell), views_of(cell)
-    if not contacts and not views:
+    views = views_of(cell)
+    if not views:
         return q
     seeing = {view.camera.name for view in views}
-    others = int(any(not i.touches and i.name not in seeing for i in cell.instruments))
+    others = int(any(i.name not in seeing for i in cell.instruments))
     count = 1 if levels is None else len(levels.values)
-    ways = len(contacts) + len(views)
-    wanted = (np.arange(start, start + len(q)) // count) % (ways + others)
-    free = movable(cell, levels)
-    q = brought(cell, q, np.where(wanted < len(contacts), wanted, -1), free)
-    if views:
-        viewing = (wanted >= len(contacts)) & (wanted < ways)
-        seen = looking(cell, q, np.where(viewing, wanted - len(contacts), -1), even, free)
-        q = np.where(viewing[:, None], rounded(cell, seen), q)
-        if levels is not None:
-            q[:, levels.joint] = levels.values[np.arange(start, start + len(q)) % count]
-        q = cell.robot.tied(q)
-    return q
+    wanted = (np.arange(start, start + len(q)) // count) % (len(views) + others)
+    viewing = wanted < len(views)
+    seen = looking(cell, q, np.where(viewing, wanted, -1), even, movable(cell, levels))
+    q = np.where(viewing[:, None], rounded(cell, seen), q)
+    if levels is not None:
+        q[:, levels.joint] = levels.values[np.arange(start, start + len(q)) % count]
+    return cell.robot.tied(q)
 
 
 def movable(cell: Cell, levels: AngleLevels | None) -> Mask:

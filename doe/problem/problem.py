@@ -29,6 +29,7 @@ from doe.problem.request import (
     CannotIdentify,
     Request,
     direction_of,
+    refuse_touching,
     refuse_unplaced,
     rival_rows,
     subset_of,
@@ -126,6 +127,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     that no plan determines (CannotIdentify), a criterion that lacks what it needs.
     """
     refuse_unplaced(cell)
+    refuse_touching(cell)
     cell, unplanned = without_unplanned(cell)
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)

@@ -185,6 +185,16 @@ def refuse_unplaced(cell: Cell) -> None:
             )
 
 
+def refuse_touching(cell: Cell) -> None:
+    """Raise CalibError where an instrument is touched: no candidate is brought to it."""
+    for instrument in cell.instruments:
+        if instrument.touches:
+            raise CalibError(
+                f"poses that touch {instrument.kind} {instrument.name!r} are not planned for; choose "
+                "them by hand, and judge them with posecal compare"
+            )
+
+
 def no_candidate(
     count: int, removed: dict[str, int], where: str = "", found: int = 0, needed: int = 1
 ) -> str:

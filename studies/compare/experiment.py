@@ -175,8 +175,8 @@ def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
     apart = np.flatnonzero(touched(cell, plan.q) < 0)
     if len(apart) and all(instrument.touches for instrument in cell.instruments):
         raise CalibError(
-            f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; let "
-            "posecal design choose poses that do, or give joint values with more digits"
+            f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; choose "
+            "poses that do, or give joint values with more digits"
         )
 
 

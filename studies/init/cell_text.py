@@ -60,7 +60,7 @@ sigma_mm = 0.010               # EDIT: one standard deviation of one coordinate;
 poses = 30                     # EDIT: as many as you can measure in a day
 # targets = "targets.csv"      # target poses: joint columns, optional weight
 # targets_after_h = 1.0        # hours from the last reading to the work at the targets
-# floor_mm = 0.0               # the arm stays above it; false: no floor (posecal explain constraints)
+# floor_mm = 0.0               # the arm stays above it (posecal explain constraints)
 # [[design.obstacle]]          # needs the arm's shape: that of a URDF, or [robot.capsules_mm]
 # type = "halfspace"           # its normal points to the forbidden side
 # point_mm = [0, 900, 0]

@@ -207,6 +207,7 @@ CELL = _in(
         "an obstacle of no known shape": added('\n[[design.obstacle]]\ntype = "cone"\n'),
         "a floor in words": swap("levels = {", 'floor_mm = "low"\nlevels = {'),
         "a floor that is merely there": swap("levels = {", "floor_mm = true\nlevels = {"),
+        "a floor that is switched off": swap("levels = {", "floor_mm = false\nlevels = {"),
         "a key that was struck": swap("[instrument]", "[instrument]\nkeep_sight = true"),
         "a speed in another unit": added("\n[robot.speed_mm_s]\nA1 = 105\n"),
         "a day faster than the joints": added("\n[timing]\nspeed_percent = 120\n"),

@@ -183,12 +183,10 @@ def test_pairs_that_meet_at_the_zero_pose_are_named_and_not_checked(folder: Path
     assert not found.allows(scene_of(cell, q)).any()
 
 
-def test_the_floor_is_where_the_base_ends(folder: Path) -> None:
-    cell = load(folder)
-    assert cell.shapes.stands_at == pytest.approx(0.0, abs=1e-9)
+def test_the_floor_is_where_the_cell_says(folder: Path) -> None:
+    cell = load(folder, design="[design]\nfloor_mm = 0.0\n")
     floor = constraint(cell, Floor)
     assert isinstance(floor, Floor)
-    assert floor.assumed
     rng = np.random.default_rng(2)
     q = rng.uniform(-2.0, 2.0, (60, 4))
     allowed, lowest = floor.allows(scene_of(cell, q)), []
@@ -208,10 +206,8 @@ def test_the_floor_is_where_the_base_ends(folder: Path) -> None:
     ("said", "height"),
     [
         ({"design": "[design]\nfloor_mm = -300.0\n"}, -0.3),
-        ({"design": "[design]\nfloor_mm = false\n"}, None),
+        ({}, None),
         ({"robot": "capsules_mm = {}\n"}, None),
-        ({"gravity": "[gravity]\nm_s2 = [0, 0, 9.81]\n"}, None),
-        ({"gravity": "[gravity]\nm_s2 = [0, 0, -9.81]\n"}, 0.0),
     ],
 )
 def test_the_cell_says_otherwise(folder: Path, said: dict[str, str], height: float | None) -> None:

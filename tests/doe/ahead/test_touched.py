@@ -8,31 +8,26 @@ import numpy as np
 import pytest
 
 import calib
-from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.poses import Measurements, Poses, poses_at
 from doe.ahead.enough import Enough, enough
 from doe.ahead.foresee import foresee
-from tests.doe.constraints.test_touching import KINDS, SITES, at, planned, settled, to_socket
+from tests.doe.constraints.test_touching import KINDS, settled, to_socket, touching
 from tests.helpers import all_seen
 
 CELL = replace(KINDS["sockets"][0], repeatability=Repeatability(0.0, 0.0))
 SO_FAR = np.arange(7)
 
 
-def sites_of(q: Array) -> IntArray:
-    away = [np.sqrt(((at(q) - site) ** 2).sum(axis=1)) for site in SITES]
-    return np.argmin(np.stack(away, axis=1), axis=1)
-
-
 @pytest.fixture(scope="module")
 def plan() -> Poses:
-    return planned(CELL).poses
+    q, _ = touching("sockets")
+    return poses_at(q, names=[f"p{k:02d}" for k in range(len(q))])
 
 
 @pytest.fixture(scope="module")
 def whole(plan: Poses) -> Measurements:
-    site = sites_of(plan.q)
+    site = touching("sockets")[1]
     q = settled(plan.q, site, to_socket, np.random.default_rng(0))
     poses = poses_at(q, site=np.array(["a", "b"])[site], names=plan.names)
     return all_seen(poses, np.zeros((len(q), 1, 3)))

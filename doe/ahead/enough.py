@@ -21,7 +21,7 @@ from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.ahead.accuracy import Accuracy, ErrorFloor, ForecastStep, TaskError, error_floor
-from doe.ahead.coming import Match, loads_of_plan, match, whole_day
+from doe.ahead.coming import Match, match, whole_day
 from doe.ahead.forecast import Forecast, Offer
 from doe.curve import stops_paying
 from doe.plan import named
@@ -233,7 +233,7 @@ class Day:
         if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
         moved = moved_rows(at, data, at.weights(data, kept), known).J
-        forecast = Forecast.after(at, known, data).under(loads=loads_of_plan(at.cell))
+        forecast = Forecast.after(at, known, data)
         return cls(pose, forecast, moved)
 
     def read(self, done: Mask) -> LinearProblem:

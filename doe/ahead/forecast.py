@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from calib.arrays import Array, in_parts
-from calib.cell import Cell, Load
 from calib.linear import LinearProblem
-from calib.poses import Measurements, Poses
-from doe.ahead.coming import Conditions, TipLoad, conditions_of
+from calib.poses import Measurements, Poses, poses_at
+from calib.poses.moves import in_order
 from doe.constraints import constraints_of, scene_of, visible
 from doe.problem.levels import levels_of
 from doe.problem.linearisation import Linearisation
@@ -33,63 +32,55 @@ _MANY = 2  # rows of a configuration for each parameter, beyond which their tria
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Linearisation):
-    """A model to first order, what is known of it, and the conditions of the readings to come.
+    """A model to first order, and what is known of it.
 
     data : Measurements, the readings in hand; known : LinearProblem, of them and what is known beside
-    conditions : Conditions, of those to come
     """
 
     data: Measurements = field(kw_only=True)
     known: LinearProblem = field(kw_only=True)
-    conditions: Conditions = field(kw_only=True)
 
     @classmethod
     def after(cls, at: Linearisation, known: LinearProblem, data: Measurements) -> Self:
-        """With further readings under the conditions of ``data``, which are known to first order."""
+        """With readings that are known to first order."""
         off, held = at.model.prior_residuals(at.values)
         known = replace(known, off=off, held=held)
-        conditions = conditions_of(at.model.robot, data.poses)
-        return cls(**vars(at), data=data, known=known, conditions=conditions)
+        return cls(**vars(at), data=data, known=known)
 
-    def under(self, **changed: Any) -> Self:
-        """The same where some of the conditions are changed."""
-        return replace(self, conditions=replace(self.conditions, **changed))
-
-    def read(self, q: Array, poses: Poses) -> Array:
-        """Independent rows of configurations (m, dof), read as ``poses`` say, shape (m, r, p).
+    def offered(self, q: Array) -> Offer:
+        """Candidates (m, dof) with their rows, each read as a pose of a plan, where the data end.
 
         Where the arm stands no more, so soft would it be, they tell nothing.
         """
-        each, p = self.conditions.each, len(self.values)
-        numbers = int(self.model.readout.channels.rows.sum()) * each
-        parts = in_parts(len(q), numbers * p)
-        own = (poses.take(slice(part.start * each, part.stop * each)) for part in parts)
-        return np.concatenate(
-            [self._read(q[part], at) for part, at in zip(parts, own, strict=True)]
+        load, station = self.cell.load, self.data.poses.station[in_order(self.data.poses)[-1]]
+        masses = [0.0] if load is None else [0.0, load.mass]
+        each, p = len(masses), len(self.values)
+        poses = poses_at(
+            np.repeat(q, each, axis=0),
+            load_mass=np.tile(masses, len(q)),
+            load_com=np.zeros(3) if load is None else np.asarray(load.com),
+            station=np.full(len(q) * each, station),
+            stations=self.data.poses.stations,
         )
+        parts = in_parts(len(q), int(self.model.readout.channels.rows.sum()) * each * p)
+        own = (poses.take(slice(part.start * each, part.stop * each)) for part in parts)
+        read = [self._read(q[part], at, each) for part, at in zip(parts, own, strict=True)]
+        return Offer(q, np.concatenate(read))
 
-    def _read(self, q: Array, poses: Poses) -> Array:
-        conditions, reading = self.conditions, np.arange(len(poses))
-        seen = np.repeat(visible(scene_of(self.cell, q)), conditions.each, axis=0)
-        visit = reading // conditions.each, reading // conditions.each
+    def _read(self, q: Array, poses: Poses, each: int) -> Array:
+        """Independent rows of configurations (m, dof), read so often as ``poses`` say, (m, r, p)."""
+        seen = np.repeat(visible(scene_of(self.cell, q)), each, axis=0)
+        visit = np.arange(len(poses)) // each
         given = self.data.sigma[np.isfinite(self.data.sigma) & self.data.seen]
         sigma = float(np.median(given)) if len(given) else np.nan
-        rows = self.candidates(poses, seen, visit, sigma).by_reading
+        rows = self.candidates(poses, seen, (visit, visit), sigma).by_reading
         rows = rows.reshape(len(q), -1, rows.shape[-1])
         rows = np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
         many = rows.shape[1] > _MANY * rows.shape[2]
         return np.asarray(np.linalg.qr(rows, mode="r")) if many else rows
 
-    def in_order(self, q: Array) -> Array:
-        """Rows of configurations read one after the other, shape (m, r, p)."""
-        return self.read(q, self.conditions.in_order(self.model.robot, q))
-
-    def offered(self, q: Array) -> Offer:
-        """Candidates (m, dof) with their rows, each as the next pose to come."""
-        return Offer(q, self.read(q, self.conditions.alike(self.model.robot, q)))
-
     def feasible(self, count: int, seed: int) -> Array:
-        """Up to ``count`` configurations that the cell allows, under every load, (m, dof).
+        """Up to ``count`` configurations that the cell allows, free and with its load, (m, dof).
 
         They keep to the levels of the cell's design where the readings in hand do.
         """
@@ -97,26 +88,17 @@ class Forecast(Linearisation):
         if levels is not None and (levels.of(self.data.poses.q) < 0).any():
             levels = None
         for q in drawn(self.cell, _DRAWN, levels, seed):
-            found.append(self.allowed(q))
+            found.append(self._allowed(q))
             if sum(map(len, found)) >= count:
                 break
         return np.concatenate(found)[:count]
 
-    def allowed(self, q: Array) -> Array:
-        """The configurations of (m, dof) that the cell allows under every load."""
-        for load in self.conditions.loads:
-            for constraint in constraints_of(self._loaded(load)):
+    def _allowed(self, q: Array) -> Array:
+        """The configurations of (m, dof) that the cell allows, free and with its load."""
+        for load in dict.fromkeys((None, self.cell.load)):
+            for constraint in constraints_of(replace(self.cell, load=load)):
                 q = q[constraint.allows(scene_of(self.cell, q))] if len(q) else q
         return q
-
-    def _loaded(self, load: TipLoad) -> Cell:
-        """The cell with this load hanging, as its constraints are asked."""
-        if load.free:
-            return replace(self.cell, load=None)
-        mass = load.mass_under(self.cell.gravity)
-        x, y, z = load.com if load.mass else load.lever
-        tilt = np.pi / 2 if self.cell.load is None else self.cell.load.max_tilt
-        return replace(self.cell, load=Load(mass, (float(x), float(y), float(z)), tilt))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 from calib.api import readings
 from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.cell import Cell
-from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
+from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
@@ -36,14 +36,12 @@ class Linearisation:
 
     values : ndarray, shape (p,), SI
     arm : Variances, of whole poses, the instrument's actual over stated noise among them
-    silent : effects that these readings do not have
     """
 
     cell: Cell
     model: Model
     values: Array
     arm: Variances
-    silent: tuple[Effect, ...] = ()
 
     def of(self, data: Measurements, kept: Mask | None = None) -> LinearProblem:
         """Rows of readings, of which some count, shape (m,); beams end at their points."""
@@ -79,7 +77,7 @@ class Linearisation:
         # A model of its own: the last linearisation that a model remembers is no use to others.
         points, J = replace(self.model).jacobian(self.values, poses)
         W = weights(points)
-        rows = weighted(W, self._heard(J))
+        rows = weighted(W, J)
         if not self.arm.any:
             return LinearProblem.of_rows(rows if self.arm.scale == 1.0 else rows / self.arm.scale)
         scatter = self.scatter(poses, visit)
@@ -99,16 +97,6 @@ class Linearisation:
 
     def _whitening(self, poses: Poses, points: Array, sigma: Array) -> Array:
         return self.model.readout.whitening(self.values, poses, points, sigma)
-
-    def _heard(self, J: Array) -> Array:
-        """Derivatives (m, C, r, p) without those by what is silent."""
-        if not self.silent:
-            return J
-        heard = J.copy()
-        for effect, part in self.model.parts:
-            if any(effect is other for other in self.silent):
-                heard[..., part] = 0.0
-        return heard
 
 
 def weighted(W: Array, columns: Array) -> Array:

@@ -155,4 +155,4 @@ class Constraint(ABC):
 
 
 class Clearance(Constraint):
-    """One that keeps shapes apart: it must hold also where the last move to a pose begins."""
+    """One that keeps shapes apart."""

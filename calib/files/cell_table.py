@@ -122,10 +122,10 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
         return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
-    struck = _STRUCK.get(f"{keys[0]}.{keys[-1]}", _STRUCK.get(keys[-1]))
-    if kind == "extra_forbidden" and struck:
-        return f"is not a known key; {struck}"
     if kind == "extra_forbidden":
+        struck = _STRUCK.get(f"{keys[0]}.{keys[-1]}", _STRUCK.get(keys[-1]))
+        if struck:
+            return f"is not a known key; {struck}"
         close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
     if kind in ("union_tag_invalid", "union_tag_not_found"):

@@ -78,8 +78,8 @@ def test_poses_are_solved_for(tables: tuple[str, str], tmp_path: Path) -> None:
     even, free = rng.uniform(size=(1000, 6)), np.ones(6, dtype=bool)
     solved = looking(cell, q, np.zeros(1000, dtype=int), even, free)
     share = [visible(scene_of(cell, own)).all(axis=1).mean() for own in (q, solved)]
-    assert share[1] > 5.0 * share[0]
-    assert share[1] > 0.5
+    assert share[1] > 3.0 * share[0]
+    assert share[1] > 0.4
     (view,) = views_of(cell)
     wanted = view.placed(even, cell.robot.reach)
     off = np.abs(placed(cell, solved) - wanted).max(axis=(1, 2))
@@ -123,5 +123,5 @@ def test_the_cell_of_the_topic_sees_its_board(tmp_path: Path) -> None:
     kr270_cell(tmp_path, effects=EFFECTS)
     (tmp_path / "cell.toml").write_text(text.replace("arm.urdf", "kr270.urdf"))
     cell = load_cell(tmp_path / "cell.toml")
-    q = np.concatenate([own.q for own in drawn(cell, 1024, None, 0)])
+    q = np.concatenate(list(drawn(cell, 1024, None, 0)))
     assert visible(scene_of(cell, q)).any(axis=1).mean() > 0.2

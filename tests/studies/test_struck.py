@@ -11,7 +11,7 @@ from studies.struck import INSTEAD, remedy
 def test_what_to_use_is_said(name: str, tmp_path) -> None:
     if name in COMMANDS:
         pytest.skip("still a command")
-    call = name if not name.startswith("-") else f"identify {name}"
+    call = name if not name.startswith("-") else f"changes {name}"
     said = heard(call, tmp_path)
     assert said.status == 2
     assert len(said.err.splitlines()) == 1

@@ -148,7 +148,7 @@ def test_a_board_on_the_base_tells_the_head_of_the_torso(tmp_path: Path) -> None
     wall = SECOND.replace('"world"', '"base"').replace("[0, 0, 0]", "[0, 90, 0]")
     wall = wall.replace("[500, 0, 800]", "[900, 100, 1100]").replace("= 20", "= 40")
     cell = load_cell(written(tmp_path, PLATE, wall, EYE))
-    q = np.concatenate([own.q for own in drawn(cell, 3000, None, 0)])
+    q = np.concatenate(list(drawn(cell, 3000, None, 0)))
     seen = visible(scene_of(cell, q))
     each = [np.flatnonzero(seen[:, own].all(axis=1))[:40] for own in (slice(20), slice(20, None))]
     chosen = np.concatenate(each)

@@ -43,3 +43,8 @@ def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Me
     n = cell.noise
     noise = Noise(*(louder * s for s in (n.along, n.across, n.along_per_m, n.across_per_m)))
     return drawn_readings(model, values, poses, noise, np.random.default_rng(seed))
+
+
+def of_poses(data: Measurements, poses: list[int], count: int) -> Measurements:
+    """Free and loaded readings of some poses of the plan, all free ones first."""
+    return data.take(np.array([*poses, *(count + i for i in poses)]))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
 from studies.identify.errors import IdentifyResidual
 
-OF = {"pose": "p1", "marker": "m1", "heldout": False}
+OF = {"pose": "p1", "marker": "m1", "heldout": False, "instrument": "tracker"}
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -17,16 +16,3 @@ def test_one_to_three_lengths(count: int) -> None:
     assert own.metric
     assert own.vector == tuple(lengths.values())
     assert own.before == (1.0, 2.0, 3.0)[:count]
-
-
-@pytest.mark.parametrize(
-    ("numbers", "fault"),
-    [
-        ({"x_mm": 0.1, "u_px": 0.2, "v_px": 0.1, "nominal_mm": (1.0,)}, "some of either"),
-        ({"nominal_mm": (1.0,)}, "some of either"),
-        ({"x_mm": 0.1, "y_mm": 0.2, "nominal_mm": (1.0,)}, "not as many numbers before"),
-    ],
-)
-def test_one_unit_and_as_many_before(numbers: dict[str, object], fault: str) -> None:
-    with pytest.raises(ValidationError, match=fault):
-        IdentifyResidual.model_validate({**OF, **numbers})

@@ -55,7 +55,6 @@ def test_measurements_are_read_without_their_points(data: Path) -> None:
     done = run(folder / "cell.toml", folder / "measurements.csv", "--plan-only")
     assert done.exit_code == 0, done.output
     assert "base_drift:base = tracker_drift:instrument" in done.output
-    assert "another instrument" in " ".join(done.output.split())
 
 
 @pytest.mark.long

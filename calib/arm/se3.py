@@ -189,15 +189,6 @@ def so3_log(R: Array) -> Array:
     return out
 
 
-def same_turn(r: Array, like: Array) -> Array:
-    """The rotation vector (3,) of the same rotation as r (3,) that is nearest to another one."""
-    angle = float(np.linalg.norm(r))
-    if angle == 0.0:
-        return r
-    others = [r * (1.0 + 2.0 * np.pi * k / angle) for k in (-1, 0, 1)]
-    return np.asarray(min(others, key=lambda own: float(np.linalg.norm(own - like))))
-
-
 def so3_right_jacobian(r: Array) -> Array:
     """J with ``exp(r + dr) = exp(r) exp(J dr)`` to first order.
 

@@ -92,12 +92,3 @@ def test_products_do_not_depend_on_how_arrays_lie_in_memory(order: str) -> None:
     np.testing.assert_allclose(se3.cross(a, b), np.cross(a, b), atol=1e-14)
     twice = np.cross(a, np.cross(b, w))
     np.testing.assert_allclose(se3.rotate(se3.double_cross(a, b), w), twice, atol=1e-13)
-
-
-def test_a_turn_by_half_a_circle_has_two_vectors() -> None:
-    r = np.array([np.pi - 1e-3, 0.01, -0.02])
-    away = r * (1.0 - 2.0 * np.pi / np.linalg.norm(r))
-    np.testing.assert_allclose(se3.so3_exp(away), se3.so3_exp(r), atol=1e-12)
-    np.testing.assert_allclose(se3.same_turn(away, r), r, atol=1e-12)
-    np.testing.assert_allclose(se3.same_turn(r, r), r)
-    assert not se3.same_turn(np.zeros(3), r).any()

@@ -11,7 +11,12 @@ from calib.poses.moves import alike, visits
 
 
 def drift_p(data: Measurements) -> float | None:
-    """Probability by chance that points at equal joints and loads move as steadily (F test)."""
+    """Probability by chance that points at equal joints and loads move as steadily, None without any.
+
+    Only points that every such reading shows are compared. The mean displacement of each visit from its
+    pose's mean is regressed on six rates of a rigid motion. An F test sets what they explain against
+    the rest of the rigid displacements.
+    """
     from scipy.special import fdtrc
 
     poses, state, stay = data.poses, alike(data.poses), visits(data.poses)
@@ -38,6 +43,7 @@ def drift_p(data: Measurements) -> float | None:
 
 
 def _mean(values: Array, of: IntArray) -> Array:
+    """Means (g, ..) of values (n, ..) over the groups ``of`` (n,), numbered from zero."""
     sums = np.zeros((of.max() + 1, *values.shape[1:]))
     np.add.at(sums, of, values)
     return sums / np.bincount(of).reshape(-1, *[1] * (values.ndim - 1))

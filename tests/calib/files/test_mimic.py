@@ -146,7 +146,7 @@ def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[
     robot, _ = arm
     here = cell(robot)
     assert follows(robot, sobol_poses(here, 50, 0).q)
-    assert follows(robot, np.concatenate([own.q for own in drawn(here, 200, None, 0)]))
+    assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
     tips = forward(robot, sobol_poses(here, 3, 1).q)
     reference = robot.tied(robot.sample_limits().mean(axis=1))
     for found in solutions(robot, tips.R[:, -1], tips.o[:, -1]):

@@ -69,8 +69,8 @@ def cases(out: Path) -> dict[str, list[str]]:
             found[f"diagnose-{name}"] = [f"posecal diagnose {call}/diagnose-{name}.json"]
     for name in ("no_effect", "one_effect"):
         folder = DATA / "examples" / name
-        tables = f"{folder}/cell.toml {folder}/measurements.csv --holdout {folder}/heldout.csv"
-        found[f"diagnose-{name}"] = [f"posecal diagnose {tables} --json {out}/diagnose-{name}.json"]
+        named = f"{folder}/cell.toml {folder}/measurements.csv --holdout {folder}/heldout.csv"
+        found[f"diagnose-{name}"] = [f"posecal diagnose {named} --json {out}/diagnose-{name}.json"]
     for name in DESIGNED:
         cell, plan = f"{DATA}/{name}/cell.toml", f"-o {out}/design-{name}.csv"
         found[f"design-{name}"] = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -13,10 +12,9 @@ from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView
 from calib.diagnosis.profile import likelihood_problem
-from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, score, scored
+from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, scored
 from calib.diagnosis.stage import Stage
 from calib.diagnosis.subsets import names_for_curve
-from calib.effects.context import ARM
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
@@ -28,7 +26,6 @@ _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 _CALLED = 12  # causes by name, of which some may stand for a curve
 _COMES_BACK = 30.0  # gain that one must have that has left: else it would enter and leave in turn
 _LENIENT = 3.0  # gain that a member may lack
-_A_FAMILY = 3  # places at which a kind is asked
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
 _APART = 0.7  # of its fall that a second newcomer keeps beside the first
@@ -58,36 +55,10 @@ class Round:
     new: set[str] = field(default_factory=set)
 
     def pays(self, found: Score, candidate: Candidate | None = None) -> bool:
-        """Whether a score earns its holder a place: among all, or those of a family that shows."""
-        asked = self.asked
-        if candidate is not None and candidate.effect.kind in self.families:
-            asked = self.families[candidate.effect.kind]
+        """Whether a score earns its holder a place among all that were asked."""
         if candidate is not None and candidate.key in self.left and found.gain < _COMES_BACK:
             return False
-        return bool(found.gain > 2.0 * np.log(asked) and found.p * asked < ALPHA)
-
-    @cached_property
-    def families(self) -> dict[str, int]:
-        """Kinds that show at many places at once, and at how many each was asked.
-
-        One variance over all places of a kind: it pools evidence that no place has alone. The family is
-        a licence and enters nothing itself: its members are asked among their own kind alone. Of causes
-        with a tuning, each at its own best, no common variance speaks.
-        """
-        found = {}
-        for kind in dict.fromkeys(c.effect.kind for c in self.view.suspects if c.named):
-            members = [
-                c
-                for c in self.view.suspects
-                if c.effect.kind == kind and not (c.where == ARM or c.echo or c in self.active)
-            ]
-            if len(members) < _A_FAMILY or any(c.tried > 1 for c in members):
-                continue
-            columns = np.concatenate([self.view.where[c.key] for c in members])
-            sizes = np.concatenate([[p.size for p in c.amounts] for c in members])
-            if self.pays(score(self.view.complement, columns, np.diag(sizes**2))):
-                found[kind] = len(members)
-        return found
+        return bool(found.gain > 2.0 * np.log(self.asked) and found.p * self.asked < ALPHA)
 
     def stays(self, found: Score) -> bool:
         """Whether a score is enough for a selected effect to stay.

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import prod
 
 import numpy as np
 
@@ -54,18 +53,16 @@ class LikelihoodProblem:
         """Levels of noise without any of the suspects."""
         return self.search()
 
-    def score(self, *suspects: Candidate, searched: bool = True) -> Score:
-        """Likelihood ratio of a suspect, or of causes by name together, variances found anew.
+    def score(self, suspect: Candidate, searched: bool = True) -> Score:
+        """Likelihood ratio of a suspect, variances found anew.
 
         searched : whether they are searched for, else to second order
         """
         from scipy.special import chdtrc
 
-        first = suspects[0]
-        if first.spread is not None:
-            return self._curve(first, first.spread, searched)
-        own = np.concatenate([self.at[c.key] for c in suspects])
-        limits = np.concatenate([c.limits for c in suspects])
+        if suspect.spread is not None:
+            return self._curve(suspect, suspect.spread, searched)
+        own, limits = self.at[suspect.key], suspect.limits
         prior = np.diag(1.0 / limits)
         if searched:
             problem = self._with(own, prior)
@@ -78,7 +75,7 @@ class LikelihoodProblem:
         # Of each parameter what the readings say of it beside its prior.
         k = max(int(np.count_nonzero(told * limits > 1.0 + VISIBLE)), 1)
         price, p = k * float(np.log(max(self.rows, 1))), float(chdtrc(k, fall))
-        return Score(fall, fall, price, p).counted(prod(c.choices for c in suspects))
+        return Score(fall, fall, price, p).counted(suspect.choices)
 
     def _curve(self, curve: Candidate, spread: Array, searched: bool) -> Score:
         """Ratio of the marginal likelihood of a curve's coefficients, at its best amplitude."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,7 +29,6 @@ _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
 _STANDS = 0.8  # of the gain with which a member has proved itself, above which it need not again
 _APART = 0.7  # of its fall that a second newcomer keeps beside the first
 _MOST_AT_ONCE = 12
-_PAIRS = 6  # the most promising, that are judged in full
 _LEADING = (4, 2)  # causes by name, and curves, whose variances are found anew
 
 
@@ -137,31 +135,10 @@ def _newcomers(state: Round) -> list[Candidate]:
     chosen = _entering(state, scores, eligible)
     if not chosen and state.fresh and view.fit.mixing is not None:
         scores = _anew(state, scores, eligible)
-        chosen = _entering(state, scores, eligible) or _pair(state)
+        chosen = _entering(state, scores, eligible)
     state.proved.update({c.key: scores[c.key].gain for c in chosen if c.key in scores})
     state.new.update(c.key for c in chosen)
     return chosen
-
-
-def _pair(state: Round) -> list[Candidate]:
-    """Two causes at one joint that pay together where neither pays alone; none else.
-
-    At few configurations each may be lost in what the other leaves to scatter. Asked are pairs at the
-    joints that scatter, and paid is for the choice among all pairs that there are.
-    """
-    fit, robot = state.view.fit, state.view.fit.model.robot
-    scattering = np.flatnonzero(fit.variances.configuration[: robot.dof])
-    places = [robot.joints[k] for k in scattering]
-    eligible = [c for c in _eligible(state.active, state.view) if c.named and c.where in places]
-    pairs = [pair for pair in combinations(eligible, 2) if pair[0].where == pair[1].where]
-    if not pairs:
-        return []
-    here = likelihood_problem(state.stage, state.view, eligible)
-    pairs.sort(key=lambda pair: -here.score(*pair, searched=False).fall)
-    scores = {pair: here.score(*pair) for pair in pairs[:_PAIRS]}
-    best = max(scores, key=lambda pair: scores[pair].gain)
-    paid = replace(state, asked=state.asked * (state.asked - 1) // 2).pays(scores[best])
-    return list(best) if paid else []
 
 
 def _entering(

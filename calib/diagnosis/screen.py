@@ -129,37 +129,12 @@ class Field:
             own = own - self.modelled_part[:, these].T @ self.modelled_part[:, those]
         return own if self.whole is None else own + self.whole.crossed(these, those)
 
-    def condensed(self, columns: IntArray) -> Field:
-        """The products and cost of some columns, in as few rows as there are of these."""
-        own = self.take(columns)
-        R = np.asarray(np.linalg.qr(np.column_stack([own.X, own.r]), mode="r"))
-        return replace(own, columns=R[:, :-1], r=R[:, -1])
-
-    def take(self, columns: IntArray) -> Field:
-        """The field of some columns alone, all rows in one."""
-        X, r, part = self.projected(columns), self.r, self.whole
-        while part is not None:
-            X, r = np.concatenate([part.projected(columns), X]), np.concatenate([part.r, r])
-            part = part.whole
-        return Field(X, r, self.lengths[columns], self.rows, self.dof)
-
-    def without(self, columns: IntArray) -> Field:
-        """The field with some of its own columns projected out as well."""
-        U = self.basis(columns)
-        X, r = self.X - U @ (U.T @ self.X), self.r - U @ (U.T @ self.r)
-        return replace(self, columns=X, r=r, modelled=None, dof=self.dof - U.shape[1])
-
     def projected(self, columns: IntArray) -> Array:
         """Some columns with everything modelled projected out, shape (N, k)."""
         own = self.columns[:, columns]
         return (
             own if self.modelled is None else own - self.modelled @ self.modelled_part[:, columns]
         )
-
-    def basis(self, columns: IntArray) -> Array:
-        """Orthonormal directions (N, k) of some columns, those that cannot be seen left out."""
-        own, T = self.take(columns).X, self.directions(columns)
-        return np.asarray(own @ T)
 
     def directions(self, columns: IntArray) -> Array:
         """``T``, shape (K, k), that makes columns (N, K) the orthonormal directions ``X T``."""
@@ -356,9 +331,7 @@ def _curves(field: Field, columns: IntArray, spread: Array) -> list[Score]:
     ]
 
 
-def weighted_test(
-    field: Field, columns: IntArray, spread: Array, mean: bool = False
-) -> tuple[float, float]:
+def weighted_test(field: Field, columns: IntArray, spread: Array) -> tuple[float, float]:
     """Probability of as much of some columns (k,) by chance, and by how much the sum of squares falls.
 
     With d the variances a priori of their signal along its principal axes and z the residual there, in
@@ -366,8 +339,6 @@ def weighted_test(
     absorbs weigh nothing, where a chi-square would give all the same.
 
     spread : ndarray, shape (k, k), covariance of their coefficients a priori
-    mean : whether they are weighed against the mean of d, a signal about as large as the noise with
-        which the data determine it; else against the noise
     """
     d, along = along_prior(*field.products(columns), cholesky_of(spread))
     longest = float((field.lengths[columns] ** 2).max(initial=0.0))
@@ -376,7 +347,7 @@ def weighted_test(
         return 1.0, 0.0
     d = d[seen]
     squares = along[seen] ** 2 / d
-    w = d / (d + (d.mean() if mean else field.spread))
+    w = d / (d + field.spread)
     statistic = float(w @ squares) / field.spread
     chance = (
         ratio_above(w, field.dof, statistic) if field.noise_refuted else chance_above(w, statistic)

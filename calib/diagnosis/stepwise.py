@@ -13,7 +13,6 @@ from calib.diagnosis.lineup import FitView
 from calib.diagnosis.profile import likelihood_problem
 from calib.diagnosis.screen import NOTHING, Field, Score, ScoreRequest, scored
 from calib.diagnosis.stage import Stage
-from calib.diagnosis.subsets import names_for_curve
 from calib.effects.protocol import ElasticEffect, LoadEffect
 
 ALPHA = 0.01
@@ -22,7 +21,6 @@ _CHALLENGE = 3.0  # gain by which a rival must lead to take a place
 _NAMED_SHARE = 0.9  # of the leader's evidence at which a cause by name is preferred to a curve
 _CURVES_TOO = 0.2  # of the best curve's gain: a name with more is taken before curves are judged
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
-_CALLED = 12  # causes by name, of which some may stand for a curve
 _COMES_BACK = 30.0  # gain that one must have that has left: else it would enter and leave in turn
 _LENIENT = 3.0  # gain that a member may lack
 _BEYOND_DOUBT = 200.0  # gain that no choice of variances takes away
@@ -89,14 +87,7 @@ def next_selection(state: Round) -> tuple[Candidate, ...]:
         if best is not None:
             return (*rest, best)
         state.proved[member.key] = own.gain
-    newcomers = _newcomers(state)
-    if newcomers:
-        return (*active, *newcomers)
-    for curve in (c for c in active if not c.named):
-        names = _by_name(view.without(curve), state, curve)
-        if names:
-            return (*(c for c in active if c is not curve and c not in names), *names)
-    return active
+    return (*active, *_newcomers(state))
 
 
 def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
@@ -153,7 +144,7 @@ def _entering(
     if curve is not None:
         first = scores[named[0].key] if named else NOTHING
         if first.gain < _CURVES_TOO * scores[curve.key].gain:
-            return _by_name(state.view.complement, state, curve) or [curve]
+            return [curve]
     chosen = named[:1]
     for c in named[1:_MOST_AT_ONCE]:
         if all(
@@ -194,20 +185,6 @@ def anything_elastic(active: Sequence[Candidate], view: FitView) -> bool:
     asked = {id(c.effect) for c in view.suspects}
     effects = [e for e in view.fit.model.effects if id(e) not in asked]
     return any(isinstance(e, ElasticEffect) for e in (*effects, *(c.effect for c in active)))
-
-
-def _by_name(beside: Field, state: Round, curve: Candidate) -> list[Candidate]:
-    """The named causes that together explain what a curve does; empty where none do."""
-    if curve.spread is None:
-        return []
-    view = state.view
-    names = [c for c in _eligible((), view) if c.named]
-    scores = linear_scores(beside, view, names)
-    named = [c for c in names if scores[c.key].gain > 0.0]
-    named = sorted(named, key=lambda c: -scores[c.key].gain)[:_CALLED]
-    at = [view.where[c.key] for c in named]
-    found = names_for_curve(beside, view.where[curve.key], curve.spread, at, state.pays)
-    return [named[i] for i in found]
 
 
 def _anew(

@@ -79,7 +79,7 @@ class Diagnosis(Result, Finding):
     @property
     def suspects(self) -> tuple[Candidate, ...]:
         """Every candidate cause of the diagnosis."""
-        return tuple(c for c in self.outcome.suspects if not c.echo)
+        return tuple(self.outcome.suspects)
 
     def sentences(self) -> list[str]:
         gap, (_, unit, scale) = self.gap, self.before.model.readout.channels.shown

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from calib.arrays import Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
@@ -13,7 +11,6 @@ from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.causes import (
     Cause,
     GapPlace,
-    Standing,
     VerdictName,
     causes_of,
     located,
@@ -25,7 +22,6 @@ from calib.diagnosis.cross_validation import BY_TIME, reselected
 from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
-from calib.diagnosis.imitated import Imitated, imitated
 from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
@@ -47,7 +43,6 @@ _MOST = 5  # places that a summary names
 class Diagnosis(Result, Finding):
     """Result of :func:`diagnose`: what was found, and what follows from it.
 
-    imitated : tuple of Imitated, causes that parameters of the user's model stand for
     sides : tuple of SideShare, of camera, board and arm, empty without a camera
     rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out
@@ -59,7 +54,6 @@ class Diagnosis(Result, Finding):
 
     verdict: VerdictName
     causes: tuple[Cause, ...]
-    imitated: tuple[Imitated, ...]
     sides: tuple[SideShare, ...]
     rest: Rest
     located: tuple[GapPlace, ...]
@@ -98,7 +92,6 @@ class Diagnosis(Result, Finding):
             f"Diagnosis: {self.verdict}; what remains: {self.rest.kind}",
             f"RMS error: {', '.join(errors)}; noise {gap.floor / scale:.3g} {unit}",
             *self.warnings,
-            *(f"the model stands for {c.candidate.key}: {c.value:.3g}" for c in self.imitated),
             *(f"no cause named: {place!r}" for place in places),
         ]
 
@@ -140,11 +133,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
-    stood_for = tuple(imitated(finding))
-    open_ones: list[Standing] = ["one_of"] * len(stood_for)
-    concluded = verdict_of([*(c.standing for c in causes), *open_ones], rest)
+    concluded = verdict_of([c.standing for c in causes], rest)
     places = located(finding, causes, not rest.closed)
-    places += tuple(GapPlace(c.where, c.candidate.depends_on, np.nan) for c in stood_for)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
     gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
@@ -152,13 +142,12 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         gap = replace(gap, crossed=(anew.before, anew.after))
     if by_time and (over := reselected(finding.linear, outcome, finding.named, by_time=True)):
         gap = replace(gap, over_time=(over.before, over.after))
-    entered = {c.named.candidate.key for c in causes} | {c.candidate.key for c in stood_for}
+    entered = {c.named.candidate.key for c in causes}
     weak = tuple(weak_of(finding))
     return Diagnosis(
         **fields_of(replace(finding, refused=finding.refused + weak)),
         verdict=concluded,
         causes=tuple(c for c in causes if not c.displaced),
-        imitated=stood_for,
         sides=sides_of(outcome, finding.scale),
         rest=rest,
         located=places if concluded != "no_gap" else (),

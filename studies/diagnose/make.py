@@ -19,7 +19,6 @@ from calib.diagnosis.causes import Cause
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.error_curve import ErrorCurve, error_curve
 from calib.diagnosis.gap import rms, side_of, squared_errors
-from calib.diagnosis.imitated import Imitated
 from calib.diagnosis.spectra import Spectrum, spectra
 from calib.effects import Effect
 from calib.files.cell_out import extended_cell
@@ -113,10 +112,7 @@ def diagnose_record(
             grows_with_range=found.growth,
             **noise_fields(noise, found.after.levels, found.stage.scatter, model, footprint),
         ),
-        effects=[
-            *(_effect(cause, spectra, tip) for cause in found.causes),
-            *(_imitated(own) for own in found.imitated),
-        ],
+        effects=[_effect(cause, spectra, tip) for cause in found.causes],
         located=LocatedPlace.from_each(found.located, where=where(found.located)),
         gap=GapEntry.from_result(found.gap, model.readout.channels.shown),
         could_not_see=DetectionLimitEntry.from_each(found.hidden, where=where(found.hidden)),
@@ -152,23 +148,6 @@ def _alike(members: Iterable[tuple[Candidate, float]], tip: str = "") -> tuple[L
     return tuple(
         LikelyCause(effect=own.effect.kind, where=_at(own.where, tip), probability=probability)
         for own, probability in members
-    )
-
-
-def _imitated(own: Imitated) -> FoundCause:
-    """A cause that the parameters of the user's model stand for."""
-    effect = own.candidate.effect
-    return FoundCause(
-        effect=effect.kind,
-        where=own.where,
-        probability=own.members[0][1],
-        p_value=own.p,
-        shape_p_value=None,
-        alike=_alike(own.members),
-        parameters=CauseParameter.from_each(effect.parameters, value=[own.value], std=[own.std]),
-        share_of_gap=None,
-        standing="one_of",
-        decided_by=_decided_by([c.effect for c, _ in own.members]),
     )
 
 

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView, Lineup, lineup
 from calib.diagnosis.screen import Score
@@ -30,7 +30,7 @@ from calib.diagnosis.stepwise import (
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
-from calib.identification.noise_level import Growth, growth_with_range, replicate_factor
+from calib.identification.noise_level import replicate_factor
 from calib.identification.noise_scales import noise_scales
 
 _MOST_ROUNDS = 40  # of a contest from nothing
@@ -197,7 +197,6 @@ class Search:
 
     stage : Stage, what was fitted; linear : the same to first order about its last fit
     factor : float, actual over stated noise by readings that were repeated
-    growth : Growth, of the noise with range, None where the residual shows none
     statistic : ndarray, shape (m,), of each pose under that fit, an outlier's above ``limit``
     """
 
@@ -205,7 +204,6 @@ class Search:
     linear: Stage
     outcome: Outcome
     factor: float
-    growth: Growth | None
     statistic: Array
     limit: float
 
@@ -222,12 +220,8 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     asked = lineup(linear, suspects)
     outcome = contest(linear, asked)
     readout = stage.model.readout
-    lengths: Mask = np.any(readout.channels.lengths, axis=-1)
-    grows = growth_with_range(data, outcome.fit.r, lengths)
     scales = _scales_of(stage, outcome.fit, factor)
-    if grows is not None or scales:
-        if grows is not None:
-            stated = stated / grows.relative[..., None, None]
+    if scales:
         stated = readout.rescaled(stated, scales)
         factor = replicate_factor(data, stated)
         model = replace(stage.model, noise_scales=scales)
@@ -253,7 +247,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         linear = stage.about(fit, [c.effect for c in suspects])
         asked = lineup(linear, suspects, grids)
         outcome = contest(linear, asked, active, proved)
-    return Search(stage, linear, outcome, factor, grows, statistic, limit)
+    return Search(stage, linear, outcome, factor, statistic, limit)
 
 
 def _scales_of(stage: Stage, fit: Fit, factor: float) -> Mapping[str, float]:

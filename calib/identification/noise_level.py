@@ -18,11 +18,6 @@ _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to dif
 _SILENT = 1e-9
 _GROSS = 10.0  # times the mean square of a typical group of repeats
 REPLICATES = 10  # degrees of freedom of a repeat estimate worth using
-_NO_TREND = (
-    1e-3  # probability by chance of as strong a trend with range, from which on there is none
-)
-_GROWTH_ROUNDS = 20
-_FEWEST_POINTS = 30
 
 Source = Literal["cell", "replicates", "residual"]
 
@@ -182,45 +177,3 @@ def noise_level(
             factor, source = float(np.sqrt(cost / dof)), "residual"
     known = {"cell": np.inf, "replicates": repeats, "residual": dof}[source]
     return NoiseLevel(believed, factor, source, known, own, p_fit, stated)
-
-
-@dataclass(frozen=True, eq=False)
-class Growth:
-    """How noise grows with range: standard deviation of each point over the mean one.
-
-    relative : ndarray, shape (m, M); nearest, farthest : float, at the ends of the range
-    """
-
-    relative: Array
-    nearest: float
-    farthest: float
-
-
-def growth_with_range(data: Measurements, r: Array, lengths: Mask) -> Growth | None:
-    """How the residual of lengths grows with range, None where it does not.
-
-    r : ndarray, shape (m, r c), whitened residuals of what was read, zero for what does not count
-    lengths : ndarray of bool, shape (C,), which readings are lengths: pixels have no range
-    Koenker's test (Journal of Econometrics 17(1), 1981) of the squared residuals against the range;
-    then ``variance = a + b range^2`` by weighted least squares.
-    """
-    from scipy.special import chdtrc
-
-    squares = (data.in_place(r) ** 2).mean(axis=-1)
-    ranges = np.linalg.norm(np.where(data.seen[..., None], data.points, 0.0), axis=-1)
-    used = data.seen & (squares > 0.0) & lengths
-    x, y = ranges[used], squares[used]
-    if len(x) < _FEWEST_POINTS or np.ptp(x) <= 1e-6 * x.max():
-        return None
-    correlation = float(np.corrcoef(x, y)[0, 1])
-    if correlation <= 0.0 or float(chdtrc(1, len(x) * correlation**2)) > _NO_TREND:
-        return None
-    basis = np.stack([np.ones_like(x), x**2], axis=-1)
-    variance = np.full_like(y, y.mean())
-    for _ in range(_GROWTH_ROUNDS):
-        a, b = np.linalg.lstsq(basis / variance[:, None], y / variance, rcond=None)[0]
-        variance = np.maximum(a + b * x**2, 0.05 * y.mean())
-    mean = float(variance.mean())
-    relative = np.sqrt(np.maximum(a + b * ranges**2, 0.05 * y.mean()) / mean)
-    ends = np.sqrt(np.interp([x.min(), x.max()], np.sort(x), np.sort(variance)) / mean)
-    return Growth(np.where(data.seen & lengths, relative, 1.0), float(ends[0]), float(ends[1]))

@@ -109,7 +109,6 @@ def diagnose_record(
         estimate=estimated(estimate_of(found)),
         noise=DiagnoseNoise.from_result(
             noise,
-            grows_with_range=found.growth,
             **noise_fields(noise, found.after.levels, found.stage.scatter, model, footprint),
         ),
         effects=[_effect(cause, spectra, tip) for cause in found.causes],

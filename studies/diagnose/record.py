@@ -39,17 +39,8 @@ def _absent(value: object) -> bool:
     return not value
 
 
-class NoiseGrowth(Entry):
-    """Standard deviation at the ends of the range, over the mean one."""
-
-    nearest: Number
-    farthest: Number
-
-
 class DiagnoseNoise(NoiseEntry):
-    """The noise, which may grow with range where the cell does not say so."""
-
-    grows_with_range: NoiseGrowth | None
+    """The noise, and what to suspect where it is large."""
 
     @property
     def loud(self) -> str:

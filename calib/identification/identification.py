@@ -12,7 +12,6 @@ from calib.arrays import Array
 from calib.effects.base import Base
 from calib.identification.estimators import Method
 from calib.identification.fit import Estimation
-from calib.identification.pattern import Shared, shared, variables_of
 from calib.identification.residuals import Residuals
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
@@ -214,8 +213,6 @@ class Identification(Result, Estimation):
             found.append(
                 f"the fits do not agree whether to reject {shown}: check the readings there"
             )
-        if self.shared is not None:
-            found.append(_signal(self.shared))
         for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
             if p.name.startswith("compliance") and value < -5.0 * std:
                 signs = (
@@ -281,17 +278,3 @@ class Identification(Result, Estimation):
             for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
-
-
-def _signal(common: Shared) -> str:
-    """What outliers that share something mean."""
-    if common.alone:
-        return (
-            f"an outlier is the only pose at {common}: the model is extrapolated there and may be at "
-            "fault, not the reading; measure more poses in between"
-        )
-    return (
-        f"{common.outliers} of {common.of} outliers have {common}, where {common.inside} of "
-        f"{common.poses} poses are (by chance {common.p:.1g}): the model fails there, so believe the "
-        "figures over all poses and look for what it lacks"
-    )

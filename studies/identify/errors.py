@@ -9,7 +9,7 @@ import numpy as np
 
 from studies.document import FOUR, MRAD, Detail, Part, Sentence, Shown, Table, heads, listed
 from studies.fitted import Lengths, Pixels, ResidualEntry
-from studies.record import OWN_UNIT, Count, Entry, From, Maybe, NotNegative, Number, Outlier, Three
+from studies.record import Count, Entry, Maybe, NotNegative, Outlier, Three
 
 if TYPE_CHECKING:
     from calib import Identification
@@ -115,21 +115,6 @@ _MOST_FALSE = 3  # readings that a line names
 _MOST = 8  # outliers that the terminal shows
 
 
-class OutliersTogether(Entry):
-    """What the outliers have in common, in the unit that it names."""
-
-    variable: str
-    low: Annotated[Number, OWN_UNIT]
-    high: Annotated[Number, OWN_UNIT]
-    unit: str
-    poses: Annotated[Count, From("inside")]
-    of_poses: Annotated[Count, From("poses")]
-    outliers: Count
-    of_outliers: Annotated[Count, From("of")]
-    p: Number
-    beyond_all_others: Annotated[Maybe, From("alone", own_unit=True)]
-
-
 def outlier_entries(part: Residuals, model: FittedModel, footprint: float) -> Iterator[Outlier]:
     """The entries of the outliers among the poses fitted or held out."""
     for i in np.flatnonzero(part.outlier):
@@ -160,34 +145,11 @@ def read_falsely(part: Residuals, model: FittedModel, pose: int) -> str | None:
 _OUTLIERS = heads("pose", "what became of it", "reason")
 
 
-def told_outliers(
-    fitted: Sequence[Outlier], heldout: Sequence[Outlier], share: OutliersTogether | None
-) -> Iterator[Part]:
-    """The outliers with what became of them, and where they stand together."""
+def told_outliers(fitted: Sequence[Outlier], heldout: Sequence[Outlier]) -> Iterator[Part]:
+    """The outliers with what became of them."""
     rows = [(own.pose, "left out of the fit", own.reason) for own in fitted]
     rows += [(own.pose, "held out", own.reason) for own in heldout]
     if not rows:
         yield Detail((Sentence("No pose was rejected.", "good"),))
         return
     yield Table(_OUTLIERS, rows, "Poses that stand out", "Poses that stand out", most=_MOST)
-    if share is not None:
-        yield Detail((Sentence(_shared(share), "warn"),))
-
-
-def _shared(share: OutliersTogether) -> str:
-    """What outliers have in common, and what that means."""
-    name = share.variable.removeprefix("q:")
-    low, high = f"{share.low:.4g}", f"{share.high:.4g}"
-    if share.beyond_all_others is not None:
-        return (
-            f"An outlier is the only pose at {name} = {high} {share.unit}, "
-            f"{share.beyond_all_others:.3g} {share.unit} beyond every other: the model is extrapolated "
-            "there, and may be at fault."
-        )
-    span = f"{low} to {high}" if low != high else low
-    return (
-        f"Outliers with something in common are a signal, not a fault: {share.outliers} of "
-        f"{share.of_outliers} have {name} in {span} {share.unit}, where {share.poses} of "
-        f"{share.of_poses} poses are (by chance {share.p:.1g}). Believe the figures over all poses, "
-        "and look for what the model lacks there."
-    )

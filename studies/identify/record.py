@@ -15,7 +15,6 @@ from studies.identify.errors import (
     IdentifyResidual,
     Model,
     OfInstrument,
-    OutliersTogether,
     PairErrors,
 )
 from studies.identify.parameters import (
@@ -85,7 +84,6 @@ class IdentifyRecord(Record):
     unidentifiable: tuple[UnidentifiableEntry, ...]
     absorbed: tuple[RedundantParameter, ...]
     outliers: tuple[Outlier, ...]
-    outliers_share: Annotated[OutliersTogether | None, From("shared")]
     heldout_outliers: tuple[Outlier, ...]
     rms_mm: ErrorFigures
     max_mm: ErrorFigures

@@ -135,7 +135,7 @@ def _errors(record: IdentifyRecord) -> Iterator[doc.Part]:
     yield doc.Detail(
         (doc.Table(_PAIRS, pairs, "Distances between two poses", caption),) if pairs else ()
     )
-    yield from told_outliers(record.outliers, record.heldout_outliers, record.outliers_share)
+    yield from told_outliers(record.outliers, record.heldout_outliers)
     if record.drift_p is not None and record.drift_p < _DRIFTS:
         said = f"poses read again moved steadily through the day (p {doc.P(record.drift_p)})"
         to_do = "Put base_drift into [model] effects, or measure again when all is warm"

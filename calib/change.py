@@ -23,8 +23,8 @@ from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.model.covariance import working_points
-from calib.population.prior import Key
 from calib.poses import Poses
+from calib.prior import Key
 from calib.uncertainty.expanded import Interval, freedom, lengths
 
 FALSE_ALARM = 0.02

@@ -1,14 +1,12 @@
-"""Read an MJCF through MuJoCo itself: the joints from a body to bodies or sites, a chain or a tree."""
+"""Read an MJCF: MuJoCo compiles the whole file; its tree is walked from the base to the tips."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -17,7 +15,109 @@ from calib.arm.robot import Place, Robot, weights_of
 from calib.arm.se3 import so3_about, transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf_tree import WORLD, chain_of, joints_of, label, part_of, read_mjcf
+from calib.files.read import read_xml
+
+WORLD = "world"
+_SHOWN = 12  # names that a message lists
+HINGE, SLIDE = 3, 2  # mjtJoint; the module is imported where it is needed
+_JOINT_OF_TENDON, _SITE = 1, 6  # mjtWrap, mjtObj
+
+
+def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
+    """Read the joints from body ``base``, or ``world``, to body or site ``tip``, and to other tips.
+
+    Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies that hang on
+    a moving one give it their masses, as they are drawn where joints beside the chain move them.
+
+    Raises InputError for what is not well-formed, no way of hinge and slide joints, or refused by
+    MuJoCo (a mesh that is missing too), and where MuJoCo is not installed.
+    """
+    path = Path(path)
+    root, _ = read_mjcf(path)
+    model = compiled(path)
+    first = body_of(path, model, base)
+    chain = chain_of(path, model, first, (tip, *others))
+    joints = [int(j) for b in chain for j in np.flatnonzero(model.jnt_bodyid == b)]
+    if not joints:
+        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
+    read = [_joint(path, model, j) for j in joints]
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        hung = places_of(model, first, chain)
+        _refuse_coupled(path, model, chain, set(hung) - {first})
+        frames = [_frame(model, hung, joints, i) for i in range(len(joints))]
+        tips = [_tip(model, hung, name) for name in (*others, tip)]
+        weights = [
+            (hung[b], float(model.body_mass[b]), model.body_ipos[b]) for b in hung if b != first
+        ]
+        masses, coms = weights_of(len(joints), weights)
+        origins = [T for _, T in [*frames, *tips]]
+    if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
+        raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
+    return Robot(
+        name=root.get("model", path.stem),
+        base=base,
+        tip=tip,
+        joints=tuple(name for name, _, _ in read),
+        prismatic=model.jnt_type[joints] == SLIDE,
+        origins=np.array(origins),
+        axes=model.jnt_axis[joints],
+        limits=np.array([limits for _, limits, _ in read]),
+        efforts=np.array([effort for _, _, effort in read]),
+        masses=masses,
+        coms=coms,
+        others=tuple(others),
+        parents=tuple(k for k, _ in [*frames, *tips]),
+    )
+
+
+def mjcf_files(path: Path) -> tuple[Path, ...]:
+    """The file and all that it includes. Raises InputError."""
+    return read_mjcf(path)[1]
+
+
+def read_mjcf(path: Path) -> tuple[Element, tuple[Path, ...]]:
+    """The <mujoco> element, and the files that it is read from.
+
+    Raises InputError for what is no safe, well-formed MJCF: includes may not leave its folder.
+    """
+    root = read_xml(path, "MJCF")
+    if root.tag != "mujoco":
+        raise InputError(path, f"<{root.tag}>", "is not an MJCF", "name a file that holds <mujoco>")
+    files, pending = [path], [(path, root)]
+    for here, element in pending:  # grows as files are found
+        for include in element.iter("include"):
+            file = _included(files, here, include.get("file", ""))
+            files.append(file)
+            pending.append((file, read_xml(file, "MJCF")))
+    return root, tuple(files)
+
+
+def _included(files: list[Path], here: Path, name: str) -> Path:
+    """The file that an <include> names, seen from the main file or else from the including one."""
+    where, folder = f"include {name!r}", files[0].parent.resolve()
+    try:
+        file = files[0].parent / name
+        if not file.is_file():
+            file = here.parent / name
+        whole, found = file.resolve(), file.is_file()
+    except (OSError, ValueError) as error:
+        raise InputError(here, where, f"cannot be read ({error})") from None
+    if not whole.is_relative_to(folder):
+        remedy = "copy the file into that folder"
+        raise InputError(here, where, "leaves the folder of the model", remedy)
+    if not found:
+        raise InputError(here, where, "names no file", "check its path")
+    if any(whole == other.resolve() for other in files):
+        raise InputError(here, where, "is included already", "include each file once")
+    return file
+
+
+def compiled(path: Path) -> Any:
+    """The ``mujoco.MjModel`` of a whole file, its bodies kept apart. Raises InputError."""
+    with mujoco_for(path) as mujoco:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compiler.fusestatic = False  # else a base without joints loses its name
+        return spec.compile()
 
 
 @contextmanager
@@ -38,166 +138,38 @@ def mujoco_for(path: Path) -> Iterator[Any]:
     except (ValueError, mujoco.FatalError) as error:
         said = re.sub(r"(, id \d+)?, line \d+", "", str(error))
         said = "; ".join(line.strip() for line in said.splitlines() if line.strip())
-        raise InputError(path, "", f"is refused by MuJoCo: {said}") from None
+        missing = "opening file" in said
+        remedy = "a file is read whole: bring what it names, or remove it" if missing else ""
+        raise InputError(path, "", f"is refused by MuJoCo: {said}", remedy) from None
     finally:
         mujoco.set_mju_user_warning(None)
 
 
-@dataclass(frozen=True, eq=False)
-class MjcfJoint:
-    """A joint as compiled: ``T = .. E(q - ref) ..``, E about or along the axis through the anchor.
-
-    anchor, axis : ndarray, shape (3,), m and unit vector, in the frame of the body
-    ref : float, rad or m, the reading at which the body stands as the file says
-    limits, effort : as in :class:`~calib.arm.robot.Robot`
-    """
-
-    name: str
-    slides: bool
-    anchor: Array
-    axis: Array
-    ref: float
-    limits: tuple[float, float]
-    effort: float
-
-    @property
-    def origin(self) -> Array:
-        """T_body_joint, the joint frame at zero reading, shape (4, 4)."""
-        if self.slides:
-            return shifted(self.anchor - self.ref * self.axis)
-        return transform(so3_about(self.axis, np.array(-self.ref)), self.anchor)
+def chain_of(path: Path, model: Any, first: int, tips: Sequence[str]) -> list[int]:
+    """Bodies below the first one on the way to the tip, then to the others. Raises InputError."""
+    chain: dict[int, None] = {}
+    for number, name in enumerate(tips):
+        body = _end(path, model, name, "'on' of what it carries" if number else "[robot] tip")
+        way: list[int] = []
+        while body != first:
+            if body == 0:
+                what = f"no chain of bodies leads from {model.body(first).name!r} to it"
+                raise InputError(path, f"tip {name!r}", what, "check [robot] base and tip")
+            way.insert(0, body)
+            body = int(model.body_parentid[body])
+        chain |= dict.fromkeys(way)
+    return [*chain]
 
 
-@dataclass(frozen=True, eq=False)
-class MjcfBody:
-    """A body on the way to a tip as compiled.
-
-    parent : int, position among these of the one that carries it, -1 for the base
-    T : ndarray, shape (4, 4), T_parent_body
-    joints : list of MjcfJoint, the first one moves the others
-    """
-
-    parent: int
-    T: Array
-    joints: list[MjcfJoint]
-
-
-@dataclass(frozen=True, eq=False)
-class MjcfChain:
-    """What lies between base and tips, as compiled.
-
-    tips : dict, name -> position of the body that is or holds the tip, -1 for the base, and its frame
-        (4, 4) there; the tip first
-    weights : list of place, mass [kg] and centre of mass (3,), m, of every body that the chain moves
-    """
-
-    bodies: list[MjcfBody]
-    tips: dict[str, tuple[int, Array]]
-    weights: list[tuple[Place, float, Array]]
-
-
-def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
-    """Read the joints from body ``base``, or ``world``, to body or site ``tip``, and to other tips.
-
-    Joint readings are MuJoCo's ``qpos``. Joint frames have the axes of their body. Bodies that hang on
-    a moving one give it their masses, as they are drawn where joints beside the chain move them.
-
-    Raises InputError for what is not well-formed, no way of hinge and slide joints, or refused by
-    MuJoCo, and where MuJoCo is not installed.
-    """
-    path = Path(path)
-    root, _ = read_mjcf(path)
-    chain = compiled(path, root, base, tip, others)
-    joints = [joint for body in chain.bodies for joint in body.joints]
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-        hung = _hung(chain, (*others, tip))
-        origins = [T for _, T in hung]
-        masses, coms = weights_of(len(joints), chain.weights)
-    if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
-        raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
-    return Robot(
-        name=root.get("model", path.stem),
-        base=base,
-        tip=tip,
-        joints=tuple(joint.name for joint in joints),
-        prismatic=np.array([joint.slides for joint in joints]),
-        origins=np.array(origins),
-        axes=np.array([joint.axis for joint in joints]),
-        limits=np.array([joint.limits for joint in joints]),
-        efforts=np.array([joint.effort for joint in joints]),
-        masses=masses,
-        coms=coms,
-        others=tuple(others),
-        parents=tuple(k for k, _ in hung),
-    )
-
-
-def _hung(chain: MjcfChain, tips: Sequence[str]) -> list[Place]:
-    """Where each joint's frame, and then each tip's, hangs on the joint before it."""
-    found: list[Place] = []
-    carried: list[Place] = [(0, np.eye(4))]  # of the base, then of the bodies
-    for body in chain.bodies:
-        k, T = carried[body.parent + 1]
-        T = T @ body.T
-        for joint in body.joints:
-            found.append((k, T @ joint.origin))
-            k, T = len(found), shifted(-joint.anchor)
-        carried.append((k, T))
-    for body_of_tip, T_tip in (chain.tips[tip] for tip in tips):
-        k, T = carried[body_of_tip + 1]
-        found.append((k, T @ T_tip))
-    return found
-
-
-def mjcf_files(path: Path) -> tuple[Path, ...]:
-    """The file and all that it includes. Raises InputError."""
-    return read_mjcf(path)[1]
-
-
-@np.errstate(over="ignore", invalid="ignore")  # load_mjcf refuses what is not finite
-def compiled(
-    path: Path, root: Element, base: str, tip: str, others: Sequence[str] = ()
-) -> MjcfChain:
-    """The chain, or tree, of a file, which stays as it is. Raises InputError."""
-    tree = chain_of(path, root, base, tip, others)
-    part = part_of(path, tree)
-    with mujoco_for(path) as mujoco:
-        text = ElementTree.tostring(part.root, encoding="unicode")
-        model = mujoco.MjModel.from_xml_string(text, part.meshes)
-    if not any(joints_of(body) for body in tree.bodies):
-        raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    own = [int(model.body(part.names[body]).id) for body in tree.bodies]
-    at = {b: i for i, b in enumerate(own)}
-    bodies = [
-        MjcfBody(
-            at.get(int(model.body_parentid[b]), -1),
-            placed(model.body_pos[b], model.body_quat[b]),
-            [_joint(path, element, model, int(j)) for j in np.flatnonzero(model.jnt_bodyid == b)],
-        )
-        for element, b in zip(tree.bodies, own, strict=True)
-    ]
-    tips: dict[str, tuple[int, Array]] = {}
-    for name, end in tree.tips.items():
-        body = -1 if end.body is None else tree.bodies.index(end.body)
-        site = None if end.site is None else model.site(name)
-        tips[name] = body, np.eye(4) if site is None else placed(site.pos, site.quat)
-    places = places_of(model, 0 if base == WORLD else int(model.body(base).id), own)
-    return MjcfChain(
-        bodies,
-        tips,
-        [(place, float(model.body_mass[i]), model.body_ipos[i]) for i, place in places.items()],
-    )
-
-
-def places_of(model: Any, first: int, chain: list[int]) -> dict[int, Place]:
-    """Where every body of the arm is, of a compiled model whose ways to tips have these bodies.
+def places_of(model: Any, first: int, chain: Sequence[int]) -> dict[int, Place]:
+    """Where every body of the arm is, of a model whose ways to tips have these bodies.
 
     Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
 
     first : the base, 0 for the world
     """
     found: dict[int, Place] = {first: (0, np.eye(4))}
-    last = dict(zip(chain, np.cumsum(model.body_jntnum[chain]).tolist(), strict=True))
+    last = dict(zip(chain, np.cumsum(model.body_jntnum[list(chain)]).tolist(), strict=True))
     for i in range(1, model.nbody):  # parents come first
         parent = int(model.body_parentid[i])
         if i == first or parent not in found or (i not in chain and parent == 0):
@@ -208,34 +180,124 @@ def places_of(model: Any, first: int, chain: list[int]) -> dict[int, Place]:
         if len(joints) and i in chain:
             k, T = last[i], shifted(-model.jnt_pos[joints[-1]])
         found[i] = k, T
-    return {body: place for body, place in found.items() if body}
+    return found
 
 
-def _joint(path: Path, body: Element, model: Any, j: int) -> MjcfJoint:
-    from mujoco import mjtJoint
+def _frame(model: Any, places: dict[int, Place], joints: list[int], i: int) -> Place:
+    """Where joint i of the chain hangs on the joint before it, at zero reading.
 
-    kind, name = mjtJoint(int(model.jnt_type[j])), model.joint(j).name
-    if kind not in (mjtJoint.mjJNT_HINGE, mjtJoint.mjJNT_SLIDE):
-        said = kind.name.removeprefix("mjJNT_").lower()
-        raise InputError(path, label(body), f"has a {said} joint", "use hinge and slide joints")
+    It moves by ``E(q - ref)`` about or along its axis through its anchor, in the frame of its body.
+    """
+    j, body = joints[i], int(model.jnt_bodyid[joints[i]])
+    if i and int(model.jnt_bodyid[joints[i - 1]]) == body:
+        k, T = i, shifted(-model.jnt_pos[joints[i - 1]])
+    else:
+        k, T = places[int(model.body_parentid[body])]
+        T = T @ placed(model.body_pos[body], model.body_quat[body])
+    anchor, axis = model.jnt_pos[j], model.jnt_axis[j]
+    ref = float(model.qpos0[model.jnt_qposadr[j]])
+    if model.jnt_type[j] == SLIDE:
+        return k, T @ shifted(anchor - ref * axis)
+    return k, T @ transform(so3_about(axis, np.array(-ref)), anchor)
+
+
+def _tip(model: Any, places: dict[int, Place], name: str) -> Place:
+    """Where a body, or else a site, hangs on the joint before it."""
+    if name in _names(model, "body"):
+        return places[int(model.body(name).id)]
+    site = model.site(name)
+    k, T = places[int(model.site_bodyid[site.id])]
+    return k, T @ placed(site.pos, site.quat)
+
+
+def _joint(path: Path, model: Any, j: int) -> tuple[str, tuple[float, float], float]:
+    """Name, limits [rad or m] and effort [N m or N] of a joint. Raises InputError."""
+    name, where = model.joint(j).name, f"body {model.body(int(model.jnt_bodyid[j])).name!r}"
+    if model.jnt_type[j] not in (HINGE, SLIDE):
+        said = ("free", "ball")[int(model.jnt_type[j])]
+        raise InputError(path, where, f"has a {said} joint", "use hinge and slide joints")
     if not name:
-        raise InputError(
-            path, label(body), "has a joint without a name", "name it as the columns of the data do"
-        )
+        remedy = "name it as the columns of the data do"
+        raise InputError(path, where, "has a joint without a name", remedy)
     low, high = map(float, model.jnt_range[j])
     if low > high:  # MuJoCo takes it as no limit
         raise InputError(path, f"joint {name!r}", f"range {low:g} .. {high:g} is reversed")
     # The weaker direction counts where both differ; 0 says nothing, as in a URDF.
     effort = float(np.abs(model.jnt_actfrcrange[j]).min()) if model.jnt_actfrclimited[j] else 0.0
-    return MjcfJoint(
-        name,
-        slides=kind == mjtJoint.mjJNT_SLIDE,
-        anchor=model.jnt_pos[j].copy(),
-        axis=model.jnt_axis[j].copy(),
-        ref=float(model.qpos0[model.jnt_qposadr[j]]),
-        limits=(low, high) if model.jnt_limited[j] else (-np.inf, np.inf),
-        effort=effort or np.nan,
+    return name, (low, high) if model.jnt_limited[j] else (-np.inf, np.inf), effort or np.nan
+
+
+def _names(model: Any, kind: str) -> list[str]:
+    return [getattr(model, kind)(i).name for i in range(getattr(model, f"n{kind}"))]
+
+
+def body_of(path: Path, model: Any, name: str) -> int:
+    """The base of a cell. Raises InputError."""
+    names = _names(model, "body")
+    if name not in names:
+        known = ", ".join([own for own in names if own][: _SHOWN + 1])
+        raise InputError(path, "", f"has no body {name!r}", f"set [robot] base to one of: {known}")
+    return names.index(name)
+
+
+def _end(path: Path, model: Any, name: str, key: str) -> int:
+    """The body that is a tip, or that holds the site of that name. Raises InputError."""
+    bodies, sites = _names(model, "body"), _names(model, "site")
+    if name in bodies:
+        return bodies.index(name)
+    if name in sites:
+        return int(model.site_bodyid[sites.index(name)])
+    known = ", ".join([own for own in bodies[1:] if own][:_SHOWN]) or "none"
+    remedy = f"set {key} to a site, or to one of: {known}"
+    raise InputError(path, "", f"has no body or site {name!r}", remedy)
+
+
+def _refuse_coupled(path: Path, model: Any, chain: list[int], links: set[int]) -> None:
+    """Refuse constraints on the chain's joints, and on its links but for those with a branch.
+
+    links : the bodies of the arm: the chain, what is fixed to it, and branches with joints of their own
+    """
+    branches: set[int] = set()
+    for body in sorted(links - set(chain)):
+        if model.body_jntnum[body] or int(model.body_parentid[body]) in branches:
+            branches.add(body)
+    for i in np.flatnonzero(model.eq_active0):
+        kind = ("connect", "weld", "joint", "tendon")
+        ends = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+        named = kind[model.eq_type[i]] if model.eq_type[i] < len(kind) else "constraint"
+        if named in ("joint", "tendon"):
+            joints = ends if named == "joint" else [j for t in ends for j in _pulled(model, t)]
+            hit = [
+                f"joint {model.joint(j).name!r}"
+                for j in joints
+                if j >= 0 and int(model.jnt_bodyid[j]) in chain
+            ]
+        elif model.eq_objtype[i] == _SITE:
+            bodies = [int(model.site_bodyid[site]) for site in ends]
+            hit = [
+                f"site {model.site(s).name!r}"
+                for s, b in zip(ends, bodies, strict=True)
+                if b in links - branches
+            ]
+            hit = hit if not branches & set(bodies) else []
+        else:
+            hit = [f"body {model.body(b).name!r}" for b in ends if b in links - branches]
+            hit = hit if not branches & set(ends) else []
+        if hit:
+            remedy = "closed loops and coupled joints are not supported"
+            remedy += '; remove it or set active="false"'
+            what = f"constrains {' and '.join(sorted(hit))}"
+            raise InputError(path, f"equality <{named}>", what, remedy)
+
+
+def _pulled(model: Any, tendon: int) -> list[int]:
+    """Joints that a fixed tendon couples; none of tendon -1."""
+    if tendon < 0:
+        return []
+    own = slice(
+        int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon])
     )
+    return [int(j) for j in model.wrap_objid[own][model.wrap_type[own] == _JOINT_OF_TENDON]]
 
 
 def placed(position: Array, quaternion: Array) -> Array:

@@ -13,7 +13,7 @@ from calib.arm.dh import robot_of_dh
 from calib.arm.robot import Convention, Form, Robot, odd_limits
 from calib.errors import InputError
 from calib.files.dh import dh_text
-from calib.files.mjcf_tree import WORLD, inside, joints_of, read_mjcf
+from calib.files.mjcf import compiled, read_mjcf
 from calib.files.read import read_bytes, read_xml
 from calib.files.robot import load_robot, robot_files
 from calib.files.shapes import urdf_shapes
@@ -64,20 +64,21 @@ def urdf_ends(path: Path, root: Element) -> Ends:
     return _ends(path, max(roots, key=lambda node: node.longest))
 
 
-def mjcf_ends(path: Path, root: Element) -> Ends:
-    """Raises InputError where no joint moves."""
-    world = Node(WORLD, ())
-    for element in root.findall("worldbody"):
-        pending = [(world, element)]
-        for node, body in pending:  # grows as bodies are found
-            for child in inside(body):
-                if child.tag in ("body", "site"):
-                    joints = joints_of(child) if child.tag == "body" else []
-                    names = tuple(joint.get("name", "") for joint in joints)
-                    node.children.append(Node(child.get("name", ""), names))
-                    pending.append((node.children[-1], child))
-    _measure(world)
-    return _ends(path, world)
+def mjcf_ends(path: Path) -> Ends:
+    """Raises InputError where no joint moves, and for what MuJoCo refuses."""
+    read_mjcf(path)  # refuses what is not safe
+    model = compiled(path)
+    joints = [
+        tuple(model.joint(j).name for j in np.flatnonzero(model.jnt_bodyid == b))
+        for b in range(model.nbody)
+    ]
+    nodes = [Node(model.body(b).name, joints[b]) for b in range(model.nbody)]
+    for b, node in enumerate(nodes[1:], 1):
+        nodes[int(model.body_parentid[b])].children.append(node)
+    for s in range(model.nsite):
+        nodes[int(model.site_bodyid[s])].children.append(Node(model.site(s).name, ()))
+    _measure(nodes[0])
+    return _ends(path, nodes[0])
 
 
 def _all(root: Node) -> list[Node]:
@@ -268,7 +269,7 @@ def propose(
 def _of_xml(path: Path) -> tuple[Form, Ends]:
     root = read_xml(path, "URDF or MJCF")
     if root.tag == "mujoco":
-        return "mjcf", mjcf_ends(path, read_mjcf(path)[0])
+        return "mjcf", mjcf_ends(path)
     if root.tag != "robot":
         what = "is neither a URDF (<robot>) nor an MJCF (<mujoco>)"
         raise InputError(path, f"<{str(root.tag)[:40]}>", what)

@@ -14,8 +14,7 @@ from calib.arm.robot import Capsule, Place, Shapes
 from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf import mujoco_for, placed, places_of
-from calib.files.mjcf_tree import WORLD
+from calib.files.mjcf import body_of, chain_of, compiled, placed, places_of
 from calib.files.urdf import Urdf
 
 _LARGEST_FILE = 200_000_000  # bytes
@@ -131,18 +130,19 @@ def mjcf_shapes(path: Path, base: str, tip: str, others: Sequence[str] = ()) -> 
     with its reason.
     """
     try:
-        with mujoco_for(path) as mujoco:
-            model = mujoco.MjModel.from_xml_path(str(path))
+        model = compiled(path)
     except InputError as error:
         return Shapes({}, (f"its geoms ({error.what})",))
-    first = 0 if base == WORLD else model.body(base).id
-    chain = list(dict.fromkeys(b for end in (tip, *others) for b in _way_to(model, first, end)))
+    import mujoco
+
+    first = body_of(path, model, base)
+    chain = chain_of(path, model, first, (tip, *others))
     places, unread = places_of(model, first, chain), []
 
     def spans() -> Iterator[tuple[Place, Array, float]]:
         for g in np.flatnonzero((model.geom_contype | model.geom_conaffinity) != 0):
             body = int(model.geom_bodyid[g])
-            if body not in places:
+            if body == 0 or body not in places:  # what the world holds is none of the arm's
                 continue
             spanned = _spanned_by_geom(mujoco, model, int(g))
             if spanned is None:
@@ -154,19 +154,6 @@ def mjcf_shapes(path: Path, base: str, tip: str, others: Sequence[str] = ()) -> 
 
     joints = [model.joint(j).name for b in chain for j in np.flatnonzero(model.jnt_bodyid == b)]
     return shapes_of(joints, spans(), unread)
-
-
-def _way_to(model: Any, first: int, tip: str) -> list[int]:
-    """Bodies from below the first one to a body or the body of a site."""
-    try:
-        body = int(model.body(tip).id)
-    except KeyError:
-        body = int(model.site_bodyid[model.site(tip).id])
-    way: list[int] = []
-    while body != first:
-        way.insert(0, body)
-        body = int(model.body_parentid[body])
-    return way
 
 
 def _spanned_by_geom(mujoco: Any, model: Any, g: int) -> tuple[Array, float] | None:

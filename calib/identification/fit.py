@@ -33,8 +33,7 @@ from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, Points, points_of
-from calib.population.prior import Prior
-from calib.population.sizes import Elementary, Widths, widths_of
+from calib.prior import Elementary, Prior, Widths, widths_of
 from calib.scatter import (
     Scatter,
     Unnoticed,

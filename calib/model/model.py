@@ -45,8 +45,8 @@ from calib.errors import NoEquilibrium
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
-from calib.population.prior import Key, Prior
 from calib.poses import Measurements, Poses
+from calib.prior import Key, Prior
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7

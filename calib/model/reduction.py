@@ -23,8 +23,8 @@ from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
 from calib.instruments import TRACKER, Instrument, Tracker
 from calib.model import Model
-from calib.population.prior import Key
 from calib.poses import Poses, poses_at
+from calib.prior import Key
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.

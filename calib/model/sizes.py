@@ -14,8 +14,7 @@ from calib.effects.tuned import Tuned
 from calib.errors import UnknownEffect
 from calib.model.model import Model
 from calib.model.reduction import axis_component, carried_over
-from calib.population.prior import Key, Prior
-from calib.population.sizes import Elementary
+from calib.prior import Elementary, Key, Prior
 
 OFFSET = "joint_offset"
 _ZEROS = 3.0

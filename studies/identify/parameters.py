@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array, Mask
     from calib.instruments import Camera
-    from calib.population.sizes import Widths
+    from calib.prior import Widths
 
 
 _PLACED = ("base", "tool")

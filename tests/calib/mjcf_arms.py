@@ -27,11 +27,11 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
         f'eulerseq="{order}" autolimits="true"/>',
         '<default><default class="link"><joint axis="0 1 0" armature="0.1"/>'
         '<geom type="capsule" size="0.03 0.1" density="500" material="grey"/></default></default>',
-        '<asset><material name="grey"/><mesh name="gone" file="gone.stl"/></asset>',
+        '<asset><material name="grey"/></asset>',
         '<option gravity="0 0 -9.80665"/><visual><map znear="0.01"/></visual>',
         '<worldbody><light pos="0 0 3"/><geom type="plane" size="1 1 1"/>'
         f'<body name="base" {pose(rng, unit)} childclass="link"><!-- bolted down -->'
-        '<geom type="mesh" mesh="gone"/><inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>'
+        '<inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>'
         '<body name="lamp"><joint name="lamp"/><geom/></body>',
     ]
     closing: list[str] = []
@@ -49,7 +49,7 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
             lines.append(random_joint(rng, joint, unit))
         lines.append(
             f'<inertial pos="{text(rng.normal(size=3) * 0.1)}" mass="{rng.uniform(1, 9)!r}" '
-            'diaginertia="1 1 1"/><geom type="mesh" mesh="gone"/>'
+            'diaginertia="1 1 1"/>'
             if rng.integers(2)
             else f"<geom {pose(rng, unit)}/><frame {pose(rng, unit)}><geom/></frame>"
         )

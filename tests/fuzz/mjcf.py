@@ -25,12 +25,11 @@ _ARM = """\
 <mujoco model="arm">
   <compiler angle="degree" autolimits="true" meshdir="meshes" eulerseq="XYZ"/>
   <default><default class="link"><joint axis="0 1 0" ref="5"/></default></default>
-  <asset><mesh name="hull" file="hull.stl"/></asset>
   <worldbody>
     <body name="base" childclass="link">
       <body name="a" pos="0 0 0.3" euler="0 10 0">
         <joint name="j1" axis="0 0 1" range="-90 90" actuatorfrcrange="-50 60"/>
-        <geom type="mesh" mesh="hull" mass="1"/><inertial pos="0 0 0.1" mass="2" diaginertia="1 1 1"/>
+        <geom size="0.1" mass="1"/><inertial pos="0 0 0.1" mass="2" diaginertia="1 1 1"/>
         <frame pos="0.1 0 0" axisangle="0 0 1 30">
           <body name="b" quat="1 0.1 0 0">
             <joint name="j2" pos="0 0 0.1"/><joint name="j3" type="slide" axis="1 0 0" range="0 1"/>

@@ -11,8 +11,8 @@ import doe
 from calib import Cell
 from calib.cell.planned import Planned
 from calib.model.build import build
-from calib.population.prior import Prior
 from calib.poses import poses_at
+from calib.prior import Prior
 from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
 from doe.problem.problem import RIDGE, Problem, problem_of

@@ -23,11 +23,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.population.prior import Key, Prior
 
 _KNOWN = 0.5  # errors of a kind that its plausible size stands for
 _TAIL = 1.0  # degrees of freedom of what a place errs more or less than others
@@ -36,6 +37,42 @@ _MOST_ROUNDS = 100
 _SETTLED = 0.01  # of a width
 _BEGUN = 10.0 ** np.arange(0.0, 4.5, 0.5)  # plausible sizes that a width may begin with
 _SAVED = 0.25  # parameters: where the prior determines fewer, it makes no difference that counts
+
+Key: TypeAlias = tuple[str, str, str]
+"""Effect, where and name of a parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Parameters of a robot; base, tool and markers are never among them.
+
+    keys : tuple of Key; covariance : ndarray, shape (k, k), SI
+    """
+
+    keys: tuple[Key, ...]
+    covariance: Array
+
+    def only(self, keys: Collection[Key]) -> Prior:
+        """The marginal prior of some parameters."""
+        own = np.array([i for i, key in enumerate(self.keys) if key in keys], dtype=int)
+        return Prior(tuple(self.keys[i] for i in own), self.covariance[np.ix_(own, own)])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (k,), SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def whitening(self) -> Array:
+        """W (k, k) with ``W covariance W^T = I``."""
+        std = self.std
+        half = np.linalg.cholesky(self.covariance / np.outer(std, std))
+        return np.asarray(np.linalg.inv(half) / std)
+
+    def positions(self, keys: Collection[Key]) -> IntArray:
+        """Where its parameters stand among some keys, shape (k,); all of them must be there."""
+        order = {key: i for i, key in enumerate(keys)}
+        return np.array([order[key] for key in self.keys], dtype=int)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,7 @@ class Candidate:
     odds : float, how often it is met at its place, beside a cause that any arm may have
     twin_odds : float, how often it is the cause where the readings do not tell it from another
     line : int, its number among causes of its kind at its place
+    echo : str, key of the cause in whose place it stands with the same tuning; itself none
     also : tuple of Candidate, other names for the same: no reading tells them from it
     """
 
@@ -42,6 +43,7 @@ class Candidate:
     depends_on: str
     tried: int = 1
     line: int = 1
+    echo: str = ""
     also: tuple[Candidate, ...] = ()
     odds: float = 1.0
     twin_odds: float = 1.0
@@ -61,7 +63,8 @@ class Candidate:
         """``effect:where``, for a curve with its variable and what it moves."""
         if not isinstance(self.effect, Curve):
             further = f" #{self.line}" if self.line > 1 else ""
-            return f"{self.effect.kind}:{self.where}{further}"
+            echo = f" as {self.echo}" if self.echo else ""
+            return f"{self.effect.kind}:{self.where}{further}{echo}"
         variable, count = self.effect.variable, len(self.effect.parameters)
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"

@@ -152,7 +152,11 @@ def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Ent
         c
         for c in view.suspects
         if c is member
-        or (not c.is_like(member) and not (stiff and isinstance(c.effect, LoadEffect)))
+        or (
+            not c.is_like(member)
+            and c.echo in ("", member.key)
+            and not (stiff and isinstance(c.effect, LoadEffect))
+        )
     ]
     taken = with_curves(member, active)
     scores = linear_scores(view.without(*taken), view, suspects)

@@ -138,7 +138,7 @@ def detection_limits(
     errors = [
         _error(outcome, candidate)
         for candidate in outcome.suspects
-        if candidate.named and candidate.key not in entered
+        if candidate.named and not candidate.echo and candidate.key not in entered
     ]
     fit = outcome.view.fit
     by_joints = [e for e in errors if not e.candidate.effect.uses]

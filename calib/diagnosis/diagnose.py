@@ -73,7 +73,7 @@ class Diagnosis(Result, Finding):
     @property
     def suspects(self) -> tuple[Candidate, ...]:
         """Every candidate cause of the diagnosis."""
-        return tuple(self.outcome.suspects)
+        return tuple(c for c in self.outcome.suspects if not c.echo)
 
     def sentences(self) -> list[str]:
         gap, (_, unit, scale) = self.gap, self.before.model.readout.channels.shown

@@ -50,6 +50,8 @@ def imitations(outcome: Outcome, entry: Entrant) -> list[Imitation]:
     for suspect in outcome.suspects:
         if not suspect.named or suspect.key in active or suspect.is_like(entry.candidate):
             continue
+        if suspect.echo not in ("", entry.candidate.key):
+            continue
         if suspect.effect.contains(entry.candidate.effect.kind, entry.candidate.where):
             continue  # the cause itself and more is no other name for it
         V = beside.directions(where[suspect.key])
@@ -135,7 +137,11 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         others = imitations(outcome, entry)
         prices = {c.key: -gain - 2.0 * float(np.log(c.twin_odds)) for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
-        ordered = sorted(((c, prices[c.key]) for c in rivals), key=lambda pair: pair[1])
+        # What stands elsewhere already is another name here, and never the first.
+        again = {c.key for c in rivals if c.echo and any(c.is_like(o) for o in rest)}
+        ordered = [(c, prices[c.key]) for c in rivals]
+        ordered.sort(key=lambda pair: (pair[0].key in again, pair[1]))
+        ordered = [(replace(c, echo="", line=1) if c.echo else c, price) for c, price in ordered]
         chosen[id(entry)] = ordered[0][0]
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.score.gain)

@@ -159,6 +159,8 @@ class Lineup:
             most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
             if best.line <= most and best.key not in self.closed:
                 tuned.append((best, times(carrier, functions)))
+            others = _at_tunings_of(grid.candidate, active)
+            tuned += [(c, _rows(c, carrier, stage)) for c in others]
         ends = self.J.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
         for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
             where[c.key] = np.arange(a, b)
@@ -269,6 +271,19 @@ def lineup(stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGr
     at = {c.key: whole.known[id(c.effect)] for c in fixed}
     at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}
     return Lineup(fixed, tuple(tuned.values()), whole.columns, at)
+
+
+def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
+    """A cause at the tunings of others that follow the clock alike: what it would be in their place.
+
+    A camera that moved follows it as a step of the base does.
+    """
+    mine = candidate.effect
+    for c in active:
+        if not (isinstance(mine, Timed) and isinstance(c.effect, Timed)) or c.is_like(candidate):
+            continue
+        if type(mine).functions is type(c.effect).functions:
+            yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
 def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:

@@ -171,6 +171,7 @@ def _eligible(active: Sequence[Candidate], view: FitView) -> list[Candidate]:
         c
         for c in view.suspects
         if c not in active
+        and not c.echo
         and (c.named or not full)
         and not (stiff and isinstance(c.effect, LoadEffect))
     ]

@@ -41,7 +41,7 @@ ALIKE = likeness(gram(X), np.linalg.norm(X, axis=0), CAUSES, DRAWS)
 def simulated(view: Field, e: int, f: int, noncentrality: float, trials: int = 4000) -> float:
     """Share of trials in which cause e, which is there, has the better score less its price."""
     rng = np.random.default_rng(e + 10 * f)
-    own, other = view.basis(CAUSES[e]), view.basis(CAUSES[f])
+    own, other = (view.projected(c) @ view.directions(c) for c in (CAUSES[e], CAUSES[f]))
     signal = view.X[:, CAUSES[e]] @ rng.normal(size=(len(CAUSES[e]), trials))
     signal *= np.sqrt(noncentrality) / np.linalg.norm(signal, axis=0)
     r = signal + rng.normal(size=signal.shape)

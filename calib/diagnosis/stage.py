@@ -298,7 +298,7 @@ class Stage:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""
         r, J = self._in_full(fit)
         cov = fit.by_instrument(fit.r, fit.J).covariance
-        return fit_statistics(r, J, fit.weight * ~self.dropped, cov)
+        return fit_statistics(r, J, fit.weight * ~self.dropped, cov)[0]
 
     def outliers(self, fit: Fit) -> tuple[Mask, Array, float]:
         """Poses that a fit does not explain, (m,), the statistic of every pose, (m,), and its limit."""

@@ -24,9 +24,13 @@ from calib.identification.estimators import (
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.noise_scales import noise_scales
 from calib.identification.outliers import (
+    independent_share,
     judge,
+    next_outlier,
     pose_statistics,
+    small_set,
     threshold,
+    wrongly_out,
 )
 from calib.identification.start import outnumbered, strayed
 from calib.linear import LinearProblem, orthonormal
@@ -341,9 +345,20 @@ def _judged(
 ) -> _Judgement:
     """What the fit to the poses kept says of every pose."""
     judged = estimator.judged(observation, values, span, kept)
-    statistics = pose_statistics(judged, kept)
-    limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
-    return _Judgement(~judge(statistics, limit), statistics, limit)
+    statistics, rows = pose_statistics(judged, kept)
+    if not small_set(len(kept)):
+        limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
+        return _Judgement(~judge(statistics, limit), statistics, limit)
+    cost = float((judged.r[kept] ** 2).sum())
+    dof = estimator.dof_of_readings(observation.only(kept), values, span)
+    each = observation.data.in_place(judged.r).reshape(len(kept), -1)
+    tested = statistics, rows, kept, cost, dof, independent_share(each, kept)
+    fresh = kept.copy()
+    if (back := wrongly_out(*tested)) is not None:
+        fresh[back] = True
+    elif (worst := next_outlier(*tested)) is not None:
+        fresh[worst] = False
+    return _Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
 
 
 # -- what is known beforehand ------------------------------------------------------------------

@@ -148,7 +148,7 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     model, values, observation = fit.model, fit.values, fit.observation
     fitted = by_instrument(observation, values, fit.span)
     rows = math.prod(observation.weights.shape[-3:-1])
-    limit = threshold(pose_statistics(fitted, fit.kept), rows)
+    limit = threshold(pose_statistics(fitted, fit.kept)[0], rows)
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
@@ -156,7 +156,7 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     r, J = points.linearise(values)
     if not np.isfinite(r).all():
         raise NoEquilibrium(" at the held-out poses")
-    statistics = fit_statistics(r, J, np.zeros(len(r)), cov)
+    statistics, _ = fit_statistics(r, J, np.zeros(len(r)), cov)
     return Residuals.of(model, heldout, values, statistics > limit, statistics, limit)
 
 

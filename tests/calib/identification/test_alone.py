@@ -10,6 +10,7 @@ import pytest
 import calib
 from calib import Cell, Measurements, Poses
 from calib.identification import fit
+from calib.identification.outliers import next_outlier, wrongly_out
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -49,7 +50,7 @@ def test_a_slip_is_found_there_and_elsewhere(m: int, at: int) -> None:
         assert list(np.flatnonzero(found)) == [at]
 
 
-# -- In small sets -------------------------------------------------------------------------------
+# -- In a small set poses are tested one by one, and one that was left out wrongly comes back ------
 
 
 HALF = [2, 5, 8, 11, 14, 1]
@@ -102,3 +103,24 @@ def test_rows_that_were_copied_say_nothing_of_the_noise(kr270: Cell, table_two: 
     noise = calib.identify(cell, data).noise
     assert noise.replicate_factor is None
     assert 0.0 < noise.sigma < 5.0 * noise.believed
+
+
+def test_what_agrees_comes_back_and_what_says_nothing_does_not() -> None:
+    statistics, rows = np.array([0.0, 1.2, 1.0, 50.0, *[1.0] * 10]), np.array([0, *[6] * 13])
+    kept = np.ones(14, dtype=bool)
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    kept[0] = False  # its markers are hidden
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    kept[[1, 3]] = False
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) == 1
+    kept[1] = True
+    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+
+
+def test_beside_residuals_of_nothing_a_wrong_pose_stands_out() -> None:
+    """Where the rest fits exactly, what one pose adds is all, and no number overflows."""
+    statistics, rows = np.array([1e10, 0.0, 0.0, 0.0, 0.0]), np.full(5, 3)
+    every = np.ones(5, dtype=bool)
+    assert next_outlier(statistics, rows, every, 3e10, 6) == 0
+    assert next_outlier(0.0 * statistics, rows, every, 0.0, 6) is None
+    assert wrongly_out(statistics, rows, statistics == 0.0, 0.0, 6) is None

@@ -16,7 +16,7 @@ from calib.diagnosis.prior import Amplitudes, curves_in, fitted_amplitudes, prio
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.estimators import choose_directions
-from calib.identification.outliers import fit_statistics, judge, threshold
+from calib.identification.outliers import extrapolation_factor, fit_statistics, judge, threshold
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
@@ -302,7 +302,8 @@ class Stage:
 
     def outliers(self, fit: Fit) -> tuple[Mask, Array, float]:
         """Poses that a fit does not explain, (m,), the statistic of every pose, (m,), and its limit."""
-        statistic = self.statistics(fit)
+        plain, whole = self.statistics(fit), fit.by_instrument(*self._in_full(fit)).linear
+        statistic = plain / extrapolation_factor(self.data.poses, whole, ~self.dropped, plain)
         limit = threshold(statistic, math.prod(self.weights.shape[-3:-1]))
         return judge(statistic, limit), statistic, limit
 

@@ -24,6 +24,7 @@ from calib.identification.estimators import (
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.noise_scales import noise_scales
 from calib.identification.outliers import (
+    extrapolation_factor,
     independent_share,
     judge,
     next_outlier,
@@ -346,6 +347,7 @@ def _judged(
     """What the fit to the poses kept says of every pose."""
     judged = estimator.judged(observation, values, span, kept)
     statistics, rows = pose_statistics(judged, kept)
+    statistics = statistics / extrapolation_factor(observation.data.poses, judged, kept, statistics)
     if not small_set(len(kept)):
         limit = threshold(statistics, math.prod(observation.weights.shape[-3:-1]))
         return _Judgement(~judge(statistics, limit), statistics, limit)

@@ -193,11 +193,6 @@ class Identification(Result, Estimation):
         poses, read = self.fit.data.poses, self.fit.data.seen.any(axis=1)
         return tuple(poses.names[i] for i in np.flatnonzero(~read))
 
-    @cached_property
-    def shared(self) -> Shared | None:
-        """What the outliers have in common, None where chance explains how they lie."""
-        return shared(variables_of(self.model.robot, self.fit.data), self.fit.outlier)
-
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about data, model and result, a sentence each."""

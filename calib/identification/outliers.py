@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, in_parts, stacked
-from calib.identification.pattern import beyond
 from calib.linear import LinearProblem
 from calib.model.covariance import covariance
 from calib.poses import Poses
@@ -28,6 +27,7 @@ _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
 _FEWEST = 12  # poses below which a wrong one cannot be told from a right one
 _FEW = 30  # poses below which quartiles mean little and poses are tested one by one
+_ALONE = 0.15  # of the range of the others: how far beyond them a pose is extrapolated
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
@@ -246,7 +246,7 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
     _, first = np.unique(poses.configuration, return_index=True)
     far: dict[int, float] = {}
     for values in poses.q[first].T:
-        for i, gap in beyond(values).items():
+        for i, gap in _beyond(values).items():
             others = np.sort(np.delete(values, i))
             if gap > _WIDER * np.diff(others).max():
                 # Where the others hold the joint still, as far as their range could be wide.
@@ -290,3 +290,17 @@ def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, 
             if near < len(order) and distance[near] > 0.0:  # else a third of them share one value
                 out = np.isin(configuration, each[order[:near]])
                 yield configuration == each[order[0]], out, float(distance[near])
+
+
+def _beyond(values: Array) -> dict[int, float]:
+    """Positions of the one or two values that lie far beyond all others, and by how much."""
+    order = np.argsort(values, kind="stable")
+    if len(order) < 4:
+        return {}
+    ends = ((order[0], order[1], order[-1]), (order[-1], order[-2], order[0]))
+    found = {}
+    for end, following, other in ends:
+        gap = float(abs(values[end] - values[following]))
+        if gap > _ALONE * float(abs(values[other] - values[following])):
+            found[int(end)] = gap
+    return found

@@ -1,0 +1,57 @@
+"""Products of draws with each other and with the projection: sums by variance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws a of B sets: their products with the inverse covariance and the projections.
+
+    owner : ndarray of int, shape (B, a), variance of each draw; -1 where there is none
+    M : ndarray, shape (B, a, a); T : ndarray, shape (B, a, c); E : ndarray, shape (B, a, f)
+    y : ndarray, shape (B, a), products with the response
+    """
+
+    owner: IntArray
+    M: Array
+    T: Array
+    E: Array
+    y: Array
+
+    def slopes(self, t: int) -> Array:
+        """``z^T P z - (z^T P y)^2``, summed by variance, shape (t,)."""
+        own = np.einsum("baa->ba", self.M) - (self.T**2).sum(axis=-1) - (self.E**2).sum(axis=-1)
+        return np.asarray((self._of(t) * (own - self.y**2)[..., None]).sum(axis=(0, 1)))
+
+    def near(self, t: int) -> Array:
+        """What the draws of one set add to the sum of ``(T_a . T_b + E_a . E_b)^2``, shape (t, t)."""
+        far = self.T @ _t(self.T) + self.E @ _t(self.E)
+        of = self._of(t)
+        return np.asarray((_t(of) @ (self.M * (self.M - 2.0 * far)) @ of).sum(axis=0))
+
+    def squares(self, t: int) -> Array:
+        """Sums of ``E_a E_a^T`` by variance, shape (t, f, f)."""
+        own = (self.E[self.owner == j] for j in range(t))
+        return np.stack([E.T @ E for E in own])
+
+    def products(self, left: Array, right: Array, t: int) -> Array:
+        """Sums of ``left_a right_a^T`` by variance, shape (B, t, l, r)."""
+        found = np.zeros((len(left), t, left.shape[-1], right.shape[-1]))
+        of = self._of(t)
+        for j in range(t):
+            if (mine := of[..., j].any(axis=0)).any():
+                found[:, j] = _t(left[:, mine] * of[:, mine, j, None]) @ right[:, mine]
+        return found
+
+    def _of(self, t: int) -> Array:
+        return np.eye(t + 1)[self.owner][..., :t]
+
+
+def _t(a: Array) -> Array:
+    return np.swapaxes(a, -1, -2)

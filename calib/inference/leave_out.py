@@ -1,0 +1,79 @@
+"""Predicted residuals of groups that are left out of a linear fit, without any refit.
+
+With ``A = X^T X`` of all rows and prior rows, the fit without the rows ``X_f`` has ``A - X_f^T X_f``,
+and its error at them is ``e_f + X_f (A - X_f^T X_f)^-1 X_f^T e_f``, e the residual of the whole fit.
+Orthonormal columns make A the identity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask, by_size
+from calib.inference.design import Design, Variances
+from calib.inference.least_squares import independent_columns, inverse_triangle, joined_triangle
+
+_DETERMINED = 1e-8  # share of a direction's information that the other groups must hold
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Errors of rows as the fit without their group predicts them.
+
+    residual : ndarray, of the shape and unit of the rows
+    determined : ndarray of bool, shape (g,), by sorted group: whether the other groups determine all
+        that the group depends on. Where they do not, those directions keep the value of the whole fit.
+    """
+
+    residual: Array
+    determined: Mask
+
+
+def leave_groups_out(X: Array, y: Array, group: IntArray, prior: Array | None = None) -> LeftOut:
+    """Leave out each group of rows in turn.
+
+    X : ndarray, shape (N, f), y : ndarray, shape (N,), rows of equal variance
+    group : ndarray of int, shape (N,); prior : ndarray, shape (h, f), further rows, of values zero
+    """
+    f = X.shape[1]
+    rows = np.column_stack([X, y])
+    held = np.zeros((0, f + 1)) if prior is None else np.pad(prior, ((0, 0), (0, 1)))
+    R = joined_triangle([rows, held])
+    kept = independent_columns(R[:, :f])
+    R = joined_triangle([part[:, np.append(kept, f)] for part in (rows, held)])
+    Q = X[:, kept] @ inverse_triangle(R[:-1, :-1])
+    e = y - Q @ R[:-1, -1]
+    number = np.unique(group, return_inverse=True)[1].reshape(-1)
+    left, determined = e.copy(), np.ones(int(number.max(initial=-1)) + 1, dtype=bool)
+    for index in by_size(number) if len(number) else ():
+        own, error = Q[index], e[index][..., None]
+        back = np.swapaxes(own, -1, -2)
+        wide = index.shape[1] > len(kept)
+        taken = back @ own if wide else own @ back
+        d, axes = np.linalg.eigh(np.eye(taken.shape[-1]) - taken)
+        known = d > _DETERMINED
+        determined[number[index[:, 0]]] = known.all(axis=1)
+        along = np.swapaxes(axes, -1, -2) @ (back @ error if wide else error)
+        more = np.where(known, 1.0 / np.where(known, d, 1.0) - (not wide), 0.0)[..., None] * along
+        found = axes @ more
+        left[index] += (own @ found if wide else found)[..., 0]
+    return LeftOut(left, determined)
+
+
+def leave_out(design: Design, variances: Variances, group: IntArray) -> LeftOut:
+    """Leave out each group of poses of a design, fitted by noise and priors of blocks.
+
+    group : ndarray of int, shape (m,); the residual has shape (m, R), zero where no row takes part
+    """
+    noise = np.sqrt(variances.instrument[design.instrument])
+    block = design.block_of_column
+    scale = np.append(variances.amplitudes, 1.0)[block]
+    X = design.columns * scale / noise[:, None]
+    found = leave_groups_out(
+        X, design.response / noise, group[design.pose], np.eye(len(block))[block >= 0]
+    )
+    residual = np.zeros(design.r.size)
+    residual[design.live] = found.residual * noise / design.pose_weight[design.pose]
+    return LeftOut(residual.reshape(design.r.shape), found.determined)

@@ -1,0 +1,160 @@
+"""Variances by restricted likelihood and their priors: every component, always.
+
+Fisher scoring moves the logarithms of all variances at once, by steps of bounded length with
+Levenberg's damping, from several starts. The result depends on the design, the prior and the start
+alone, in this order of weight: the best of all maxima counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.arrays import Array, Mask
+from calib.inference.design import Design, Variances
+from calib.inference.prior import Prior, effect_scales, penalty
+from calib.inference.restricted import MixedModel, RestrictedLikelihood
+
+_STEPS = 60
+_SETTLED = 1e-7  # decrease of -2 log L that is not worth another step
+_LONGEST = 2.0  # change of a logarithm in one step
+_DAMPING = 1e-9, 1e9
+_FAINT, _HIGH = 1e-10, 1e2  # of the variance that moves the rows as the residual does
+_LEAST = 1e-6  # of the residual variance: of an instrument
+_SIZES = 1.0, 1e-2, 1e2  # of a free amplitude, at the start
+_RUNS = 3  # starts that are followed to the end
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    theta : ndarray, shape (t,); objective : float, -2 log likelihood and penalty
+    converged : bool
+    """
+
+    theta: Array
+    objective: float
+    converged: bool
+
+
+def reml(design: Design, prior: Prior | None = None, start: Variances | None = None) -> Variances:
+    """Estimate the variances of a design."""
+    return design.variances(search(MixedModel.of(design), prior or Prior(), start).theta)
+
+
+def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> Search:
+    """The best maximum of the penalised restricted likelihood from several starts."""
+    problem = _Problem.of(model, prior)
+    starts = list(problem.starts(start))
+    values = [problem.objective(theta) for theta in starts]
+    kept = np.argsort(values, kind="stable")[:_RUNS]
+    found = [problem.descend(starts[i]) for i in kept]
+    return min(found, key=lambda one: round(one.objective, 5))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Objective and bounds: low, high and unit are of theta, shape (t,)."""
+
+    model: MixedModel
+    prior: Prior
+    unit: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, model: MixedModel, prior: Prior) -> _Problem:
+        """Bounds by what moves the rows as much as least squares leave."""
+        design = model.design
+        noise = _residual_variance(model)
+        by_row = 1.0 / noise[design.instrument]
+        rows = max(1, len(by_row))
+        power = np.array([(by_row @ design.flat(e.levers) ** 2).sum() for e in design.effects])
+        reached = np.divide(rows, power, out=np.zeros(len(power)), where=power > 0.0)
+        scales = effect_scales(design, prior)
+        usual = np.where(np.isfinite(scales), scales**2, reached)
+        reached = np.where(reached > 0.0, reached, usual)
+        free = np.ones(len(design.free_blocks))
+        unit = np.concatenate([noise, np.where(usual > 0.0, usual, 1.0), free])
+        faint = np.minimum(reached, usual)
+        low = np.concatenate([_LEAST * noise, _FAINT * faint, _FAINT * free])
+        high = np.concatenate([_HIGH * noise, _HIGH * np.maximum(reached, 1e-300), free / _FAINT])
+        return cls(model, prior, unit, low, np.maximum(high, low))
+
+    def starts(self, given: Variances | None) -> Iterator[Array]:
+        """Starting values: the given ones, and effects of usual and of small size."""
+        design = self.model.design
+        i, v = design.instruments, len(design.effects)
+        if given is not None:
+            yield np.clip(design.theta(given), self.low, self.high)
+        for share in (1.0, 1e-2):
+            for size in _SIZES[: 3 if design.free_blocks else 1]:
+                theta = self.unit.copy()
+                theta[i : i + v] *= share
+                theta[i + v :] *= size
+                yield np.clip(theta, self.low, self.high)
+
+    def objective(self, theta: Array) -> float:
+        """-2 log likelihood and penalty."""
+        likelihood = RestrictedLikelihood(self.model, theta).value
+        return likelihood + penalty(self.model.design, self.prior, theta).value
+
+    def descend(self, theta: Array) -> Search:
+        """Fisher scoring from one start."""
+        found, damping = self.objective(theta), _DAMPING[0]
+        for _ in range(_STEPS):
+            gradient, information = RestrictedLikelihood(self.model, theta).derivatives
+            known = penalty(self.model.design, self.prior, theta)
+            gradient = gradient + known.slope
+            information = information + np.diag(known.curvature)
+            inside = self._inside(theta, gradient)
+            while True:
+                step = _step(gradient, information, inside, damping)
+                trial = np.exp(np.clip(np.log(theta) + step, np.log(self.low), np.log(self.high)))
+                promised = -float(gradient @ np.log(trial / theta))
+                if promised < _SETTLED or damping > _DAMPING[1]:
+                    return Search(theta, found, promised < _SETTLED)
+                value = self.objective(trial)
+                if value <= found:
+                    break
+                damping = max(10.0 * damping, 1e-2)
+            theta, found, damping = trial, value, max(0.1 * damping, _DAMPING[0])
+        return Search(theta, found, False)
+
+    def _inside(self, theta: Array, gradient: Array) -> Mask:
+        """Variances that may move: not those whose bound holds them."""
+        held = ((theta <= self.low) & (gradient > 0.0)) | ((theta >= self.high) & (gradient < 0.0))
+        return ~held
+
+
+def _step(gradient: Array, information: Array, inside: Mask, damping: float) -> Array:
+    """Change of the logarithms, shape (t,), no component longer than the bound."""
+    A, g = information[np.ix_(inside, inside)], gradient[inside]
+    size = np.sqrt(np.maximum(np.diag(A), 1e-12))
+    scaled = A / np.outer(size, size) + (1e-9 + damping) * np.eye(len(g))
+    step = np.zeros(len(gradient))
+    step[inside] = -np.linalg.solve(scaled, g / size) / size
+    return np.asarray(step / max(1.0, float(np.abs(step).max(initial=0.0)) / _LONGEST))
+
+
+def _residual_variance(model: MixedModel) -> Array:
+    """Mean square of what least squares leave, of each instrument, shape (i,)."""
+    design = replace(model.design, effects=())
+    count = design.instruments
+    amplitudes = np.ones(len(design.free_blocks))
+    columns = design.columns * design.amplitudes(amplitudes)[design.block_of_column]
+    from calib.inference.least_squares import solve
+
+    of = design.block_of_column
+    prior = np.eye(len(of))[of >= 0]
+    scale = float(np.sqrt((design.response**2).mean())) if len(design.response) else 1.0
+    left = solve(columns, design.response, prior * scale).residual
+    spare = max(1.0 - np.count_nonzero(of < 0) / max(1, len(left)), 1e-3)
+    rows = np.bincount(design.instrument, minlength=count)
+    squares = np.bincount(design.instrument, left**2, count)
+    found = squares / np.maximum(rows, 1) / spare
+    floor = 1e-20 * scale**2 if scale > 0.0 else 1.0
+    return np.asarray(np.where(rows > 0, np.maximum(found, floor), 1.0))

@@ -134,7 +134,16 @@ class Design:
         """Block of each column, shape (f,); -1 for directions of b."""
         sizes = [g.root.shape[1] for g in self.blocks]
         own = np.repeat(np.arange(len(sizes)), sizes)
-        return np.concatenate([np.full(self.directions.shape[1], -1), own]).astype(np.int_)
+        return np.asarray(np.append(np.full(self.directions.shape[1], -1), own), dtype=np.int_)
+
+    def column_scale(self, amplitudes: Array) -> Array:
+        """Amplitude of each column, shape (f,), of blocks (g,); one for directions of b."""
+        return np.asarray(np.append(amplitudes, 1.0)[self.block_of_column])
+
+    @property
+    def prior_rows(self) -> Array:
+        """Rows (h, f) of unit variance and value zero, for columns in units of their amplitude."""
+        return np.eye(len(self.block_of_column))[self.block_of_column >= 0]
 
     @property
     def free_blocks(self) -> tuple[int, ...]:

@@ -68,12 +68,8 @@ def leave_out(design: Design, variances: Variances, group: IntArray) -> LeftOut:
     group : ndarray of int, shape (m,); the residual has shape (m, R), zero where no row takes part
     """
     noise = np.sqrt(variances.instrument[design.instrument])
-    block = design.block_of_column
-    scale = np.append(variances.amplitudes, 1.0)[block]
-    X = design.columns * scale / noise[:, None]
-    found = leave_groups_out(
-        X, design.response / noise, group[design.pose], np.eye(len(block))[block >= 0]
-    )
+    X = design.columns * design.column_scale(variances.amplitudes) / noise[:, None]
+    found = leave_groups_out(X, design.response / noise, group[design.pose], design.prior_rows)
     residual = np.zeros(design.r.size)
     residual[design.live] = found.residual * noise / design.pose_weight[design.pose]
     return LeftOut(residual.reshape(design.r.shape), found.determined)

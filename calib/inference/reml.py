@@ -8,12 +8,13 @@ alone, in this order of weight: the best of all maxima counts.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.inference.design import Design, Variances
+from calib.inference.least_squares import solve
 from calib.inference.prior import Prior, effect_scales, penalty
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
 
@@ -69,7 +70,7 @@ class _Problem:
     def of(cls, model: MixedModel, prior: Prior) -> _Problem:
         """Bounds by what moves the rows as much as least squares leave."""
         design = model.design
-        noise = _residual_variance(model)
+        noise = _residual_variance(design)
         by_row = 1.0 / noise[design.instrument]
         rows = max(1, len(by_row))
         power = np.array([(by_row @ design.flat(e.levers) ** 2).sum() for e in design.effects])
@@ -131,30 +132,31 @@ class _Problem:
 
 
 def _step(gradient: Array, information: Array, inside: Mask, damping: float) -> Array:
-    """Change of the logarithms, shape (t,), no component longer than the bound."""
+    """Change of the logarithms, shape (t,), downhill, no component longer than the bound.
+
+    Where a variance is so small that rows say little of it, its slope alone bounds its change.
+    """
     A, g = information[np.ix_(inside, inside)], gradient[inside]
-    size = np.sqrt(np.maximum(np.diag(A), 1e-12))
-    scaled = A / np.outer(size, size) + (1e-9 + damping) * np.eye(len(g))
+    known = np.diag(A)
+    own = np.maximum(known * (1.0 + 1e-9 + damping), np.maximum(np.abs(g) / _LONGEST, 1e-300))
+    size = np.sqrt(own)
+    scaled = (A + np.diag(own - known)) / np.outer(size, size)
     step = np.zeros(len(gradient))
     step[inside] = -np.linalg.solve(scaled, g / size) / size
-    return np.asarray(step / max(1.0, float(np.abs(step).max(initial=0.0)) / _LONGEST))
+    return np.asarray(step / max(1.0, float(np.abs(step).max(initial=0.0)) / (2.0 * _LONGEST)))
 
 
-def _residual_variance(model: MixedModel) -> Array:
-    """Mean square of what least squares leave, of each instrument, shape (i,)."""
-    design = replace(model.design, effects=())
-    count = design.instruments
-    amplitudes = np.ones(len(design.free_blocks))
-    columns = design.columns * design.amplitudes(amplitudes)[design.block_of_column]
-    from calib.inference.least_squares import solve
-
-    of = design.block_of_column
-    prior = np.eye(len(of))[of >= 0]
+def _residual_variance(design: Design) -> Array:
+    """Mean square of what least squares leave of the rows of each instrument, shape (i,)."""
+    columns = design.columns * design.column_scale(
+        design.amplitudes(np.ones(len(design.free_blocks)))
+    )
     scale = float(np.sqrt((design.response**2).mean())) if len(design.response) else 1.0
-    left = solve(columns, design.response, prior * scale).residual
-    spare = max(1.0 - np.count_nonzero(of < 0) / max(1, len(left)), 1e-3)
-    rows = np.bincount(design.instrument, minlength=count)
-    squares = np.bincount(design.instrument, left**2, count)
-    found = squares / np.maximum(rows, 1) / spare
+    left = solve(columns, design.response, design.prior_rows * scale).residual
+    spare = max(1.0 - design.directions.shape[1] / max(1, len(left)), 1e-3)
+    rows = np.bincount(design.instrument, minlength=design.instruments)
+    found = (
+        np.bincount(design.instrument, left**2, design.instruments) / np.maximum(rows, 1) / spare
+    )
     floor = 1e-20 * scale**2 if scale > 0.0 else 1.0
     return np.asarray(np.where(rows > 0, np.maximum(found, floor), 1.0))

@@ -75,14 +75,13 @@ class RestrictedLikelihood:
         """Amplitude of each column, and one for the response, shape (f + 1,)."""
         design = self.model.design
         first = design.instruments + len(design.effects)
-        amplitude = np.append(design.amplitudes(np.sqrt(self.theta[first:])), 1.0)
-        return np.append(amplitude[design.block_of_column], 1.0)
+        amplitudes = design.amplitudes(np.sqrt(self.theta[first:]))
+        return np.append(design.column_scale(amplitudes), 1.0)
 
     @cached_property
     def prior(self) -> Array:
         """Prior rows P of columns and response, shape (h, f + 1)."""
-        of = self.model.design.block_of_column
-        return np.eye(len(of) + 1)[:-1][of >= 0]
+        return np.pad(self.model.design.prior_rows, ((0, 0), (0, 1)))
 
     @cached_property
     def outside(self) -> Array:

@@ -1,0 +1,54 @@
+"""Groups left out: the same errors as by refitting without them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.inference import leave_groups_out, leave_out
+from calib.inference.least_squares import solve
+from tests.calib.inference.designs import PLACE, POSES, random_design, random_theta
+
+
+@pytest.mark.parametrize("sizes", [[1, 2, 3, 4, 20], [5] * 8])
+@pytest.mark.parametrize("held", [0, 3])
+def test_errors_are_those_of_a_refit(sizes: list[int], held: int) -> None:
+    rng = np.random.default_rng(0)
+    group = rng.permutation(np.repeat(np.arange(len(sizes)) * 3, sizes))
+    X, y = rng.normal(size=(len(group), 6)), rng.normal(size=len(group))
+    prior = rng.normal(size=(held, 6))
+    found = leave_groups_out(X, y, group, prior)
+    assert found.determined.all()
+    for own in np.unique(group):
+        out = group == own
+        values = solve(X[~out], y[~out], prior).values
+        np.testing.assert_allclose(found.residual[out], y[out] - X[out] @ values, rtol=1e-9)
+
+
+def test_a_design_is_refitted_without_its_places() -> None:
+    """By noise and priors of blocks; in the unit of the rows, whatever the weight."""
+    design = random_design()
+    variances = design.variances(random_theta(design))
+    found = leave_out(design, variances, PLACE)
+    for place in (2, 5):
+        rest = np.where(PLACE == place, 0.0, design.pose_weight)
+        less = replace(design, pose_weight=rest)
+        noise = np.sqrt(variances.instrument[less.instrument])
+        scale = less.column_scale(variances.amplitudes)
+        X = less.columns * scale / noise[:, None]
+        values = scale * solve(X, less.response / noise, less.prior_rows).values
+        full = replace(design, pose_weight=np.ones(POSES))
+        left = full.response - full.columns @ values
+        residual = found.residual.reshape(-1)[full.live]
+        own = (PLACE[full.pose] == place) & (design.pose_weight[full.pose] > 0.0)
+        np.testing.assert_allclose(residual[own], left[own], rtol=1e-8, atol=1e-10)
+    assert not found.residual[6].any()
+
+
+def test_what_no_other_group_determines_is_said() -> None:
+    X = np.eye(4)[[0, 0, 1, 1, 2, 2, 3, 3]]
+    found = leave_groups_out(X, np.arange(8.0), np.array([0, 1, 0, 1, 0, 1, 2, 2]))
+    assert found.determined.tolist() == [True, True, False]
+    np.testing.assert_allclose(found.residual[6:], [-0.5, 0.5])

@@ -1,0 +1,161 @@
+"""Variances: against MixedLM of statsmodels, at the maximum, at the boundary, from any start."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.arrays import Array
+from calib.inference import Design, Marginal, Prior, Variances, reml
+from calib.inference.prior import penalty
+from calib.inference.restricted import MixedModel, RestrictedLikelihood
+from tests.calib.inference.designs import GROUPS, random_design, random_theta, simple_design
+
+
+def intercepts(seed: int, between: float, groups: int = 12, each: int = 4) -> Design:
+    """A random intercept a group of poses with one row, and two fixed columns."""
+    rng = np.random.default_rng(seed)
+    m = groups * each
+    J = np.stack([np.ones(m), rng.normal(size=m)], axis=-1)[:, None]
+    group = np.arange(m) // each
+    r = J @ np.array([1.0, -2.0]) + between * rng.normal(size=(groups, 1))[group]
+    return simple_design(np.ones((m, 1, 1)), group, J, r + 0.5 * rng.normal(size=(m, 1)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_variances_value_and_deviations_are_those_of_statsmodels(seed: int) -> None:
+    smf = pytest.importorskip("statsmodels.regression.mixed_linear_model")
+    design = intercepts(seed, 0.8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = smf.MixedLM(design.r[:, 0], design.J[:, 0], design.effects[0].group)
+        peer = model.fit(reml=True, method="lbfgs", tol=1e-12)
+    found = reml(design)
+    assert found.instrument[0] == pytest.approx(peer.scale, rel=1e-3)
+    assert found.effects[0] == pytest.approx(float(peer.cov_re[0, 0]), rel=2e-3)
+    own = RestrictedLikelihood(MixedModel.of(design), design.theta(found))
+    assert -0.5 * own.value == pytest.approx(peer.llf, abs=1e-5)
+    np.testing.assert_allclose(own.coefficients, peer.fe_params, rtol=1e-4)
+    np.testing.assert_allclose((own.inverse**2).sum(axis=1) ** 0.5, peer.bse_fe, rtol=0.02)
+
+
+def test_variances_of_balanced_groups_are_those_of_the_analysis_of_variance() -> None:
+    groups, each = 10, 5
+    rng = np.random.default_rng(2)
+    y = rng.normal(size=(groups, 1)) * 1.5 + rng.normal(size=(groups, each))
+    m = groups * each
+    design = simple_design(
+        np.ones((m, 1, 1)), np.arange(m) // each, np.ones((m, 1, 1)), y.reshape(m, 1)
+    )
+    within = y.var(axis=1, ddof=1).mean()
+    between = each * y.mean(axis=1).var(ddof=1)
+    found = reml(design)
+    assert found.instrument[0] == pytest.approx(within, rel=1e-3)
+    assert found.effects[0] == pytest.approx((between - within) / each, rel=1e-3)
+
+
+@pytest.mark.parametrize("prior", [Prior(), Prior({"joint": 0.3}, instrument_freedom=5.0)])
+@pytest.mark.parametrize("groups", list(GROUPS))
+def test_no_variance_improves_the_penalised_likelihood(groups: str, prior: Prior) -> None:
+    """Slopes vanish; where a variance is at its lower bound, it would only rise."""
+    design = random_design(groups, 3)
+    theta = design.theta(reml(design, prior))
+    slope = RestrictedLikelihood(MixedModel.of(design), theta).derivatives[0]
+    slope = slope + penalty(design, prior, theta).slope
+    assert np.abs(slope).max() < 5e-3
+
+
+@pytest.mark.parametrize("groups", list(GROUPS))
+def test_any_start_leads_to_the_same_variances(groups: str) -> None:
+    design = random_design(groups, 5)
+    prior = Prior({"joint": 0.3})
+    plain = design.theta(reml(design, prior))
+    for seed in range(3):
+        start = design.variances(random_theta(design, seed) * 10.0 ** (2 * seed - 2))
+        found = design.theta(reml(design, prior, start))
+        np.testing.assert_allclose(found, plain, rtol=5e-3, atol=1e-6)
+
+
+def test_a_variance_that_is_not_there_goes_to_its_bound_and_not_below() -> None:
+    """Groups that agree better than noise allows: nothing without a prior, little with one."""
+    design = intercepts(1, 0.0)
+    left = (design.r[:, 0] - design.J[:, 0] @ np.array([1.0, -2.0])).reshape(12, 4)
+    left = (left - left.mean(axis=1, keepdims=True)).reshape(48)
+    design = replace(design, r=left[:, None])
+    noise = float(left.var())
+    assert 0.0 < reml(design).effects[0] < 1e-5 * noise
+    known = reml(design, Prior({"joint": 0.05})).effects[0]
+    assert 1e-4 * noise < known < noise / 4.0
+
+
+def test_where_rows_say_nothing_the_data_sheet_stands() -> None:
+    """A lever too short to show beside the noise."""
+    rng = np.random.default_rng(0)
+    design = simple_design(
+        1e-6 * rng.normal(size=(30, 3, 1)),
+        np.arange(30),
+        rng.normal(size=(30, 3, 2)),
+        rng.normal(size=(30, 3)),
+    )
+    prior = Prior({"joint": 0.2})
+    found = reml(design, prior)
+    assert np.sqrt(found.effects[0]) == pytest.approx(0.2, rel=0.02)
+    marginal = Marginal.at(design, found, prior)
+    assert marginal.log_covariance[1, 1] == pytest.approx(4.0, rel=0.02)
+
+
+def test_the_statement_of_an_instrument_counts_as_so_many_readings() -> None:
+    rng = np.random.default_rng(0)
+    r = 3.0 * rng.normal(size=(20, 3))
+    design = replace(random_like(r), effects=())
+    free = reml(design).instrument[0]
+    known = reml(design, Prior(instrument_freedom=40.0)).instrument[0]
+    assert known == pytest.approx((free * 58.0 + 40.0) / 98.0, rel=1e-3)
+
+
+def random_like(r: Array) -> Design:
+    rng = np.random.default_rng(7)
+    m, rows = r.shape
+    levers, J = rng.normal(size=(m, rows, 1)), rng.normal(size=(m, rows, 2))
+    return simple_design(levers, np.arange(m), J, r)
+
+
+def test_units_scale_the_variances() -> None:
+    design = random_design("approaches within places", 3)
+    design = replace(design, blocks=design.blocks[:1])
+    other = replace(
+        design,
+        r=1e-4 * design.r,
+        J=1e2 * design.J,
+        blocks=(replace(design.blocks[0], columns=1e-4 * design.blocks[0].columns),),
+        effects=tuple(replace(e, levers=10.0 * e.levers) for e in design.effects),
+    )
+    one, two = reml(design), reml(other)
+    np.testing.assert_allclose(two.instrument, 1e-8 * one.instrument, rtol=1e-3)
+    noise = one.instrument.mean()
+    np.testing.assert_allclose(1e10 * two.effects, one.effects, rtol=5e-3, atol=1e-5 * noise)
+    np.testing.assert_allclose(two.amplitudes, one.amplitudes, rtol=5e-3, atol=1e-3)
+
+
+def test_simulated_variances_are_found_on_average() -> None:
+    """Three components over forty places, two approaches each."""
+    rng = np.random.default_rng(1)
+    m, rows = 80, 6
+    levers = rng.normal(size=(m, rows, 2))
+    design = simple_design(levers, np.arange(m), rng.normal(size=(m, rows, 3)), np.zeros((m, rows)))
+    place = replace(design.effects[0], name="place", group=np.arange(m) // 2)
+    design = replace(design, effects=(*design.effects, place))
+    truth = np.array([0.25, 0.3, 0.8])
+    found = []
+    for _ in range(30):
+        own = rng.normal(size=(m, 2)) * 0.3**0.5
+        own = own + (rng.normal(size=(m // 2, 2)) * 0.8**0.5)[place.group]
+        r = (levers @ own[..., None])[..., 0] + 0.5 * rng.normal(size=(m, rows))
+        found.append(design.theta(reml(replace(design, r=r))))
+    mean, std = np.mean(found, axis=0), np.std(found, axis=0) / 30**0.5
+    assert (np.abs(mean - truth) < 3.5 * std).all()
+    spread = Marginal.at(design, Variances(truth[:1], truth[1:], np.zeros(0))).log_covariance
+    np.testing.assert_allclose(np.std(np.log(found), axis=0), np.diag(spread) ** 0.5, rtol=0.5)

@@ -87,12 +87,12 @@ class Design:
     def live(self) -> IntArray:
         """Positions (N,) of the rows that take part, in the flat order of (m, R)."""
         present = (self.instrument_of_row >= 0) & (self.pose_weight > 0.0)[:, None]
-        return np.flatnonzero(present)
+        return np.asarray(np.flatnonzero(present))
 
     @cached_property
     def pose(self) -> IntArray:
         """Pose of each live row, shape (N,)."""
-        return self.live // max(1, self.r.shape[1])
+        return np.asarray(self.live // max(1, self.r.shape[1]))
 
     @cached_property
     def instrument(self) -> IntArray:
@@ -103,6 +103,11 @@ class Design:
     def instruments(self) -> int:
         """Number of instruments."""
         return int(self.instrument_of_row.max(initial=-1)) + 1
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residual: rows less directions of b."""
+        return len(self.live) - int(self.directions.shape[1])
 
     def flat(self, rows: Array) -> Array:
         """Live rows (N, k) of rows (m, R, k), times the weights of their poses."""
@@ -134,7 +139,8 @@ class Design:
         """Block of each column, shape (f,); -1 for directions of b."""
         sizes = [g.root.shape[1] for g in self.blocks]
         own = np.repeat(np.arange(len(sizes)), sizes)
-        return np.asarray(np.append(np.full(self.directions.shape[1], -1), own), dtype=np.int_)
+        found: IntArray = np.append(np.full(self.directions.shape[1], -1), own)
+        return found
 
     def column_scale(self, amplitudes: Array) -> Array:
         """Amplitude of each column, shape (f,), of blocks (g,); one for directions of b."""

@@ -12,7 +12,6 @@ from calib.errors import Unsolvable
 
 RANK = 1e-9
 """Share of a column's length that the columns before it leave, below which it depends on them."""
-_STACK = 256  # rows that the processor's cache holds
 _DIGITS = 1e-6  # share of a column's length: products of columns hold no less than its square
 
 
@@ -75,21 +74,12 @@ def independent_columns(X: Array) -> IntArray:
 def triangle(A: Array) -> Array:
     """R (k, k) of ``A = Q R``, for A of shape (N, k); rows of zeros complete a short one.
 
-    Long matrices are reduced in stacks, and the triangles of stacks again (Demmel, Grigori, Hoemmen,
-    Langou, SIAM J. Sci. Comput. 34(1), 2012). Raises Unsolvable where a number is not finite.
+    Raises Unsolvable where a number is not finite.
     """
     if not np.isfinite(A).all():
         raise Unsolvable
-    k = A.shape[1]
-    if k == 0:
-        return np.zeros((0, 0))
-    step = max(_STACK, 2 * k)
-    while len(A) >= 2 * step:
-        cut = len(A) // step * step
-        R = np.asarray(np.linalg.qr(A[:cut].reshape(-1, step, k), mode="r"))
-        A = np.concatenate([R.reshape(-1, k), A[cut:]])
     R = np.asarray(np.linalg.qr(A, mode="r"))
-    return np.pad(R, ((0, k - len(R)), (0, 0)))
+    return np.pad(R, ((0, A.shape[1] - len(R)), (0, 0)))
 
 
 def joined_triangle(parts: Sequence[Array]) -> Array:
@@ -102,15 +92,13 @@ def joined_triangle(parts: Sequence[Array]) -> Array:
     if not np.isfinite(G).all():
         raise Unsolvable
     scale = np.sqrt(np.diag(G))
-    if not (scale > 0.0).all():
-        return triangle(np.concatenate(list(parts)))
+    scale = np.where(scale > 0.0, scale, 1.0)
     try:
-        R = np.linalg.cholesky(G / np.outer(scale, scale)).T * scale
+        R = np.linalg.cholesky(G / np.outer(scale, scale)).T
     except np.linalg.LinAlgError:
-        return triangle(np.concatenate(list(parts)))
-    if (np.diag(R) < _DIGITS * scale).any():
-        return triangle(np.concatenate(list(parts)))
-    return np.asarray(R)
+        R = np.zeros_like(G)
+    exact = (np.diag(R) > _DIGITS).all()
+    return np.asarray(R * scale) if exact else triangle(np.concatenate(list(parts)))
 
 
 def inverse_triangle(R: Array) -> Array:

@@ -48,17 +48,13 @@ def leave_groups_out(X: Array, y: Array, group: IntArray, prior: Array | None = 
     number = np.unique(group, return_inverse=True)[1].reshape(-1)
     left, determined = e.copy(), np.ones(int(number.max(initial=-1)) + 1, dtype=bool)
     for index in by_size(number) if len(number) else ():
-        own, error = Q[index], e[index][..., None]
-        back = np.swapaxes(own, -1, -2)
-        wide = index.shape[1] > len(kept)
-        taken = back @ own if wide else own @ back
-        d, axes = np.linalg.eigh(np.eye(taken.shape[-1]) - taken)
+        own, back = Q[index], np.swapaxes(Q[index], -1, -2)
+        d, axes = np.linalg.eigh(np.eye(len(kept)) - back @ own)
         known = d > _DETERMINED
         determined[number[index[:, 0]]] = known.all(axis=1)
-        along = np.swapaxes(axes, -1, -2) @ (back @ error if wide else error)
-        more = np.where(known, 1.0 / np.where(known, d, 1.0) - (not wide), 0.0)[..., None] * along
-        found = axes @ more
-        left[index] += (own @ found if wide else found)[..., 0]
+        along = np.swapaxes(axes, -1, -2) @ (back @ e[index][..., None])
+        moved = axes @ (along * np.where(known, 1.0 / np.where(known, d, 1.0), 0.0)[..., None])
+        left[index] += (own @ moved)[..., 0]
     return LeftOut(left, determined)
 
 

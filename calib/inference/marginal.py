@@ -11,10 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, by_size
+from calib.arrays import Array, IntArray, by_size, stacked
 from calib.inference.design import Design, GaussianBlock, Variances
 from calib.inference.evidence import Evidence, block_evidence
-from calib.inference.least_squares import inverse_triangle, joined_triangle
 from calib.inference.prior import Prior, penalty
 from calib.inference.reml import search
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
@@ -46,48 +45,31 @@ class Marginal:
         """Restricted log likelihood."""
         return -0.5 * self.likelihood.value
 
-    @property
-    def residual_freedom(self) -> int:
-        """Degrees of freedom of the weighted sum of squares: rows less directions of b."""
-        return len(self.design.live) - int(self.design.directions.shape[1])
-
     # -- estimate and covariance ----------------------------------------------------------------
 
     @cached_property
-    def _by_noise(self) -> tuple[Array, Array, Array]:
-        """Turned rows (A, k, f + 1) by their noise, root W (f, f) and coefficients (f,)."""
-        own = self.likelihood
-        slot = np.sqrt(own.decorrelation.slot_variance)[..., None]
-        inside = own.model.inside * own.scale / slot
-        width = len(own.scale)
-        parts = [own.outside.reshape(-1, width), inside.reshape(-1, width), own.prior]
-        R = joined_triangle(parts)
-        W = inverse_triangle(R[:-1, :-1])
-        return inside, W, np.asarray(W @ R[:-1, -1])
+    def _by_noise(self) -> RestrictedLikelihood:
+        """The same without random effects: its root W and coefficients are those of least squares."""
+        theta, i = self.likelihood.theta.copy(), self.design.instruments
+        theta[i : i + len(self.design.effects)] = 0.0
+        return RestrictedLikelihood(self.likelihood.model, theta)
 
     @cached_property
     def _effects(self) -> tuple[Array, IntArray]:
-        """How draws of unit variance move the coefficients in units of W, and their effects.
-
-        Shapes (d, f) and (d,).
-        """
+        """How draws of unit variance move the coefficients in units of W, (d, f), and their effects."""
         own, turned = self.likelihood.decorrelation, self.likelihood.model.turned
-        inside, W, _ = self._by_noise
-        by_variance = inside[..., :-1] @ W / np.sqrt(own.slot_variance)[..., None]
+        by_variance = self._by_noise.weighted[..., :-1]
         cells = np.swapaxes(own.own, -1, -2) @ by_variance
         shared = turned.sums(np.swapaxes(own.shared, -1, -2) @ by_variance)
-        f = W.shape[1]
         effect = np.concatenate([np.tile(turned.own_of, len(cells)), turned.shared_of.ravel()])
-        moved = np.concatenate(
-            [cells.reshape(len(cells) * cells.shape[1], f), shared.reshape(-1, f)]
-        )
+        moved = np.concatenate([stacked(cells), stacked(shared)])
         return moved[effect >= 0], effect[effect >= 0]
 
     @property
     def estimate(self) -> Array:
         """Least-squares values of b, shape (p,)."""
         directions = self.design.directions
-        return np.asarray(directions @ self._by_noise[2][: directions.shape[1]])
+        return np.asarray(directions @ self._by_noise.coefficients[: directions.shape[1]])
 
     @cached_property
     def covariance(self) -> Array:
@@ -100,7 +82,7 @@ class Marginal:
     def _root(self) -> Array:
         """``D W``, shape (p, f): values of b from coefficients in units of W."""
         directions = self.design.directions
-        return np.asarray(directions @ self._by_noise[1][: directions.shape[1]])
+        return np.asarray(directions @ self._by_noise.inverse[: directions.shape[1]])
 
     def freedom(self, direction: Array) -> float:
         """Satterthwaite's degrees of freedom of the variance of ``direction . b``, one at least.
@@ -117,15 +99,13 @@ class Marginal:
 
     def _parts(self, u: Array) -> Array:
         """Parts (t,) of the variance of a combination u (f,) of coefficients in units of W."""
-        own, design = self.likelihood, self.design
-        inside, W, _ = self._by_noise
-        along = np.append(W @ u, 0.0)
+        own, design = self._by_noise, self.design
+        along = np.append(own.inverse @ u, 0.0)
         i, v = design.instruments, len(design.effects)
         parts = np.zeros(len(own.theta))
         parts[:i] = ((own.outside @ along) ** 2).sum(axis=1)
         slots = own.model.turned.instrument
-        used = slots >= 0
-        np.add.at(parts, slots[used], ((inside @ along) ** 2)[used])
+        np.add.at(parts, slots[slots >= 0], ((own.inside @ along) ** 2)[slots >= 0])
         moved, effect = self._effects
         np.add.at(parts, i + effect, (moved @ u) ** 2)
         for j, block in enumerate(design.free_blocks):
@@ -135,7 +115,7 @@ class Marginal:
     @cached_property
     def log_covariance(self) -> Array:
         """Covariance (t, t) of the estimated log variances: instruments, effects, amplitudes^2."""
-        known = penalty(self.design, self.prior, self.likelihood.theta).curvature
+        known = penalty(self.design, self.prior, self.likelihood.theta).information
         A = self.likelihood.derivatives[1] + np.diag(known)
         size = np.sqrt(np.maximum(np.diag(A), 1e-12))
         scaled = A / np.outer(size, size) + 1e-12 * np.eye(len(A))
@@ -203,7 +183,7 @@ class Marginal:
             shown[:, -2],
             shown[:, -1],
             block.amplitude,
-            self.residual_freedom,
+            self.design.freedom,
         )
         if not refind:
             return found

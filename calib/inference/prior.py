@@ -35,11 +35,20 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Penalty:
-    """-2 log prior of log variances, its slope and its curvature, shapes (), (t,) and (t,)."""
+    """-2 log prior of log variances, its slope (t,) and its curvature (t,)."""
 
     value: float
     slope: Array
     curvature: Array
+
+    @property
+    def information(self) -> Array:
+        """What the prior adds at the mode to the expected second derivatives, shape (t,).
+
+        The second derivative of a likelihood L by log s^2 is ``s^4 L'' + s^2 L'``, and at the mode L'
+        opposes the slope of the prior.
+        """
+        return np.asarray(self.curvature + np.maximum(-self.slope, 0.0))
 
 
 def penalty(design: Design, prior: Prior, theta: Array) -> Penalty:

@@ -109,8 +109,8 @@ class _Problem:
         for _ in range(_STEPS):
             gradient, information = RestrictedLikelihood(self.model, theta).derivatives
             known = penalty(self.model.design, self.prior, theta)
-            gradient = gradient + known.slope
-            information = information + np.diag(known.curvature)
+            curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
+            gradient, information = gradient + known.slope, information + np.diag(curvature)
             inside = self._inside(theta, gradient)
             while True:
                 step = _step(gradient, information, inside, damping)

@@ -113,23 +113,13 @@ class RestrictedLikelihood:
         return np.asarray(self.inverse @ self.R[:-1, -1])
 
     @cached_property
-    def cost(self) -> float:
-        """``y^T P y``, the weighted sum of squares with that of the prior rows."""
-        return float(self.R[-1, -1] ** 2)
-
-    @cached_property
     def value(self) -> float:
         """-2 log likelihood."""
         design = self.model.design
-        unknown = int(np.count_nonzero(design.block_of_column < 0))
         noise = self.model.turned.outside @ np.log(self.theta[: design.instruments])
-        return float(
-            (len(design.live) - unknown) * log(2.0 * pi)
-            + noise
-            + self.decorrelation.log_det
-            + 2.0 * np.log(np.abs(np.diag(self.R)[:-1])).sum()
-            + self.cost
-        )
+        columns = 2.0 * np.log(np.abs(np.diag(self.R)[:-1])).sum()
+        fixed = design.freedom * log(2.0 * pi) + self.R[-1, -1] ** 2
+        return float(fixed + noise + self.decorrelation.log_det + columns)
 
     @cached_property
     def combined(self) -> Array:
@@ -153,10 +143,8 @@ class RestrictedLikelihood:
         gradient, information = np.zeros(t), np.zeros((t, t))
         B = np.zeros((t, *self.inverse.shape))  # sum of E^T E by variance
         alone = self.outside @ self.combined
-        taken = np.einsum("irf,irf->i", alone[..., :-1], alone[..., :-1])
-        gradient[:count] = (
-            turned.outside - taken - np.einsum("ir,ir->i", alone[..., -1], alone[..., -1])
-        )
+        taken = (alone[..., :-1] ** 2).sum(axis=(1, 2))
+        gradient[:count] = turned.outside - taken - (alone[..., -1] ** 2).sum(axis=1)
         information[range(count), range(count)] = turned.outside - 2.0 * taken
         B[:count] = _t(alone[..., :-1]) @ alone[..., :-1]
         for draws in self.draws:
@@ -212,8 +200,3 @@ class RestrictedLikelihood:
 
 def _t(a: Array) -> Array:
     return np.swapaxes(a, -1, -2)
-
-
-def restricted_likelihood(design: Design, theta: Array) -> RestrictedLikelihood:
-    """Of a design at some variances."""
-    return RestrictedLikelihood(MixedModel.of(design), theta)

@@ -13,19 +13,14 @@ _AT_THE_MEAN = 1e-3  # standard deviations from the mean within which the formul
 _EQUAL = 1e-9  # relative difference of weights
 
 
-def chi_square_tail(value: float, freedom: float) -> float:
-    """Probability that a chi-square variable exceeds a value."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(freedom, max(value, 0.0)))
-
-
 def f_tail(value: float, numerator: float, denominator: float) -> float:
-    """Probability that an F variable exceeds a value; infinite ``denominator`` makes it chi-square."""
-    from scipy.special import fdtrc
+    """Probability that an F variable exceeds a value; of infinite ``denominator``, that
+    ``chi-square / numerator`` does.
+    """
+    from scipy.special import chdtrc, fdtrc
 
     if not np.isfinite(denominator):
-        return chi_square_tail(value * numerator, numerator)
+        return float(chdtrc(numerator, max(value, 0.0) * numerator))
     return float(fdtrc(numerator, denominator, max(value, 0.0)))
 
 
@@ -47,11 +42,10 @@ def weighted_tail(weights: Array, value: float, freedom: float = np.inf) -> floa
     if share >= w.max():
         return 0.0
     if np.ptp(w) <= _EQUAL * w.max():
+        rest, weight = freedom - k, float(w[0])
         if infinite:
-            return chi_square_tail(value / float(w[0]), k)
-        rest = freedom - k
-        ratio = share / max(float(w[0]) - share, 1e-300)
-        return f_tail(ratio * rest / k, k, rest) if rest > 0.0 else 1.0
+            return f_tail(value / weight / k, k, rest)
+        return f_tail(share / (weight - share) * rest / k, k, rest) if rest > 0.0 else 1.0
     if infinite:
         return _quadratic_tail(w, np.ones(k), value)
     counts = np.append(np.ones(k), max(freedom - k, 0.0))

@@ -89,13 +89,14 @@ class Dense:
 
     @property
     def noise(self) -> Array:
-        return sum(t * V for t, V in zip(self.theta, self.parts[: self.design.instruments]))
+        count = self.design.instruments
+        return sum(t * V for t, V in zip(self.theta[:count], self.parts[:count], strict=True))
 
     @property
     def V(self) -> Array:
         """Of the response, blocks integrated out."""
         stated = [b for b in self.design.blocks if b.amplitude is not None]
-        own = sum(t * V for t, V in zip(self.theta, self.parts))
+        own = sum(t * V for t, V in zip(self.theta, self.parts, strict=True))
         return own + sum((b.amplitude**2 * self._spread(b) for b in stated), np.zeros_like(own))
 
     @property
@@ -122,7 +123,7 @@ class Dense:
 
     @property
     def information(self) -> Array:
-        moved = [t * self.P @ V for t, V in zip(self.theta, self.parts)]
+        moved = [t * self.P @ V for t, V in zip(self.theta, self.parts, strict=True)]
         return np.array([[np.sum(a * b.T) for b in moved] for a in moved])
 
     @property

@@ -33,7 +33,7 @@ def test_a_design_is_refitted_without_its_places() -> None:
     variances = design.variances(random_theta(design))
     found = leave_out(design, variances, PLACE)
     for place in (2, 5):
-        rest = np.where(PLACE == place, 0.0, design.pose_weight)
+        rest = np.where(place == PLACE, 0.0, design.pose_weight)
         less = replace(design, pose_weight=rest)
         noise = np.sqrt(variances.instrument[less.instrument])
         scale = less.column_scale(variances.amplitudes)
@@ -42,7 +42,7 @@ def test_a_design_is_refitted_without_its_places() -> None:
         full = replace(design, pose_weight=np.ones(POSES))
         left = full.response - full.columns @ values
         residual = found.residual.reshape(-1)[full.live]
-        own = (PLACE[full.pose] == place) & (design.pose_weight[full.pose] > 0.0)
+        own = (place == PLACE[full.pose]) & (design.pose_weight[full.pose] > 0.0)
         np.testing.assert_allclose(residual[own], left[own], rtol=1e-8, atol=1e-10)
     assert not found.residual[6].any()
 

@@ -57,7 +57,7 @@ def test_freedom_is_by_derivatives_of_the_dense_variance(groups: str) -> None:
     direction = np.array([1.0, -2.0, 0.5])
     weights = least_squares_map(dense).T @ direction
     parts = theta * np.array([weights @ V @ weights for V in dense.parts])
-    curvature = np.diag(penalty(design, prior, theta).curvature)
+    curvature = np.diag(penalty(design, prior, theta).information)
     spread = 2.0 * np.linalg.inv(dense.information + curvature)
     expected = 2.0 * (weights @ dense.V @ weights) ** 2 / (parts @ spread @ parts)
     assert found.freedom(direction) == pytest.approx(expected, rel=1e-8)
@@ -68,7 +68,7 @@ def test_freedom_of_noise_alone_is_that_of_the_residual() -> None:
     design = replace(design, instrument_of_row=np.minimum(design.instrument_of_row, 0))
     found = at(design, np.array([2.0]))
     assert found.freedom(np.ones(3)) == pytest.approx(len(design.live) - 3)
-    assert found.residual_freedom == len(design.live) - 3
+    assert design.freedom == len(design.live) - 3
 
 
 def test_posterior_of_a_block_is_that_of_dense_matrices() -> None:

@@ -40,14 +40,13 @@ class Draws:
         own = (self.E[self.owner == j] for j in range(t))
         return np.stack([E.T @ E for E in own])
 
-    def products(self, left: Array, right: Array, t: int) -> Array:
-        """Sums of ``left_a right_a^T`` by variance, shape (B, t, l, r)."""
-        found = np.zeros((len(left), t, left.shape[-1], right.shape[-1]))
-        of = self._of(t)
-        for j in range(t):
-            if (mine := of[..., j].any(axis=0)).any():
-                found[:, j] = _t(left[:, mine] * of[:, mine, j, None]) @ right[:, mine]
-        return found
+    def linked(self, j: int) -> Array:
+        """Sums of ``T_a [T_a, sqrt(2) E_a]^T`` over the draws of variance j, shape (B, c, c + f)."""
+        of = self.owner == j
+        mine = of.any(axis=0)
+        T = self.T[:, mine]
+        right = np.concatenate([T, np.sqrt(2.0) * self.E[:, mine]], axis=-1)
+        return np.asarray(_t(T * of[:, mine, None]) @ right)
 
     def _of(self, t: int) -> Array:
         return np.eye(t + 1)[self.owner][..., :t]

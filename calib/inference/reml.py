@@ -25,7 +25,7 @@ _DAMPING = 1e-9, 1e9
 _FAINT, _HIGH = 1e-10, 1e2  # of the variance that moves the rows as the residual does
 _LEAST = 1e-6  # of the residual variance: of an instrument
 _SIZES = 1.0, 1e-2, 1e2  # of a free amplitude, at the start
-_RUNS = 3  # starts that are followed to the end
+_RUNS = 2  # starts that are followed to the end
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,15 +166,13 @@ class RestrictedLikelihood:
 
     def _linked(self, t: int) -> Array:
         """What draws of different cells of a component have in common, shape (t, t)."""
-        if not self.model.turned.shared_of.size:
+        turned = self.model.turned
+        if not turned.shared_of.size:
             return np.zeros((t, t))
         cells, shared = self.draws
-        found = np.zeros((t, t))
-        for factor, right in ((1.0, "T"), (2.0, "E")):
-            own = self.model.turned.sums(cells.products(cells.T, getattr(cells, right), t))
-            own = own + shared.products(shared.T, getattr(shared, right), t)
-            found += factor * np.einsum("citf,cjtf->ij", own, own, optimize=True)
-        return found
+        own = [turned.sums(cells.linked(j)) + shared.linked(j) for j in range(t)]
+        flat = np.reshape(own, (t, -1))
+        return np.asarray(flat @ flat.T)
 
     @cached_property
     def draws(self) -> tuple[Draws, Draws]:

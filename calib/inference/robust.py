@@ -1,9 +1,10 @@
 """One robust rule: poses that the others contradict weigh less, and none is dropped.
 
-Up to a quantile that one pose in a thousand exceeds, a pose has weight one, so that clean rows keep
-the plain estimate; beyond, the weight is that of a multivariate t (Lange, Little, Taylor, J. Am. Stat.
-Assoc. 84(408), 1989): ``w^2 = (nu + c) / (nu + q)``. Gross errors inflate all variances, and a model
-that lacks something all statistics, so these count in units of their median.
+Up to a quantile c of the statistic q that one pose in a thousand exceeds, a pose of n rows has weight
+one, so that clean rows keep the plain estimate. Beyond, ``w^2 q = n + (c - n) (c / q)^2`` falls from c
+to n, what any pose is expected to add to the sum of squares: gross errors raise no variance. Before they
+lose their weight they inflate all variances, and a model that lacks something inflates all statistics,
+so these count in units of their median.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from calib.inference.prior import Prior
 from calib.inference.reml import reml
 from calib.inference.tails import chi_square_quantile
 
-_FREEDOM = 2.0  # nu: small, so that gross errors lose nearly all weight
 _RARE = 1e-3  # of the poses without gross error weigh less than one
 _FEWEST = 8  # poses below which a median means little
 _ROUNDS = 8
@@ -37,7 +37,8 @@ def pose_weights(statistic: Array, rows: IntArray) -> Array:
     typical = float(np.median(ratio)) if len(ratio) >= _FEWEST else 1.0
     q = statistic / max(typical, 1e-300)
     cut = chi_square_quantile(1.0 - _RARE, freedom)
-    weight = np.sqrt((_FREEDOM + cut) / (_FREEDOM + np.maximum(q, cut)))
+    q = np.maximum(q, cut)
+    weight = np.sqrt((freedom + (cut - freedom) * (cut / q) ** 2) / q)
     return np.asarray(np.where(used, weight, 0.0))
 
 

@@ -8,7 +8,10 @@ by shared draws. An effect drawn for one cell alone is *own*, any other is *shar
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -60,9 +63,18 @@ class TurnedRows:
 
     def sums(self, of_cells: Array) -> Array:
         """Sums over the cells of each component, shape (C, ..), of an array (A, ..)."""
-        found = np.zeros((len(self.shared_of), *of_cells.shape[1:]))
-        np.add.at(found, self.component, of_cells)
-        return found
+        flat = of_cells.reshape(len(of_cells), math.prod(of_cells.shape[1:]))
+        return np.asarray(
+            (self._membership @ flat).reshape(len(self.shared_of), *of_cells.shape[1:])
+        )
+
+    @cached_property
+    def _membership(self) -> Any:
+        """Sparse matrix (C, A) of the cells of each component."""
+        from scipy.sparse import csr_array
+
+        A, C = len(self.component), len(self.shared_of)
+        return csr_array((np.ones(A), (self.component, np.arange(A))), shape=(C, A))
 
 
 def turned_rows(design: Design) -> TurnedRows:

@@ -71,13 +71,11 @@ def test_products_with_the_inverse_covariance_are_those_of_dense_matrices(groups
     np.testing.assert_allclose(inverse, expected, rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("variance", range(6))
+@pytest.mark.parametrize("variance", range(2, 6))
 def test_a_variance_of_zero_is_no_effect(variance: int) -> None:
     """Value as without it, and no slope of its logarithm."""
     design = random_design()
     theta = random_theta(design)
-    if variance < design.instruments:
-        pytest.skip("an instrument without noise has no likelihood")
     theta[variance] = 0.0
     found, dense = of(design, theta), Dense(design, theta)
     gradient, information = found.derivatives

@@ -2,9 +2,9 @@
 
 Up to a quantile c of the statistic q that one pose in a thousand exceeds, a pose of n rows has weight
 one, so that clean rows keep the plain estimate. Beyond, ``w^2 q = n + (c - n) (c / q)^2`` falls from c
-to n, what any pose is expected to add to the sum of squares: gross errors raise no variance. Before they
-lose their weight they inflate all variances, and a model that lacks something inflates all statistics,
-so these count in units of their median.
+to n, what any pose is expected to add to the sum of squares: gross errors raise no variance. Before
+they lose their weight they inflate all variances, and a model that lacks something inflates all
+statistics, so these count in units of their median.
 """
 
 from __future__ import annotations

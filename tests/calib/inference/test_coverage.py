@@ -30,6 +30,7 @@ def day(places: int, approaches: int, seed: int) -> Design:
     return replace(design, effects=tuple(effects))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scatter", [0.0, 0.5, 2.0])
 @pytest.mark.parametrize(("places", "approaches"), [(12, 1), (30, 1), (10, 2)])
 def test_intervals_cover(places: int, approaches: int, scatter: float) -> None:

@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.identification.components import variance_components
 from calib.identification.estimators import (
     Estimator,
     choose_directions,
@@ -39,16 +39,7 @@ from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, Points, points_of
 from calib.prior import Elementary, Prior, Widths, widths_of
-from calib.scatter import (
-    Scatter,
-    Unnoticed,
-    VarianceEstimate,
-    Variances,
-    levels_of,
-    scatter_of,
-    unnoticed,
-)
-from calib.scatter.search import problem_of
+from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances, scatter_of
 from calib.solver import Minimum, condensed
 
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
@@ -157,25 +148,21 @@ class Estimation:
     def under_levels(self, cell: Cell) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
         problem = self._problem
-        levels = levels_of(*problem, known=cell.repeatability)
+        levels = variance_components(*problem, self.model.robot, cell.repeatability)
         observation = replace(self.observation, scatter=problem[0].at(levels.variances))
         return replace(self, observation=observation, levels=levels)
 
-    def by_unnoticed(self, cell: Cell) -> tuple[Array, Unnoticed] | None:
-        """Covariance (p, p) that scatter adds which was not found, and that scatter.
+    @property
+    def by_undetected(self) -> tuple[Array, Undetected] | None:
+        """Covariance (p, p) that scatter adds which does not show, and that scatter.
 
-        None where scatter was found or is stated, and where the residual has widened everything.
+        None where scatter shows or is stated, and where the residual has widened everything.
         """
-        levels, noise = self.levels, self.noise
-        known = cell.repeatability is not None or levels is None or levels.variances.any
-        if known or noise.source == "residual":
+        found = None if self.levels is None else self.levels.undetected
+        if found is None or self.noise.source == "residual":
             return None
-        scatter = self._problem[0]
-        usual = usual_repeatability(self.model.robot.reach)
-        found = unnoticed(scatter, problem_of(*self._problem), usual, noise.divisor)
-        if found is None:
-            return None
-        counted = replace(self.counted, scatter=scatter.at(found.variances))
+        variances = replace(found.variances, scale=self.noise.divisor)
+        counted = replace(self.counted, scatter=self._problem[0].at(variances))
         whole = self.estimator.covariance(counted, self.values, self.span)
         return whole - self.stated_covariance * self.widening**2, found
 

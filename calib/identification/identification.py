@@ -19,7 +19,7 @@ from calib.observations import Approach
 from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
-from calib.scatter import Scatter, Unnoticed
+from calib.scatter import Scatter, Undetected
 from calib.uncertainty.considered import Considered
 from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom
 
@@ -58,7 +58,7 @@ class Identification(Result, Estimation):
         between measured and predicted points, m
     by_instrument : dict, (instrument, unit) -> dict of the same keys -> RMS of its errors in that unit
     footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
-    unnoticed : covariance, shape (p, p), SI, that scatter adds which was not found, part of
+    undetected : covariance, shape (p, p), SI, that scatter adds which was not found, part of
         ``covariance``, and that scatter; None where it was found, or is known
     common : tuple of Considered, errors that all readings share, which the cell states; their part of
         the uncertainty is no part of ``covariance``
@@ -78,7 +78,7 @@ class Identification(Result, Estimation):
     distances: dict[str, Array]
     by_instrument: dict[tuple[str, str], dict[str, float]]
     footprint: float = 1.0
-    unnoticed: tuple[Array, Unnoticed] | None = None
+    undetected: tuple[Array, Undetected] | None = None
     common: tuple[Considered, ...] = ()
 
     @property
@@ -128,8 +128,8 @@ class Identification(Result, Estimation):
     def _variances(self) -> list[tuple[Array, float]]:
         """Parts of the variance of each value (p,), with their degrees of freedom."""
         own, added, few = np.diag(self.covariance), np.zeros(len(self.values)), np.inf
-        if self.unnoticed is not None:
-            added, few = np.diag(self.unnoticed[0]), self.unnoticed[1].freedom
+        if self.undetected is not None:
+            added, few = np.diag(self.undetected[0]), self.undetected[1].freedom
             added = np.clip(added, 0.0, own)  # below nothing is rounding
             own = own - added
         common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]

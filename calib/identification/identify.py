@@ -37,7 +37,7 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Unnoticed, Variances, scatter_of
+from calib.scatter import Undetected, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from calib.uncertainty.considered import considered
@@ -76,7 +76,7 @@ def identify(
         length=length,
     )
     held = predicted(cell, fit, heldout) if heldout is not None else None
-    hidden = fit.by_unnoticed(cell)
+    hidden = fit.by_undetected
     return _identification(built, fit, start, held, approach, method, hidden)
 
 
@@ -119,7 +119,7 @@ def _identification(
     held: Residuals | None,
     approach: Approach,
     method: Method,
-    hidden: tuple[Array, Unnoticed] | None,
+    hidden: tuple[Array, Undetected] | None,
 ) -> Identification:
     """What is told of an estimate that began at ``start`` (p,)."""
     model, values, span = fit.model, fit.values, fit.span
@@ -155,7 +155,7 @@ def _identification(
         distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
         by_instrument=by_instrument,
         footprint=model.footprint(values, data),
-        unnoticed=hidden,
+        undetected=hidden,
         common=considered(model, values, data, follow),
     )
 

@@ -25,12 +25,15 @@ class Prior:
     """Priors of variances; kinds without a scale have none, and neither have amplitudes.
 
     scales : standard deviation of each kind of effect by data sheets, in the unit of the effect
+    known : variance of each kind of effect that is not estimated
     instrument_freedom : float, readings for which the statement of an instrument counts; rows are then
         in stated standard deviations
     """
 
     scales: Mapping[str, float] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
     instrument_freedom: float = 0.0
+    instrument_least: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,12 +19,14 @@ from calib.inference.prior import Prior, effect_scales, penalty
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
 
 _STEPS = 60
-_SETTLED = 1e-7  # decrease of -2 log L that is not worth another step
+_SETTLED = 1e-6  # decrease of -2 log L that is not worth another step
 _LONGEST = 2.0  # change of a logarithm in one step
 _DAMPING = 1e-9, 1e9
 _FAINT, _HIGH = 1e-10, 1e2  # of the variance that moves the rows as the residual does
 _LEAST = 1e-6  # of the residual variance: of an instrument
 _SIZES = 1.0, 1e-2, 1e2  # of a free amplitude, at the start
+_FEWEST = 10  # rows beyond the columns that say what an instrument's noise is
+_NOTHING = 1e-300  # a variance whose logarithm is a number
 _RUNS = 2  # starts that are followed to the end
 
 
@@ -50,7 +52,7 @@ def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> S
     """The best maximum of the penalised restricted likelihood from several starts."""
     problem = _Problem.of(model, prior)
     starts = list(problem.starts(start))
-    values = [problem.objective(theta) for theta in starts]
+    values = [problem.at(theta)[0] for theta in starts]
     kept = np.argsort(values, kind="stable")[:_RUNS]
     found = [problem.descend(starts[i]) for i in kept]
     return min(found, key=lambda one: round(one.objective, 5))
@@ -58,11 +60,14 @@ def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> S
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Objective and bounds: low, high and unit are of theta, shape (t,)."""
+    """Objective, two sets of starting values and the bounds of theta, shape (t,) each.
+
+    The residual is the effects' as far as rows that carry noise alone allow, or it is all noise.
+    """
 
     model: MixedModel
     prior: Prior
-    unit: Array
+    begun: tuple[Array, Array]
     low: Array
     high: Array
 
@@ -79,35 +84,43 @@ class _Problem:
         usual = np.where(np.isfinite(scales), scales**2, reached)
         reached = np.where(reached > 0.0, reached, usual)
         free = np.ones(len(design.free_blocks))
-        unit = np.concatenate([noise, np.where(usual > 0.0, usual, 1.0), free])
+        quiet = _noise_alone(model, noise)
+        small = np.concatenate([quiet, 1e-2 * np.where(usual > 0.0, usual, 1.0), free])
+        shared = np.maximum(usual, reached / max(1, len(power)))
+        large = np.concatenate([quiet, shared, free])
         faint = np.minimum(reached, usual)
-        low = np.concatenate([_LEAST * noise, _FAINT * faint, _FAINT * free])
-        high = np.concatenate([_HIGH * noise, _HIGH * np.maximum(reached, 1e-300), free / _FAINT])
-        return cls(model, prior, unit, low, np.maximum(high, low))
+        least = np.maximum(_LEAST * noise, prior.instrument_least)
+        low = np.concatenate([least, _FAINT * faint, _FAINT * free])
+        high = np.concatenate(
+            [_HIGH * np.maximum(noise, least), _HIGH * np.maximum(reached, _NOTHING), free / _FAINT]
+        )
+        for j, effect in enumerate(design.effects, start=design.instruments):
+            if effect.kind in prior.known:
+                low[j] = high[j] = max(prior.known[effect.kind], _NOTHING)
+        return cls(model, prior, (large, small), low, np.maximum(high, low))
 
     def starts(self, given: Variances | None) -> Iterator[Array]:
-        """Starting values: the given ones, and effects of usual and of small size."""
+        """Starting values: the given ones, and effects of large and of small size."""
         design = self.model.design
         i, v = design.instruments, len(design.effects)
         if given is not None:
             yield np.clip(design.theta(given), self.low, self.high)
-        for share in (1.0, 1e-2):
+        for own in self.begun:
             for size in _SIZES[: 3 if design.free_blocks else 1]:
-                theta = self.unit.copy()
-                theta[i : i + v] *= share
+                theta = own.copy()
                 theta[i + v :] *= size
                 yield np.clip(theta, self.low, self.high)
 
-    def objective(self, theta: Array) -> float:
-        """-2 log likelihood and penalty."""
-        likelihood = RestrictedLikelihood(self.model, theta).value
-        return likelihood + penalty(self.model.design, self.prior, theta).value
+    def at(self, theta: Array) -> tuple[float, RestrictedLikelihood]:
+        """-2 log likelihood with the penalty, and the likelihood, whose derivatives may follow."""
+        likelihood = RestrictedLikelihood(self.model, theta)
+        return likelihood.value + penalty(self.model.design, self.prior, theta).value, likelihood
 
     def descend(self, theta: Array) -> Search:
         """Fisher scoring from one start."""
-        found, damping = self.objective(theta), _DAMPING[0]
+        (found, likelihood), damping = self.at(theta), _DAMPING[0]
         for _ in range(_STEPS):
-            gradient, information = RestrictedLikelihood(self.model, theta).derivatives
+            gradient, information = likelihood.derivatives
             known = penalty(self.model.design, self.prior, theta)
             curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
             gradient, information = gradient + known.slope, information + np.diag(curvature)
@@ -118,7 +131,7 @@ class _Problem:
                 promised = -float(gradient @ np.log(trial / theta))
                 if promised < _SETTLED or damping > _DAMPING[1]:
                     return Search(theta, found, promised < _SETTLED)
-                value = self.objective(trial)
+                value, likelihood = self.at(trial)
                 if value <= found:
                     break
                 damping = max(10.0 * damping, 1e-2)
@@ -160,3 +173,13 @@ def _residual_variance(design: Design) -> Array:
     )
     floor = 1e-20 * scale**2 if scale > 0.0 else 1.0
     return np.asarray(np.where(rows > 0, np.maximum(found, floor), 1.0))
+
+
+def _noise_alone(model: MixedModel, noise: Array) -> Array:
+    """Variance of each instrument, shape (i,), by rows that carry noise alone, where these are many."""
+    found = noise.copy()
+    for i, (R, rows) in enumerate(zip(model.outside, model.turned.outside, strict=True)):
+        spare = int(rows) - np.linalg.matrix_rank(R[:-1, :-1])
+        if spare >= _FEWEST:
+            found[i] = max(R[-1, -1] ** 2 / spare, _LEAST * noise[i])
+    return found

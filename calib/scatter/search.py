@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.arm.repeatability import Usual
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.scatter.poses import Scatter, Variances
@@ -25,6 +23,17 @@ _FEWEST = 10  # rows that see the instrument alone, from which on it can be told
 
 
 @dataclass(frozen=True, eq=False)
+class Undetected:
+    """Scatter of an arm that the readings do not show, as far as they allow it.
+
+    variances : Variances; freedom : float, degrees of freedom of what the arm adds, one at least
+    """
+
+    variances: Variances
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
 class VarianceEstimate:
     """Variance components of instrument, approaches and configurations.
 
@@ -35,6 +44,7 @@ class VarianceEstimate:
     instrument_rows : int, that nothing but the instrument moves
     approaches : bool, whether configurations were approached again: then ``approach`` is the arm's
         repeatability, else that counts with ``configuration``
+    undetected : scatter of the arm that does not show; None where it shows, or is stated
     """
 
     variances: Variances
@@ -44,6 +54,7 @@ class VarianceEstimate:
     alone: float
     instrument_rows: int
     approaches: bool
+    undetected: Undetected | None = None
 
     @property
     def instrument_seen(self) -> bool:
@@ -210,71 +221,3 @@ def _moved(
         if better.value < found.value:
             state = fresh, better, rest
     return state
-
-
-# -- scatter that was not found -----------------------------------------------------------------------
-
-# A variance that enters only where it pays is zero too often, and intervals that believe it are too
-# short (bias after a pretest). So one size of scatter, of the tip or of all turning joints alike, has a
-# prior and the restricted likelihood as its weight (integrated restricted likelihood, on a grid). The
-# prior is half-Cauchy (Gelman, Bayesian Analysis 1(3), 2006) with the scale of the best arms of that
-# size by their data sheets, cut off at the worst.
-
-_POINTS = 24
-_FAINT = 0.05  # of the instrument's noise: what scatters by less adds nothing
-
-
-@dataclass(frozen=True, eq=False)
-class Unnoticed:
-    """Scatter of the arm averaged over its likelihood, where none was significant.
-
-    variances : Variances; freedom : float, degrees of freedom of what the arm adds, one at least
-    """
-
-    variances: Variances
-    freedom: float
-
-
-def unnoticed(
-    scatter: Scatter, problem: MixedModel, usual: Usual, scale: float
-) -> Unnoticed | None:
-    """Of readings in which no scatter was found; None where no arm would show beside this instrument.
-
-    problem : as :func:`calib.scatter.search.problem_of` gives it
-    scale : actual over stated standard deviation of the instrument
-    """
-    count = scatter.joints + 2
-    arm = slice(1, 1 + count)
-    faint = _FAINT * scale * float(np.sqrt(problem.units[arm][-2]))
-    if faint >= usual.worst:
-        return None
-    sizes = np.append(0.0, np.geomspace(faint, usual.worst, _POINTS))
-    widths = np.diff(sizes, append=sizes[-1]) / 2.0 + np.diff(sizes, prepend=0.0) / 2.0
-    prior = widths / (1.0 + (sizes / usual.best) ** 2)
-    squares, shapes = sizes**2, np.array(list(_shapes(scatter)))
-    theta = np.zeros(len(problem.units))
-    theta[0] = scale**2
-
-    def value(variances: Array) -> float:
-        theta[arm] = variances / problem.units[arm]
-        return likelihood(problem, theta).value
-
-    values = np.array([[value(s * shape) for s in squares] for shape in shapes])
-    weights = prior * np.exp(-0.5 * (values - values.min()))
-    weights /= weights.sum()
-    mean, square = float((weights @ squares).sum()), float((weights @ squares**2).sum())
-    freedom = 2.0 * mean**2 / max(square - mean**2, 1e-300)
-    added = Variances(scale, (weights @ squares) @ shapes, np.zeros(count))
-    return Unnoticed(added, max(1.0, freedom))
-
-
-def _shapes(scatter: Scatter) -> Iterator[Array]:
-    """Variances (n + 2,) of arms whose tip scatters by one: at the tip, and in all turning joints."""
-    tip = np.zeros(scatter.joints + 2)
-    tip[-2] = 1.0
-    turning = np.zeros(scatter.joints + 2)
-    turning[: scatter.joints] = scatter.tip[:, 3:, : scatter.joints].any(axis=(0, 1))
-    for shape in (tip, turning):
-        moved = scatter.of_tip(shape).translation
-        if moved > 0.0:
-            yield shape / moved**2

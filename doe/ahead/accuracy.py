@@ -109,7 +109,7 @@ def error_floor(
     )  # fmt: skip
     if found is None or known is None:
         return lacking
-    hidden = None if found.unnoticed is None else found.unnoticed[1].variances
+    hidden = None if found.undetected is None else found.undetected[1].variances
     scattered = rms(np.sqrt(scatter_at(model, values, targets, hidden).mean(axis=-1)))
     scattered = scattered if lacking.rms else max(scattered, seen.certain)
     return replace(lacking, hidden=scattered)

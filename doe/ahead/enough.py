@@ -197,7 +197,7 @@ def _linearised(
         )
         arm = arm if found.levels is None else found.levels.variances
         arm = arm if arm.any else replace(arm, scale=found.noise.divisor)
-        hidden = arm if found.unnoticed is None else found.unnoticed[1].variances
+        hidden = arm if found.undetected is None else found.undetected[1].variances
     return arm, Linearisation(cell, model, values, hidden)
 
 

@@ -69,7 +69,7 @@ def test_now_is_what_identify_says_of_an_arm_that_may_scatter(
 ) -> None:
     own = cell_of_day(kr270)
     found = identify(own, half)
-    assert found.unnoticed is not None
+    assert found.undetected is not None
     np.testing.assert_allclose(enough(own, half).steps[0].std, found.std, rtol=1e-6)
 
 

@@ -1,0 +1,158 @@
+"""Variance components of an estimate: the instrument's noise, and the scatter of the arm.
+
+A reading of approach a in configuration k errs by ``J_k (c_k + u_a) + e``: e is the instrument's and
+new at every point, u_a the arm's repeatability and new at every approach, c_k what no model follows
+from one configuration to the next. Each joint has one variance of each. All are always in the model
+(:func:`calib.inference.reml`); data sheets say how large they are where the readings do not. Whether
+the readings show them is asked once, of all together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calib.arm.repeatability import usual_repeatability
+from calib.arm.robot import Robot
+from calib.arrays import Array, IntArray
+from calib.cell import Repeatability
+from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect, reml
+from calib.linear import LinearProblem
+from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
+
+_PAYS = (
+    6.0  # decrease of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
+)
+_RIGID = 6  # rows of an approach that the arm may move: the others see the instrument alone
+_LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
+_SMALL = 1e-9  # of the largest singular value of what is known beforehand
+
+
+def variance_components(
+    scatter: Scatter,
+    levers: Array,
+    linear: LinearProblem,
+    robot: Robot,
+    known: Repeatability | None = None,
+) -> VarianceEstimate:
+    """Estimate the variances of a fit by restricted likelihood.
+
+    levers : ndarray, shape (m, R, n + 6), of the scatter, whitened as the rows of the problem are
+    known : the arm's repeatability where the cell states it
+    """
+    stated = _stated(scatter, levers, known)
+    effects = _joints(scatter, levers, robot, known is None and scatter.has_approaches)
+    prior = _prior(robot, stated)
+    alone = _design(linear, tuple(e for e, _ in stated))
+    design = replace(alone, effects=(*alone.effects, *effects))
+    exact = Marginal.at(alone, replace(reml(alone, prior), instrument=np.ones(1)))
+    noise, whole = (Marginal.at(d, reml(d, prior), prior) for d in (alone, design))
+    fallen = 2.0 * (whole.log_likelihood - noise.log_likelihood)
+    louder = 2.0 * (noise.log_likelihood - exact.log_likelihood)
+    rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
+    found = VarianceEstimate(
+        Variances.of_arm(scatter.joints, known),
+        free=np.zeros(0, dtype=int),
+        theta=np.zeros(0),
+        value=-2.0 * whole.log_likelihood,
+        alone=-2.0 * exact.log_likelihood,
+        instrument_rows=int(np.maximum(rows - _RIGID, 0).sum()),
+        approaches=scatter.has_approaches,
+    )
+    price = _PAYS + 2.0 * float(np.log(1 + len(effects)))
+    variances = _as_variances(scatter.joints, whole, known)
+    if fallen > price:
+        return replace(found, variances=variances, free=np.arange(1 + len(effects)))
+    if known is None and effects:
+        found = replace(found, undetected=_undetected(scatter, whole, variances))
+    if louder > price:
+        scale = float(np.sqrt(noise.variances.instrument[0]))
+        variances = replace(found.variances, scale=scale)
+        return replace(found, variances=variances, free=np.zeros(1, dtype=int))
+    return found
+
+
+def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
+    """Rows of a fit, and what is known of its directions beside the readings as a block."""
+    J = linear.J @ linear.span
+    held = linear.held @ linear.span if len(linear.off) else np.zeros((0, J.shape[-1]))
+    U, s, Vt = np.linalg.svd(held, full_matrices=True)
+    s = s[s > _SMALL * s.max(initial=0.0)]
+    shown, left = Vt[: len(s)].T, Vt[len(s) :].T
+    mean = (U[:, : len(s)].T @ linear.off) / s if len(s) else np.zeros(0)
+    block = GaussianBlock("known", J @ shown, np.diag(1.0 / s), mean)
+    present = np.where(linear.J.any(axis=-1), 0, -1)
+    blocks = (block,) if len(s) else ()
+    return Design(linear.r, J, left, blocks, stated, present, np.ones(len(J)))
+
+
+def _stated(
+    scatter: Scatter, levers: Array, known: Repeatability | None
+) -> list[tuple[RandomEffect, float]]:
+    """What the cell states that the tip does at each approach, with its variance."""
+    if known is None:
+        return []
+    n = scatter.joints
+    sizes = {"translation": known.translation, "rotation": known.rotation}
+    return [
+        (RandomEffect(name, levers[..., n + a : n + a + 3], name, scatter.approach), size**2)
+        for a, (name, size) in zip((0, 3), sizes.items(), strict=True)
+        if size > 0.0
+    ]
+
+
+def _joints(
+    scatter: Scatter, levers: Array, robot: Robot, approaches: bool
+) -> tuple[RandomEffect, ...]:
+    """The joints that move some reading, by configuration and, where asked, by approach."""
+
+    def found() -> Iterator[RandomEffect]:
+        for name, group in _groups(scatter, approaches):
+            for k in range(scatter.joints):
+                if levers[..., k].any():
+                    kind = "slides" if robot.prismatic[k] else "turns"
+                    yield RandomEffect(f"{name} {k}", levers[..., k : k + 1], kind, group)
+
+    return tuple(found())
+
+
+def _groups(scatter: Scatter, approaches: bool) -> list[tuple[str, IntArray]]:
+    both = [("approach", scatter.approach), ("configuration", scatter.configuration)]
+    return both if approaches else both[1:]
+
+
+def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
+    """Of joints that move a tip at half the reach as the best arms of that size scatter by their data sheets."""
+    usual = usual_repeatability(robot.reach).best
+    scales = {"slides": usual, "turns": usual / max(robot.reach / 2.0, 1e-3)}
+    known = {effect.kind: variance for effect, variance in stated}
+    return Prior(scales, known, instrument_least=_LEAST)
+
+
+def _as_variances(joints: int, found: Marginal, known: Repeatability | None) -> Variances:
+    """Variances of joints and tip by approach and configuration."""
+    own = Variances.of_arm(joints, known)
+    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
+        if known is None or effect.kind not in ("translation", "rotation"):
+            name, k = effect.name.split()
+            getattr(own, name)[int(k)] = variance
+    return replace(own, scale=float(np.sqrt(found.variances.instrument[0])))
+
+
+def _undetected(scatter: Scatter, found: Marginal, variances: Variances) -> Undetected:
+    """The variances as an arm may have them all the same, and the freedom of what the tip does.
+
+    By Satterthwaite: ``2 v^2 / (g^T C g)``, g the parts of the tip's variance v and C the covariance of
+    the logarithms of the variances.
+    """
+    parts = []
+    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
+        one = np.zeros(scatter.joints + 2)
+        one[int(effect.name.split()[1])] = variance
+        parts.append(scatter.of_tip(one).translation ** 2)
+    g, first = np.array(parts), found.design.instruments
+    spread = float(g @ found.log_covariance[first : first + len(g), first : first + len(g)] @ g)
+    freedom = 2.0 * float(g.sum()) ** 2 / spread if spread > 0.0 else np.inf
+    return Undetected(variances, max(1.0, freedom))

@@ -39,39 +39,51 @@ def variance_components(
 ) -> VarianceEstimate:
     """Estimate the variances of a fit by restricted likelihood.
 
+    Scatter by approaches, by configurations, or both is stated where each pays for itself.
+
     levers : ndarray, shape (m, R, n + 6), of the scatter, whitened as the rows of the problem are
     known : the arm's repeatability where the cell states it
     """
     stated = _stated(scatter, levers, known)
-    effects = _joints(scatter, levers, robot, known is None and scatter.has_approaches)
+    joints = _joints(scatter, levers, robot, known is None and scatter.has_approaches)
     prior = _prior(robot, stated)
-    alone = _design(linear, tuple(e for e, _ in stated))
-    design = replace(alone, effects=(*alone.effects, *effects))
-    exact = Marginal.at(alone, replace(reml(alone, prior), instrument=np.ones(1)))
-    noise, whole = (Marginal.at(d, reml(d, prior), prior) for d in (alone, design))
-    fallen = 2.0 * (whole.log_likelihood - noise.log_likelihood)
-    louder = 2.0 * (noise.log_likelihood - exact.log_likelihood)
+    design = _design(linear, tuple(e for e, _ in stated))
+
+    def fitted(*kinds: str) -> Marginal:
+        """With the joints' scatter by approaches, by configurations, or both."""
+        own = tuple(e for e in joints if e.name.split()[0] in kinds)
+        whole = replace(design, effects=(*design.effects, *own))
+        return Marginal.at(whole, reml(whole, prior), prior)
+
+    kinds = tuple(dict.fromkeys(e.name.split()[0] for e in joints))
+    models = {(): fitted()} | {(kind,): fitted(kind) for kind in kinds} | {kinds: fitted(*kinds)}
+    choice = 2.0 * float(np.log(1 + len(joints)))  # the first pays for the choice among all
+
+    def value(own: tuple[str, ...]) -> float:
+        price = _PAYS * len(own) + choice * bool(own)
+        return price - 2.0 * models[own].log_likelihood
+
+    best = min(models, key=value)
+    noise = models[()]
+    exact = Marginal.at(design, replace(noise.variances, instrument=np.ones(1)), prior)
+    louder = 2.0 * (noise.log_likelihood - exact.log_likelihood) > _PAYS + choice
     rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
     found = VarianceEstimate(
-        Variances.of_arm(scatter.joints, known),
-        free=np.zeros(0, dtype=int),
+        _as_variances(scatter.joints, models[best], known),
+        free=np.arange(1 + len(joints)) if best else np.zeros(int(louder), dtype=int),
         theta=np.zeros(0),
-        value=-2.0 * whole.log_likelihood,
+        value=-2.0 * models[best].log_likelihood,
         alone=-2.0 * exact.log_likelihood,
         instrument_rows=int(np.maximum(rows - _RIGID, 0).sum()),
         approaches=scatter.has_approaches,
     )
-    price = _PAYS + 2.0 * float(np.log(1 + len(effects)))
-    variances = _as_variances(scatter.joints, whole, known)
-    if fallen > price:
-        return replace(found, variances=variances, free=np.arange(1 + len(effects)))
-    if known is None and effects:
-        found = replace(found, undetected=_undetected(scatter, whole, variances))
-    if louder > price:
-        scale = float(np.sqrt(noise.variances.instrument[0]))
-        variances = replace(found.variances, scale=scale)
-        return replace(found, variances=variances, free=np.zeros(1, dtype=int))
-    return found
+    if best:
+        return found
+    if not louder:
+        found = replace(found, variances=Variances.of_arm(scatter.joints, known))
+    if known is not None or not joints:
+        return found
+    return replace(found, undetected=_undetected(scatter, models[kinds]))
 
 
 def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
@@ -124,7 +136,7 @@ def _groups(scatter: Scatter, approaches: bool) -> list[tuple[str, IntArray]]:
 
 
 def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
-    """Of joints that move a tip at half the reach as the best arms of that size scatter by their data sheets."""
+    """Joints scatter as they move the tip of the best arms of that size, at half the reach."""
     usual = usual_repeatability(robot.reach).best
     scales = {"slides": usual, "turns": usual / max(robot.reach / 2.0, 1e-3)}
     known = {effect.kind: variance for effect, variance in stated}
@@ -141,7 +153,7 @@ def _as_variances(joints: int, found: Marginal, known: Repeatability | None) -> 
     return replace(own, scale=float(np.sqrt(found.variances.instrument[0])))
 
 
-def _undetected(scatter: Scatter, found: Marginal, variances: Variances) -> Undetected:
+def _undetected(scatter: Scatter, found: Marginal) -> Undetected:
     """The variances as an arm may have them all the same, and the freedom of what the tip does.
 
     By Satterthwaite: ``2 v^2 / (g^T C g)``, g the parts of the tip's variance v and C the covariance of
@@ -155,4 +167,4 @@ def _undetected(scatter: Scatter, found: Marginal, variances: Variances) -> Unde
     g, first = np.array(parts), found.design.instruments
     spread = float(g @ found.log_covariance[first : first + len(g), first : first + len(g)] @ g)
     freedom = 2.0 * float(g.sum()) ** 2 / spread if spread > 0.0 else np.inf
-    return Undetected(variances, max(1.0, freedom))
+    return Undetected(_as_variances(scatter.joints, found, None), max(1.0, freedom))

@@ -161,8 +161,8 @@ class Estimation:
         found = None if self.levels is None else self.levels.undetected
         if found is None or self.noise.source == "residual":
             return None
-        variances = replace(found.variances, scale=self.noise.divisor)
-        counted = replace(self.counted, scatter=self._problem[0].at(variances))
+        found = replace(found, variances=replace(found.variances, scale=self.noise.divisor))
+        counted = replace(self.counted, scatter=self._problem[0].at(found.variances))
         whole = self.estimator.covariance(counted, self.values, self.span)
         return whole - self.stated_covariance * self.widening**2, found
 

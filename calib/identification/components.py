@@ -49,14 +49,14 @@ def variance_components(
     prior = _prior(robot, stated)
     design = _design(linear, tuple(e for e, _ in stated))
 
-    def fitted(*kinds: str) -> Marginal:
+    def fitted(own: tuple[str, ...]) -> Marginal:
         """With the joints' scatter by approaches, by configurations, or both."""
-        own = tuple(e for e in joints if e.name.split()[0] in kinds)
-        whole = replace(design, effects=(*design.effects, *own))
+        chosen = tuple(e for e in joints if e.name.split()[0] in own)
+        whole = replace(design, effects=(*design.effects, *chosen))
         return Marginal.at(whole, reml(whole, prior), prior)
 
     kinds = tuple(dict.fromkeys(e.name.split()[0] for e in joints))
-    models = {(): fitted()} | {(kind,): fitted(kind) for kind in kinds} | {kinds: fitted(*kinds)}
+    models = {own: fitted(own) for own in {(), *((kind,) for kind in kinds), kinds}}
     choice = 2.0 * float(np.log(1 + len(joints)))  # the first pays for the choice among all
 
     def value(own: tuple[str, ...]) -> float:

@@ -56,7 +56,8 @@ def variance_components(
         return Marginal.at(whole, reml(whole, prior), prior)
 
     kinds = tuple(dict.fromkeys(e.name.split()[0] for e in joints))
-    models = {own: fitted(own) for own in {(), *((kind,) for kind in kinds), kinds}}
+    sets = dict.fromkeys(((), *((kind,) for kind in kinds), kinds))
+    models = {own: fitted(own) for own in sets}
     choice = 2.0 * float(np.log(1 + len(joints)))  # the first pays for the choice among all
 
     def value(own: tuple[str, ...]) -> float:

@@ -46,7 +46,7 @@ class Penalty:
 
     @property
     def information(self) -> Array:
-        """What the prior adds at the mode to the expected second derivatives, shape (t,).
+        """What the prior adds at the mode to the average information, shape (t,).
 
         The second derivative of a likelihood L by log s^2 is ``s^4 L'' + s^2 L'``, and at the mode L'
         opposes the slope of the prior.

@@ -1,4 +1,4 @@
-"""The restricted likelihood of variances, its gradient and its expected information.
+"""The restricted likelihood of variances, its gradient and its average information.
 
 With V the covariance of the rows by noise and random effects, and the coefficients of blocks written
 ``c = m + a R z`` with ``z ~ N(0, I)``, the columns ``X = [J D, a X_g R_g]`` have prior rows
@@ -7,13 +7,10 @@ With V the covariance of the rows by noise and random effects, and the coefficie
     -2 log L = (n - s) log 2 pi + log|V| + log|X^T V^-1 X + P^T P| + min_c (|y - X c|_V^2 + |P c|^2)
 
 (Patterson and Thompson, Biometrika 58(3), 1971). By the logarithm of variance j, whose draws move the
-rows by columns z of unit variance, the slope is ``sum_a z_a^T P z_a - (z_a^T P y)^2`` and the expected
-second derivative ``sum_ab (z_a^T P z_b)^2``. Neither forms a matrix of rows by rows: by Woodbury
-
-    z_a^T P z_b = [same cell] M_ab - T_a . T_b - E_a . E_b
-
-with M of one cell, T of what the cells of a component share, and E of the columns. The noise of a row
-is a draw like any other; the shared draws of a component act as a cell with M the identity.
+rows by columns z_a of unit variance, the slope is ``sum_a z_a^T P z_a - (z_a^T P y)^2``. The mean of
+the observed and the expected second derivatives is ``m_j^T P m_k``, ``m_j = sum_a z_a (z_a^T P y)``
+(Gilmour, Thompson, Cullis, Biometrics 51(4), 1995). Neither forms a matrix of rows by rows. The noise
+of a row is a draw like any other.
 """
 
 from __future__ import annotations
@@ -136,64 +133,54 @@ class RestrictedLikelihood:
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array]:
-        """Gradient (t,) and expected second derivatives (t, t) of -2 log L by log variances."""
+        """Gradient (t,) and average information (t, t) of -2 log L by log variances."""
         design, turned = self.model.design, self.model.turned
         count, t = design.instruments, len(self.theta)
-        local = count + len(design.effects)
-        gradient, information = np.zeros(t), np.zeros((t, t))
-        B = np.zeros((t, *self.inverse.shape))  # sum of E^T E by variance
+        gradient = np.zeros(t)
         alone = self.outside @ self.combined
         taken = (alone[..., :-1] ** 2).sum(axis=(1, 2))
         gradient[:count] = turned.outside - taken - (alone[..., -1] ** 2).sum(axis=1)
-        information[range(count), range(count)] = turned.outside - 2.0 * taken
-        B[:count] = _t(alone[..., :-1]) @ alone[..., :-1]
-        for draws in self.draws:
+        inside, outside = np.zeros((*turned.instrument.shape, t)), np.zeros((*alone.shape[:2], t))
+        outside[range(count), :, range(count)] = alone[..., -1]
+        for draws, columns in zip(self.draws, self._columns, strict=True):
             gradient += draws.slopes(t)
-            information += draws.near(t)
-            B += draws.squares(t)
-        information += self._linked(t)
-        information += np.tensordot(B, B, axes=([1, 2], [1, 2]))
-        for j, block in enumerate(design.free_blocks, start=local):
-            W = self.inverse[design.block_of_column == block]
-            z = self.coefficients[design.block_of_column == block]
+            inside += draws.moved(columns, t)
+        for j, block in enumerate(design.free_blocks, start=count + len(design.effects)):
+            own = design.block_of_column == block
+            W, z = self.inverse[own], self.coefficients[own]
             gradient[j] = len(W) - (W**2).sum() - z @ z
-            information[:local, j] = np.einsum("kf,jfg,kg->j", W, B[:local], W, optimize=True)
-            information[j, :local] = information[:local, j]
-            for i, other in enumerate(design.free_blocks, start=local):
-                C = W @ self.inverse[design.block_of_column == other].T
-                information[i, j] = ((C - np.eye(len(W)) if i == j else C) ** 2).sum()
-        return gradient, information
+            inside[..., j] += self.model.inside[..., :-1][..., own] @ (self.scale[:-1][own] * z)
+            outside[..., j] += self.outside[..., :-1][..., own] @ z
+        rows = self.decorrelation(inside)
+        columns = self.inside @ self.combined[:, :-1]
+        along = np.tensordot(columns, rows, axes=([0, 1], [0, 1]))
+        along += np.tensordot(alone[..., :-1], outside, axes=([0, 1], [0, 1]))
+        information = np.tensordot(rows, rows, axes=([0, 1], [0, 1])) - along.T @ along
+        return gradient, information + np.tensordot(outside, outside, axes=([0, 1], [0, 1]))
 
-    def _linked(self, t: int) -> Array:
-        """What draws of different cells of a component have in common, shape (t, t)."""
-        turned = self.model.turned
-        if not turned.shared_of.size:
-            return np.zeros((t, t))
-        cells, shared = self.draws
-        own = [turned.sums(cells.linked(j)) + shared.linked(j) for j in range(t)]
-        flat = np.reshape(own, (t, -1))
-        return np.asarray(flat @ flat.T)
+    @property
+    def _columns(self) -> tuple[Array, Array]:
+        """How own draws, shape (A, k, a), and shared draws, (A, k, c), move the turned rows."""
+        own = self.decorrelation
+        noise = np.sqrt(own.slot_variance)[..., None] * np.eye(own.slot_variance.shape[1])
+        return np.concatenate([noise, own.own], axis=-1), own.shared
 
     @cached_property
     def draws(self) -> tuple[Draws, Draws]:
         """Own draws of the cells, and shared draws of the components, each of unit variance."""
         turned, own = self.model.turned, self.decorrelation
         count = self.model.design.instruments
-        A, k = turned.instrument.shape
-        noise = np.sqrt(own.slot_variance)[..., None] * np.eye(k)
-        columns = np.concatenate([noise, own.own], axis=-1)
-        of_own = np.broadcast_to(count + turned.own_of, (A, len(turned.own_of)))
+        columns, shared = self._columns
+        of_own = np.broadcast_to(count + turned.own_of, (len(columns), len(turned.own_of)))
         owner = np.concatenate([turned.instrument, of_own], axis=1)
         moved = own.L @ columns
-        root = own.root[turned.component]
-        T = _t(moved) @ own.K @ root
-        E = _t(columns) @ self.weighted
-        cells = Draws(owner, _t(moved) @ moved, T, E[..., :-1], E[..., -1])
-        c = own.K.shape[-1]
-        E = turned.sums(_t(own.shared) @ self.weighted)
+        T = _t(moved) @ own.K @ own.root[turned.component]
+        length = (moved**2).sum(axis=1) - (T**2).sum(axis=-1)
+        cells = Draws(owner, length, _t(columns) @ self.weighted, np.arange(len(columns)))
         owner = np.where(turned.shared_of >= 0, count + turned.shared_of, -1)
-        unit = np.broadcast_to(np.eye(c), (len(owner), c, c))
-        return cells, Draws(owner, unit, -own.root, E[..., :-1], E[..., -1])
+        length = 1.0 - (own.root**2).sum(axis=-1)
+        of_shared = turned.sums(_t(shared) @ self.weighted)
+        return cells, Draws(owner, length, of_shared, turned.component)
 
 
 def _t(a: Array) -> Array:

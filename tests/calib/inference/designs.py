@@ -123,8 +123,10 @@ class Dense:
 
     @property
     def information(self) -> Array:
-        moved = [t * self.P @ V for t, V in zip(self.theta, self.parts, strict=True)]
-        return np.array([[np.sum(a * b.T) for b in moved] for a in moved])
+        """Mean of the observed and the expected second derivatives by log variances."""
+        P, parts = self.P, zip(self.theta, self.parts, strict=True)
+        moved = np.column_stack([t * V @ P @ self.design.response for t, V in parts])
+        return moved.T @ P @ moved
 
     @property
     def variances(self) -> Variances:

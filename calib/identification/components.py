@@ -18,7 +18,8 @@ from calib.arm.repeatability import usual_repeatability
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
-from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect, reml
+from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
+from calib.inference.reml import reml
 from calib.linear import LinearProblem
 from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
 
@@ -119,14 +120,15 @@ def _stated(
 def _joints(
     scatter: Scatter, levers: Array, robot: Robot, approaches: bool
 ) -> tuple[RandomEffect, ...]:
-    """The joints that move some reading, by configuration and, where asked, by approach."""
+    """What moves some reading, by configuration and, where asked, by approach: joints and tip."""
+    kinds = [*np.where(robot.prismatic, "slides", "turns"), "slides", "turns"]
 
     def found() -> Iterator[RandomEffect]:
         for name, group in _groups(scatter, approaches):
-            for k in range(scatter.joints):
-                if levers[..., k].any():
-                    kind = "slides" if robot.prismatic[k] else "turns"
-                    yield RandomEffect(f"{name} {k}", levers[..., k : k + 1], kind, group)
+            for k, kind in enumerate(kinds):
+                own = levers[..., scatter.kinds == k]
+                if own.any():
+                    yield RandomEffect(f"{name} {k}", own, kind, group)
 
     return tuple(found())
 

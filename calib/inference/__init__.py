@@ -8,12 +8,11 @@ one procedure on a design; ``least_squares`` and ``tails`` are plain numerics.
 
 from calib.inference.design import Design, GaussianBlock, RandomEffect, Variances
 from calib.inference.evidence import Evidence
-from calib.inference.leave_out import LeftOut, leave_groups_out, leave_out
+from calib.inference.leave_out import LeftOut, leave_groups_out
 from calib.inference.marginal import Marginal
 from calib.inference.prior import Prior
-from calib.inference.reml import reml
 from calib.inference.robust import pose_weights, robust_reml
-from calib.inference.widths import Widths, widths
+from calib.inference.widths import Widths
 
 __all__ = [
     "Design",
@@ -26,9 +25,6 @@ __all__ = [
     "Variances",
     "Widths",
     "leave_groups_out",
-    "leave_out",
     "pose_weights",
-    "reml",
     "robust_reml",
-    "widths",
 ]

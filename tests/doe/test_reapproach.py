@@ -111,11 +111,13 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     model = build(cell, plan.poses).model
     values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
     found = []
-    for _ in range(120):  # on one day in forty a joint is held responsible for all
+    for _ in range(120):
         data = drawn_readings(model, values, plan.poses, cell.noise, rng, arm=ARM)
-        levels = calib.identify(cell, data).levels
-        assert levels is not None
-        found.append(np.sqrt(levels.variances.approach[-2]) / ARM.translation)
+        result = calib.identify(cell, data)
+        assert result.levels is not None
+        assert result.scatter is not None
+        tip = result.scatter.of_tip(result.levels.variances.approach)
+        found.append(tip.translation / ARM.translation)
     assert np.mean(found) == pytest.approx(1.0, abs=0.12)
     assert 0.6 < np.std(found) / plan.reapproaches.translation < 1.4
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from calib.inference import Design, Marginal, Prior, reml
+from calib.inference import Design, Marginal, Prior
+from calib.inference.reml import reml
 from tests.calib.inference.designs import simple_design
 
 _DAYS = 60

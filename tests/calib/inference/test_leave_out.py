@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.inference import leave_groups_out, leave_out
 from calib.inference.least_squares import solve
+from calib.inference.leave_out import leave_groups_out, leave_out
 from tests.calib.inference.designs import PLACE, POSES, random_design, random_theta
 
 

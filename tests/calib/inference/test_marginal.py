@@ -10,8 +10,9 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import kstest
 
 from calib.arrays import Array
-from calib.inference import Design, GaussianBlock, Marginal, Prior, reml
+from calib.inference import Design, GaussianBlock, Marginal, Prior
 from calib.inference.prior import penalty
+from calib.inference.reml import reml
 from tests.calib.inference.designs import GROUPS, POSES, ROWS, Dense, random_design, random_theta
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.inference import Design, Marginal, Prior, reml
+from calib.inference import Design, Marginal, Prior
 from calib.inference.prior import penalty
+from calib.inference.reml import reml
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
 from tests.calib.inference.designs import GROUPS, random_design, random_theta, simple_design
 

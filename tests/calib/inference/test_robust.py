@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.inference import Design, Marginal, Prior, pose_weights, reml, robust_reml
+from calib.inference import Design, Marginal, Prior, pose_weights, robust_reml
+from calib.inference.reml import reml
 from tests.calib.inference.designs import simple_design
 
 PRIOR = Prior({"joint": 1.0})

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.inference import Design, GaussianBlock, Variances, reml, widths
+from calib.inference import Design, GaussianBlock, Variances
+from calib.inference.reml import reml
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
+from calib.inference.widths import widths
 from tests.calib.inference.designs import simple_design
 
 

@@ -139,8 +139,8 @@ def _groups(scatter: Scatter, approaches: bool) -> list[tuple[str, IntArray]]:
 
 
 def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
-    """Joints scatter as they move the tip of the best arms of that size, at half the reach."""
-    usual = usual_repeatability(robot.reach).best
+    """Joints, at half the reach, and tip scatter together as the tips of the best arms of that size."""
+    usual = usual_repeatability(robot.reach).best / float(np.sqrt(robot.dof + 2))
     scales = {"slides": usual, "turns": usual / max(robot.reach / 2.0, 1e-3)}
     known = {effect.kind: variance for effect, variance in stated}
     return Prior(scales, known, instrument_least=_LEAST)

@@ -19,6 +19,7 @@ from calib.files.read import read_xml
 
 WORLD = "world"
 _SHOWN = 12  # names that a message lists
+_MOST = 10_000  # copies of a body: a robot has none, and a slip of the keys would fill the memory
 HINGE, SLIDE = 3, 2  # mjtJoint; the module is imported where it is needed
 _JOINT_OF_TENDON, _SITE = 1, 6  # mjtWrap, mjtObj
 
@@ -85,6 +86,10 @@ def read_mjcf(path: Path) -> tuple[Element, tuple[Path, ...]]:
         raise InputError(path, f"<{root.tag}>", "is not an MJCF", "name a file that holds <mujoco>")
     files, pending = [path], [(path, root)]
     for here, element in pending:  # grows as files are found
+        for rule in element.iter("replicate"):
+            if not rule.get("count", "").strip().isdigit() or int(rule.get("count", "0")) > _MOST:
+                what = f"makes {rule.get('count', 'no number of')} copies"
+                raise InputError(here, "<replicate>", what, f"give a count of at most {_MOST}")
         for include in element.iter("include"):
             file = _included(files, here, include.get("file", ""))
             files.append(file)

@@ -2,15 +2,17 @@
 
 A reading of approach a in configuration k errs by ``J_k (c_k + u_a) + e``: e is the instrument's and
 new at every point, u_a the arm's repeatability and new at every approach, c_k what no model follows
-from one configuration to the next. Each joint has one variance of each. All are always in the model
-(:func:`calib.inference.reml`); data sheets say how large they are where the readings do not. Whether
-the readings show them is asked once, of all together.
+from one configuration to the next. Every joint, and the tip, has a variance of each. None enters or
+leaves alone: restricted likelihood estimates all together, and data sheets say how large they are where
+the readings do not (:mod:`calib.inference.reml`). Whether the readings show scatter is asked of
+approaches and of configurations as a whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -23,12 +25,23 @@ from calib.inference.reml import reml
 from calib.linear import LinearProblem
 from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
 
-_PAYS = (
-    6.0  # decrease of -2 log likelihood; half a chi-square at the bound: once in seventy by chance
-)
+Level: TypeAlias = Literal["approach", "configuration"]
+# Decrease of -2 log likelihood: half a chi-square at the bound, so once in seventy by chance.
+_PAYS = 6.0
 _RIGID = 6  # rows of an approach that the arm may move: the others see the instrument alone
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 _SMALL = 1e-9  # of the largest singular value of what is known beforehand
+
+
+@dataclass(frozen=True, eq=False)
+class ArmEffect(RandomEffect):
+    """Scatter of a joint, or of the tip, whose variance is number ``part`` of its level.
+
+    part : int, as in :class:`~calib.scatter.Variances`: joints first, then translation and rotation
+    """
+
+    level: Level
+    part: int
 
 
 def variance_components(
@@ -46,22 +59,22 @@ def variance_components(
     known : the arm's repeatability where the cell states it
     """
     stated = _stated(scatter, levers, known)
-    joints = _joints(scatter, levers, robot, known is None and scatter.has_approaches)
+    arm = _arm(scatter, levers, robot, known is None and scatter.has_approaches)
     prior = _prior(robot, stated)
     design = _design(linear, tuple(e for e, _ in stated))
 
-    def fitted(own: tuple[str, ...]) -> Marginal:
-        """With the joints' scatter by approaches, by configurations, or both."""
-        chosen = tuple(e for e in joints if e.name.split()[0] in own)
+    def fitted(own: tuple[Level, ...]) -> Marginal:
+        """With the arm's scatter by approaches, by configurations, or both."""
+        chosen = tuple(e for e in arm if e.level in own)
         whole = replace(design, effects=(*design.effects, *chosen))
         return Marginal.at(whole, reml(whole, prior), prior)
 
-    kinds = tuple(dict.fromkeys(e.name.split()[0] for e in joints))
-    sets = dict.fromkeys(((), *((kind,) for kind in kinds), kinds))
+    levels = tuple(dict.fromkeys(e.level for e in arm))
+    sets: dict[tuple[Level, ...], None] = dict.fromkeys(((), *((one,) for one in levels), levels))
     models = {own: fitted(own) for own in sets}
-    choice = 2.0 * float(np.log(1 + len(joints)))  # the first pays for the choice among all
+    choice = 2.0 * float(np.log(1 + len(arm)))  # the first pays for the choice among all
 
-    def value(own: tuple[str, ...]) -> float:
+    def value(own: tuple[Level, ...]) -> float:
         price = _PAYS * len(own) + choice * bool(own)
         return price - 2.0 * models[own].log_likelihood
 
@@ -72,7 +85,7 @@ def variance_components(
     rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
     found = VarianceEstimate(
         _as_variances(scatter.joints, models[best], known),
-        free=np.arange(1 + len(joints)) if best else np.zeros(int(louder), dtype=int),
+        free=np.arange(1 + len(arm)) if best else np.zeros(int(louder), dtype=int),
         theta=np.zeros(0),
         value=-2.0 * models[best].log_likelihood,
         alone=-2.0 * exact.log_likelihood,
@@ -83,9 +96,9 @@ def variance_components(
         return found
     if not louder:
         found = replace(found, variances=Variances.of_arm(scatter.joints, known))
-    if known is not None or not joints:
+    if known is not None or not arm:
         return found
-    return replace(found, undetected=_undetected(scatter, models[kinds]))
+    return replace(found, undetected=_undetected(scatter, models[levels]))
 
 
 def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
@@ -117,25 +130,18 @@ def _stated(
     ]
 
 
-def _joints(
-    scatter: Scatter, levers: Array, robot: Robot, approaches: bool
-) -> tuple[RandomEffect, ...]:
+def _arm(scatter: Scatter, levers: Array, robot: Robot, approaches: bool) -> tuple[ArmEffect, ...]:
     """What moves some reading, by configuration and, where asked, by approach: joints and tip."""
     kinds = [*np.where(robot.prismatic, "slides", "turns"), "slides", "turns"]
-
-    def found() -> Iterator[RandomEffect]:
-        for name, group in _groups(scatter, approaches):
-            for k, kind in enumerate(kinds):
-                own = levers[..., scatter.kinds == k]
-                if own.any():
-                    yield RandomEffect(f"{name} {k}", own, kind, group)
-
-    return tuple(found())
-
-
-def _groups(scatter: Scatter, approaches: bool) -> list[tuple[str, IntArray]]:
-    both = [("approach", scatter.approach), ("configuration", scatter.configuration)]
-    return both if approaches else both[1:]
+    by: dict[Level, IntArray] = {"approach": scatter.approach} if approaches else {}
+    by["configuration"] = scatter.configuration
+    parts = [levers[..., scatter.kinds == part] for part in range(len(kinds))]
+    return tuple(
+        ArmEffect(f"{level} {part}", own, kind, group, level, part)
+        for level, group in by.items()
+        for part, (own, kind) in enumerate(zip(parts, kinds, strict=True))
+        if own.any()
+    )
 
 
 def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
@@ -146,14 +152,20 @@ def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
     return Prior(scales, known, instrument_least=_LEAST)
 
 
+def _estimated(found: Marginal) -> Iterator[tuple[ArmEffect, float]]:
+    """The arm's effects and their variances, without what is stated."""
+    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
+        if isinstance(effect, ArmEffect):
+            yield effect, float(variance)
+
+
 def _as_variances(joints: int, found: Marginal, known: Repeatability | None) -> Variances:
     """Variances of joints and tip by approach and configuration."""
-    own = Variances.of_arm(joints, known)
-    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
-        if known is None or effect.kind not in ("translation", "rotation"):
-            name, k = effect.name.split()
-            getattr(own, name)[int(k)] = variance
-    return replace(own, scale=float(np.sqrt(found.variances.instrument[0])))
+    stated = Variances.of_arm(joints, known)
+    own = {"approach": stated.approach.copy(), "configuration": stated.configuration.copy()}
+    for effect, variance in _estimated(found):
+        own[effect.level][effect.part] = variance
+    return Variances(float(np.sqrt(found.variances.instrument[0])), **own)
 
 
 def _undetected(scatter: Scatter, found: Marginal) -> Undetected:
@@ -162,12 +174,9 @@ def _undetected(scatter: Scatter, found: Marginal) -> Undetected:
     By Satterthwaite: ``2 v^2 / (g^T C g)``, g the parts of the tip's variance v and C the covariance of
     the logarithms of the variances.
     """
-    parts = []
-    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
-        one = np.zeros(scatter.joints + 2)
-        one[int(effect.name.split()[1])] = variance
-        parts.append(scatter.of_tip(one).translation ** 2)
-    g, first = np.array(parts), found.design.instruments
-    spread = float(g @ found.log_covariance[first : first + len(g), first : first + len(g)] @ g)
+    unit = np.eye(scatter.joints + 2)
+    parts = [scatter.of_tip(v * unit[e.part]).translation ** 2 for e, v in _estimated(found)]
+    g, own = np.array(parts), slice(found.design.instruments, found.design.instruments + len(parts))
+    spread = float(g @ found.log_covariance[own, own] @ g)
     freedom = 2.0 * float(g.sum()) ** 2 / spread if spread > 0.0 else np.inf
     return Undetected(_as_variances(scatter.joints, found, None), max(1.0, freedom))

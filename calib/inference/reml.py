@@ -1,8 +1,8 @@
 """Variances by restricted likelihood and their priors: every component, always.
 
-Fisher scoring moves the logarithms of all variances at once, by steps of bounded length with
-Levenberg's damping, from several starts. The result depends on the design, the prior and the start
-alone, in this order of weight: the best of all maxima counts.
+Newton's method with average information moves the logarithms of all variances at once, by steps of
+bounded length with Levenberg's damping, from several starts. The result depends on the design, the
+prior and the start alone, in this order of weight: the best of all maxima counts.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class _Problem:
         return likelihood.value + penalty(self.model.design, self.prior, theta).value, likelihood
 
     def descend(self, theta: Array) -> Search:
-        """Fisher scoring from one start."""
+        """Newton steps with average information from one start."""
         (found, likelihood), damping = self.at(theta), _DAMPING[0]
         for _ in range(_STEPS):
             gradient, information = likelihood.derivatives

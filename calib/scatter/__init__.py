@@ -5,8 +5,7 @@ new at every point, u_a the arm's repeatability and new at every approach, c_k w
 from one configuration to the next: it comes again at the same joints and tells nothing of others.
 J_k moves the joints and the tip, so a handful of variances says it all. This package estimates them
 for the diagnosis (:mod:`calib.scatter.restricted`, :mod:`calib.scatter.search`), and makes the rows of
-whole poses independent
-(:class:`calib.scatter.Scatter`).
+whole poses independent (:class:`calib.scatter.Scatter`).
 """
 
 from calib.scatter.poses import Scatter, Variances, scatter_of

@@ -188,6 +188,10 @@ BAD = {
     ),
     "ball joint": (swap('name="j2"', 'type="ball"'), "body 'hand': has a ball joint; use hinge"),
     "joint without a name": (swap('name="j2"', ""), "body 'hand': has a joint without a name"),
+    "copies without end": (
+        swap("<site", '<replicate count="1000000000"><body/></replicate><site'),
+        "<replicate>: makes 1000000000 copies; give a count of at most 10000",
+    ),
     "coupled joints": (
         equality('<joint joint1="j1" joint2="j2"/>'),
         "equality <joint>: constrains joint 'j1' and joint 'j2'; closed loops and coupled",

@@ -17,15 +17,15 @@ import numpy as np
 from calib.arrays import Array, Mask, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import Estimate, estimate_of
-from calib.compensation.unexplained import scatter_at
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.identification.identification import Identification
+from calib.inference.coverage import Interval, freedom, lengths
 from calib.model.covariance import working_points
 from calib.poses import Poses
+from calib.predict.discrepancy import scatter_at
+from calib.predict.estimate import Estimate, estimate_of
 from calib.prior import Key
-from calib.uncertainty.expanded import Interval, freedom, lengths
 
 FALSE_ALARM = 0.02
 """How often anything is said to have changed where nothing has."""

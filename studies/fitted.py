@@ -16,9 +16,9 @@ from studies.record import Entry, From, Maybe, NotNegative, Number, Owner, Three
 
 if TYPE_CHECKING:
     from calib.arrays import Array
-    from calib.compensation.estimate import Estimate
     from calib.model import Model
     from calib.poses import Measurements
+    from calib.predict.estimate import Estimate
 
 
 Row: TypeAlias = tuple[Number, ...]

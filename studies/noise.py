@@ -33,7 +33,7 @@ class NoiseEntry(Entry):
     again at the same joints; None where the data cannot tell. Without poses that were approached again,
     and without a figure in the cell, configuration holds both.
 
-    configuration_of : whose it is (:mod:`calib.uncertainty.pose_to_pose`); None where nobody judged it
+    configuration_of : whose it is (:mod:`calib.scatter.owner`); None where nobody judged it
     usual_mm : between what arms of this size repeat by data sheets
     pixel_mm : of a pixel at the points read, where no reading is a length; lengths are then those of
         pixels at the points
@@ -104,7 +104,7 @@ def noise_fields(
     footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
     """
     from calib.cell import Repeatability
-    from calib.uncertainty.pose_to_pose import pose_to_pose
+    from calib.scatter.owner import pose_to_pose
 
     found = pose_to_pose(levels, scatter, model.robot.reach)
     fixed = found.rest

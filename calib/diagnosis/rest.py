@@ -26,7 +26,7 @@ from calib.identification.noise_level import (
     replicate_spreads,
 )
 from calib.poses import Measurements
-from calib.uncertainty.pose_to_pose import Owner
+from calib.scatter.owner import Owner
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]

@@ -12,8 +12,6 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.compensation.estimate import Estimate
-from calib.compensation.unexplained import Unexplained
 from calib.effects import catalogue
 from calib.effects.protocol import Effect, Parameter
 from calib.effects.tuned import Tuned
@@ -21,8 +19,10 @@ from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
+from calib.predict.discrepancy import Unexplained
+from calib.predict.estimate import Estimate
 from calib.scatter import Variances
-from calib.uncertainty.pose_to_pose import Owner
+from calib.scatter.owner import Owner
 
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970

@@ -13,6 +13,8 @@ from calib.effects.base import Base
 from calib.identification.estimators import Method
 from calib.identification.fit import Estimation
 from calib.identification.residuals import Residuals
+from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
+from calib.model.common_errors import Considered
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
@@ -20,8 +22,6 @@ from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
 from calib.scatter import Scatter, Undetected
-from calib.uncertainty.considered import Considered
-from calib.uncertainty.expanded import LEVEL, coverage_factor, effective_freedom, freedom
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 

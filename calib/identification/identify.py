@@ -22,6 +22,7 @@ from calib.identification.tuning import with_tunings
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
+from calib.model.common_errors import considered
 from calib.model.covariance import ignorance
 from calib.model.sizes import elementary
 from calib.observations import (
@@ -40,7 +41,6 @@ from calib.result import fields_of
 from calib.scatter import Undetected, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
-from calib.uncertainty.considered import considered
 
 _SHARE = 0.5  # of the errors that the readings determine where their sizes hold the others
 

@@ -13,15 +13,15 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import estimate_of, fitted_of
-from calib.compensation.unexplained import Unexplained, Unseen, at_ends, at_held_out, scatter_at
 from calib.identification import Identification
+from calib.inference.coverage import freedom
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
+from calib.predict.discrepancy import Unexplained, Unseen, at_ends, at_held_out, scatter_at
+from calib.predict.estimate import estimate_of, fitted_of
 from calib.scatter import Variances
-from calib.uncertainty.expanded import freedom
-from calib.uncertainty.pose_to_pose import Owner, parted
+from calib.scatter.owner import Owner, parted
 from doe.ahead.forecast import Offer
 from doe.ahead.information import Information
 from doe.problem.linearisation import Linearisation

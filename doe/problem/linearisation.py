@@ -22,9 +22,9 @@ from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
+from calib.model.common_errors import common_displacements
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.uncertainty.considered import common_displacements
 
 Stays = tuple[IntArray, IntArray]
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most

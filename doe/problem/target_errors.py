@@ -9,9 +9,9 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.model import Model
+from calib.model.common_errors import by_gravity
 from calib.model.covariance import at_points_read, at_tip, working_points
 from calib.poses import Poses
-from calib.uncertainty.considered import by_gravity
 from doe.problem.linearisation import errors_of
 
 

@@ -106,7 +106,7 @@ def known_of_record(record: IdentifyRecord) -> DayEstimate:
     import numpy as np
 
     from calib.change import COORDINATES, DayEstimate
-    from calib.uncertainty.expanded import freedom
+    from calib.inference.coverage import freedom
 
     estimate, scatter = record.estimate, record.estimate.scatter_si
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))

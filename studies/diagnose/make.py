@@ -12,7 +12,6 @@ import numpy as np
 from calib import Cell
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.compensation.estimate import estimate_of
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.causes import Cause
@@ -24,6 +23,7 @@ from calib.effects import Effect
 from calib.files.cell_out import extended_cell
 from calib.identification.residuals import Residuals
 from calib.poses import Measurements
+from calib.predict.estimate import estimate_of
 from calib.threads import one_blas_thread
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable

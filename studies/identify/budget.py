@@ -14,8 +14,8 @@ from studies.record import OWN_UNIT, Entry, From, Judgement, Maybe, NotNegative,
 
 if TYPE_CHECKING:
     from calib.identification import Residuals
-    from calib.uncertainty.budget import Budget
-    from calib.uncertainty.budget import UncertaintySource as Source
+    from calib.predict.budget import Budget
+    from calib.predict.budget import UncertaintySource as Source
 
 
 _MM = 1e3
@@ -84,7 +84,7 @@ class BudgetEntry(Entry):
 
 def budget_entry(budget: Budget) -> BudgetEntry:
     """The entry of a budget."""
-    from calib.uncertainty.expanded import LEVEL
+    from calib.inference.coverage import LEVEL
 
     total = _expanded(budget, budget.parts)
     return BudgetEntry(
@@ -96,7 +96,7 @@ def budget_entry(budget: Budget) -> BudgetEntry:
 
 
 def _expanded(budget: Budget, parts: Sequence[Source]) -> ExpandedUncertainty:
-    from calib.uncertainty.budget import combined
+    from calib.predict.budget import combined
 
     found = combined(parts, budget.weights)
     u, most = budget.rms(found.errors), budget.rms(found.expanded)

@@ -10,14 +10,14 @@ import calib
 from calib import Identification
 from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
-from calib.compensation.estimate import estimate_of
 from calib.identification import ADVICE
 from calib.identification.drift import drift_p
 from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.uncertainty.budget import accuracy_at_targets
+from calib.predict.budget import accuracy_at_targets
+from calib.predict.estimate import estimate_of
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.fitted import estimated

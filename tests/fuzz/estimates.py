@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 import calib
-from calib.compensation.estimate import Estimate
-from calib.compensation.unexplained import Unexplained
 from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.files.write import json_text
 from calib.model.build import build
+from calib.predict.discrepancy import Unexplained
+from calib.predict.estimate import Estimate
 from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.fitted import estimated

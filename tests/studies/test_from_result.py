@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import Field, ValidationError
 
-from calib.uncertainty.expanded import Interval
+from calib.inference.coverage import Interval
 from studies.record import (
     OWN_UNIT,
     Count,

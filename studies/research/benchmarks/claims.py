@@ -41,8 +41,8 @@ import calib
 from calib.arrays import Array, Mask
 from calib.cell.targets import targets_of
 from calib.change import FALSE_ALARM, changes, known_of, verdict
-from calib.compensation.estimate import estimate_of
-from calib.uncertainty.budget import accuracy_at_targets
+from calib.predict.budget import accuracy_at_targets
+from calib.predict.estimate import estimate_of
 from doe.ahead.enough import enough
 from doe.assess import assess
 from doe.problem import problem_of

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from calib import Cell
-from calib.compensation.estimate import Estimate
-from calib.compensation.unexplained import Unexplained
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.model.build import build
+from calib.predict.discrepancy import Unexplained
+from calib.predict.estimate import Estimate
 from calib.scatter import Variances
 from studies.fitted import estimated
 

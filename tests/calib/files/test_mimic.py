@@ -18,13 +18,13 @@ from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
 from calib.cell.planned import Planned
 from calib.cell.targets import sobol_poses
-from calib.compensation.inverse import Goal, reach, tip_of
 from calib.errors import CalibError, InputError
 from calib.files.tables import load_measurements, load_plan
 from calib.files.urdf import load_urdf
 from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
 from calib.poses import poses_at
+from calib.predict.commands import Goal, reach, tip_of
 from doe.problem.pool import drawn
 from studies.programs.record import program_text
 from tests.helpers import all_seen, cell_of, random_robot

@@ -12,7 +12,7 @@ import calib
 from calib import Cell, Poses
 from calib.arrays import Array
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import estimate_of
+from calib.inference.coverage import effective_freedom
 from calib.model.covariance import (
     accuracy,
     covariance,
@@ -20,8 +20,8 @@ from calib.model.covariance import (
     errors_at,
     ignorance,
 )
+from calib.predict.estimate import estimate_of
 from calib.solver import condensed, inverse_factor, levenberg_marquardt
-from calib.uncertainty.expanded import effective_freedom
 from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
 from tests.doe.ahead.day import cell_of_day, whole_day

@@ -10,8 +10,8 @@ import pytest
 
 import calib
 from calib.arrays import Array
-from calib.compensation.estimate import fitted_of
-from calib.compensation.unexplained import at_ends, at_held_out
+from calib.predict.discrepancy import at_ends, at_held_out
+from calib.predict.estimate import fitted_of
 from doe.ahead.enough import Enough, enough
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 

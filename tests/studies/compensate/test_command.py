@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arm.kinematics import forward
-from calib.compensation.estimate import estimate_of
 from calib.files.estimate import load_estimate
+from calib.predict.estimate import estimate_of
 from studies.fitted import estimated
 from tests.helpers import measured_cell
 from tests.studies.command_line import checked, run

@@ -19,13 +19,13 @@ pytest.importorskip("mujoco")
 
 import calib
 from calib import Cell, Measurements
-from calib.compensation.commands import Compensation
-from calib.compensation.estimate import Estimate, estimate_of
+from calib.predict.compensate import Compensation
+from calib.predict.estimate import Estimate, estimate_of
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case, draw_scene
 from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
 from studies.research.withheld.visible import at_rest
-from tests.calib.compensation.test_compensate import band, missed, wanted
+from tests.calib.predict.test_compensate import band, missed, wanted
 from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
 pytestmark = pytest.mark.long

@@ -3,7 +3,7 @@
 A target is a nominal joint command; what is wanted is the pose that the nominal robot, rigid and free
 of error, gives its tip there. The identified arm is bent by the load of the target itself, so the
 command ``q + dq`` solves ``f(q + dq, w) = f_nominal(q)`` with the equilibrium in it
-(:mod:`calib.compensation.inverse`).
+(:mod:`calib.predict.commands`).
 
 Frames. Wanted and reached poses are compared in the robot base frame, as identified: where the
 instrument stands and how it errs does not shift the arm. The constants that no marker shows (where the
@@ -33,9 +33,6 @@ from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.targets import check_targets
-from calib.compensation.estimate import Estimate, estimate_of
-from calib.compensation.inverse import Goal, Reached, reach, tip_of
-from calib.compensation.unexplained import Unexplained, scatter_at
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.readings import ReadingEffect
 from calib.effects.timed import Timed
@@ -47,9 +44,12 @@ from calib.model.build import lacking
 from calib.model.covariance import at_one_tip, errors_at, read_frames, working_points
 from calib.poses import Poses, hung
 from calib.poses.moves import moves, with_moves
+from calib.predict.commands import Goal, Reached, reach, tip_of
+from calib.predict.discrepancy import Unexplained, scatter_at
+from calib.predict.estimate import Estimate, estimate_of
 from calib.result import Result
+from calib.scatter.owner import Owner
 from calib.threads import one_blas_thread
-from calib.uncertainty.pose_to_pose import Owner
 
 Known: TypeAlias = Estimate | Identification | Diagnosis | str | Path
 

@@ -12,14 +12,14 @@ import pytest
 import calib
 from calib import Cell, Poses
 from calib.arrays import Array
-from calib.compensation.estimate import estimate_of
 from calib.identification import Identification
+from calib.inference.coverage import coverage_factor, effective_freedom
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
-from calib.uncertainty.budget import Budget, budget_of, combined
-from calib.uncertainty.expanded import coverage_factor, effective_freedom
+from calib.predict.budget import Budget, budget_of, combined
+from calib.predict.estimate import estimate_of
 from studies.demo.embedded import simulated
-from tests.calib.uncertainty import common_days as days
+from tests.calib.predict import common_days as days
 
 DAYS = 1000
 TARGETS = days.joints(12, np.random.default_rng(77))

@@ -13,10 +13,10 @@ pytest.importorskip("mujoco")
 import calib
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
-from calib.compensation.estimate import estimate_of
+from calib.predict.budget import budget_of
+from calib.predict.estimate import estimate_of
 from calib.scatter import Variances
-from calib.uncertainty.budget import budget_of
-from calib.uncertainty.pose_to_pose import parted, pose_to_pose
+from calib.scatter.owner import parted, pose_to_pose
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 
 

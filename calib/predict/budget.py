@@ -17,12 +17,12 @@ from calib.arm.se3 import skew
 from calib.arrays import Array, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
-from calib.compensation.estimate import Estimate
-from calib.compensation.unexplained import scatter_at
 from calib.identification import Identification
+from calib.inference.coverage import coverage_factor, directions, effective_freedom, freedom
 from calib.model.covariance import half, working_points
 from calib.poses import Poses
-from calib.uncertainty.expanded import coverage_factor, directions, effective_freedom, freedom
+from calib.predict.discrepancy import scatter_at
+from calib.predict.estimate import Estimate
 
 _NOISE = "noise"
 

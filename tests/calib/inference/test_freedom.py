@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.change import COORDINATES
-from calib.uncertainty.expanded import freedom
+from calib.inference.coverage import freedom
 
 
 def test_stays_count_where_poses_err_as_a_whole() -> None:

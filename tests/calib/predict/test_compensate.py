@@ -14,14 +14,14 @@ from calib import CalibError, Cell, Poses
 from calib.arm.kinematics import forward
 from calib.arm.se3 import rotate, so3_log
 from calib.arrays import Array
-from calib.compensation.commands import Compensation
-from calib.compensation.estimate import Estimate, estimate_of
-from calib.compensation.inverse import tip_of
-from calib.compensation.unexplained import Unexplained
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
+from calib.predict.commands import tip_of
+from calib.predict.compensate import Compensation
+from calib.predict.discrepancy import Unexplained
+from calib.predict.estimate import Estimate, estimate_of
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot

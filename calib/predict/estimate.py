@@ -8,14 +8,14 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.compensation.unexplained import Fitted, Unexplained, unexplained
 from calib.diagnosis.diagnose import Diagnosis
 from calib.identification.identification import Identification
 from calib.identification.noise_level import refuted
 from calib.model import Model
 from calib.model.covariance import ignorance
+from calib.predict.discrepancy import Fitted, Unexplained, unexplained
 from calib.scatter import Variances
-from calib.uncertainty.pose_to_pose import Owner, parted, pose_to_pose
+from calib.scatter.owner import Owner, parted, pose_to_pose
 
 Result: TypeAlias = Identification | Diagnosis
 

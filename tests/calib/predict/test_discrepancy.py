@@ -9,12 +9,12 @@ import pytest
 
 import calib
 from calib import Cell
-from calib.compensation.estimate import estimate_of
-from calib.compensation.unexplained import Fitted, at_held_out, left_out
 from calib.effects import EFFECTS
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
+from calib.predict.discrepancy import Fitted, at_held_out, left_out
+from calib.predict.estimate import estimate_of
 from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 from tests.properties.every_instrument import scene

@@ -1,1 +1,0 @@
-"""Uncertainty of estimates: expanded, its degrees of freedom, errors that all readings share."""

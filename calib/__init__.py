@@ -46,14 +46,14 @@ if typing.TYPE_CHECKING:
     from calib.noise import Noise
     from calib.poses import Measurements, Poses, poses_at
     from calib.poses.moves import in_one_session
-    from calib.predict.compensate import Compensation, compensate
+    from calib.prediction.compensate import Compensation, compensate
 
 _HOMES = {  # imported when first asked for: a part of the package does not wait for all of it
     "calib.api": "observation parameters predict readings simulate",
     "calib.arm.robot": "Robot",
     "calib.cell": "Cell Load Repeatability",
     "calib.cell.planned": "AskedLevels",
-    "calib.predict.compensate": "Compensation compensate",
+    "calib.prediction.compensate": "Compensation compensate",
     "calib.diagnosis": "Diagnosis",
     "calib.diagnosis.diagnose": "diagnose",
     "calib.errors": "CalibError",

@@ -23,8 +23,8 @@ from calib.identification.identification import Identification
 from calib.inference.coverage import Interval, freedom, lengths
 from calib.model.covariance import working_points
 from calib.poses import Poses
-from calib.predict.discrepancy import scatter_at
-from calib.predict.estimate import Estimate, estimate_of
+from calib.prediction.estimate import Estimate, estimate_of
+from calib.prediction.targets import ExpectedError
 from calib.prior import Key
 
 FALSE_ALARM = 0.02
@@ -201,8 +201,8 @@ def changes(cell: Cell, before: DayEstimate, after: DayEstimate, estimate: Estim
     targets, weights = targets_of(cell)
     targets = replace(targets, start=estimate.start)
     follows, back = _rows(estimate, found.keys, targets, weights), found.noise @ found.half.T
-    scatter = scatter_at(estimate.model, estimate.values, targets, estimate.variances)
-    rest = weights / weights.sum() @ scatter.mean(axis=1) + estimate.unexplained.rms**2
+    expected = ExpectedError(estimate, targets)
+    rest = weights / weights.sum() @ (expected.arm**2 + expected.model**2)
     there, _ = errors_at(follows, back @ found.whitened, back @ back.T * wider, weights)
     rms, worst = errors_at(follows, found.change, found.later * wider, weights)
     return Changes(found, there, (rms.combined(rest**0.5), worst.combined(rest**0.5)))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from calib.model import Model
     from calib.poses import Measurements
-    from calib.predict.estimate import Estimate
+    from calib.prediction.estimate import Estimate
 
 
 Row: TypeAlias = tuple[Number, ...]
@@ -48,7 +48,7 @@ class ScatterEntry(Entry):
 
     approach: Row
     configuration: Row
-    configuration_of: Annotated[Owner, From("rest_of")]
+    configuration_of: Owner
 
 
 class Estimated(Entry):
@@ -58,7 +58,7 @@ class Estimated(Entry):
     covariance_si: tuple[Row, ...] = Field(alias="covariance_SI")
     session_start_s: Annotated[Number, From("start")]
     session_clock: Annotated[str, From("clock_unit")]
-    unexplained: UnexplainedEntry
+    unexplained: Annotated[UnexplainedEntry, From("discrepancy")]
     scatter_si: ScatterEntry | None = Field(alias="scatter_SI")
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]

@@ -19,8 +19,8 @@ from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
-from calib.predict.discrepancy import Unexplained
-from calib.predict.estimate import Estimate
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate
 from calib.scatter import Variances
 from calib.scatter.owner import Owner
 
@@ -58,8 +58,9 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
             raise ValueError
         clock = str(entry["session_clock"])
-        rest = Unexplained(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
-        variances, rest_of = _variances(cell, entry["scatter_SI"])
+        source = str(entry["unexplained"]["source"])
+        discrepancy = ModelDiscrepancy(float(unexplained) * 1e-3, source)
+        variances, owner = _variances(cell, entry["scatter_SI"])
         converged = entry["converged"] is True
         undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -71,8 +72,8 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         raise InputError(path, "estimate", what, "give the cell that it was made with") from None
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
-        model, values, cov, float(start), rest, undetermined, notes, converged, variances, clock,
-        rest_of,
+        model, values, cov, float(start), discrepancy, undetermined, notes, converged, variances,
+        clock, owner,
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from calib.instruments import Instrument
 from calib.poses import Measurements, Poses
 
 if TYPE_CHECKING:
-    from calib.predict.compensate import Compensation
+    from calib.prediction.compensate import Compensation
 
 
 def joint_header(robot: Robot, q: Array | None = None) -> list[str]:

@@ -7,7 +7,7 @@ Orthonormal columns make A the identity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from calib.inference.design import Design, Variances
 from calib.inference.least_squares import independent_columns, inverse_triangle, joined_triangle
 
 _DETERMINED = 1e-8  # share of a direction's information that the other groups must hold
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,19 +24,32 @@ class LeftOut:
     """Errors of rows as the fit without their group predicts them.
 
     residual : ndarray, of the shape and unit of the rows
+    spread : ndarray, shape (N, <= f), root of the covariance of those predictions within a group, for
+        rows of unit variance
+    growth : ndarray, shape (g,), by sorted group: ratio of the variance of those predictions to that of
+        the whole fit's
     determined : ndarray of bool, shape (g,), by sorted group: whether the other groups determine all
         that the group depends on. Where they do not, those directions keep the value of the whole fit.
     """
 
     residual: Array
+    spread: Array
+    growth: Array
     determined: Mask
 
 
-def leave_groups_out(X: Array, y: Array, group: IntArray, prior: Array | None = None) -> LeftOut:
+def leave_groups_out(
+    X: Array,
+    y: Array,
+    group: IntArray,
+    prior: Array | None = None,
+    least: float = _DETERMINED,
+) -> LeftOut:
     """Leave out each group of rows in turn.
 
     X : ndarray, shape (N, f), y : ndarray, shape (N,), rows of equal variance
     group : ndarray of int, shape (N,); prior : ndarray, shape (h, f), further rows, of values zero
+    least : share of a direction's information that the other groups must hold
     """
     f = X.shape[1]
     rows = np.column_stack([X, y])
@@ -46,26 +60,35 @@ def leave_groups_out(X: Array, y: Array, group: IntArray, prior: Array | None = 
     Q = X[:, kept] @ inverse_triangle(R[:-1, :-1])
     e = y - Q @ R[:-1, -1]
     number = np.unique(group, return_inverse=True)[1].reshape(-1)
-    left, determined = e.copy(), np.ones(int(number.max(initial=-1)) + 1, dtype=bool)
+    left, spread = e.copy(), np.zeros_like(Q)
+    growth = np.ones(int(number.max(initial=-1)) + 1)
+    determined = np.ones(len(growth), dtype=bool)
     for index in by_size(number) if len(number) else ():
+        of, few = number[index[:, 0]], index.shape[1] < Q.shape[1]
         own, back = Q[index], np.swapaxes(Q[index], -1, -2)
-        d, axes = np.linalg.eigh(np.eye(len(kept)) - back @ own)
-        known = d > _DETERMINED
-        determined[number[index[:, 0]]] = known.all(axis=1)
-        along = np.swapaxes(axes, -1, -2) @ (back @ e[index][..., None])
-        moved = axes @ (along * np.where(known, 1.0 / np.where(known, d, 1.0), 0.0)[..., None])
-        left[index] += (own @ moved)[..., 0]
-    return LeftOut(left, determined)
+        h, axes = np.linalg.eigh(own @ back if few else back @ own)
+        h = np.clip(h, 0.0, 1.0)
+        known = 1.0 - h > least
+        gained = np.where(known, 1.0 / np.where(known, 1.0 - h, 1.0), 0.0)
+        determined[of] = known.all(axis=1)
+        growth[of] = (h * gained).sum(axis=1) / np.maximum(h.sum(axis=1), _TINY)
+        root = (
+            axes * np.sqrt(h * gained)[:, None] if few else own @ (axes * np.sqrt(gained)[:, None])
+        )
+        left[index] += (root @ (np.swapaxes(root, -1, -2) @ e[index][..., None]))[..., 0]
+        spread[index, : root.shape[-1]] = root
+    return LeftOut(left, spread, growth, determined)
 
 
 def leave_out(design: Design, variances: Variances, group: IntArray) -> LeftOut:
     """Leave out each group of poses of a design, fitted by noise and priors of blocks.
 
-    group : ndarray of int, shape (m,); the residual has shape (m, R), zero where no row takes part
+    group : ndarray of int, shape (m,); the residual has shape (m, R), zero where no row takes part, the
+    spread the live rows
     """
     noise = np.sqrt(variances.instrument[design.instrument])
     X = design.columns * design.column_scale(variances.amplitudes) / noise[:, None]
     found = leave_groups_out(X, design.response / noise, group[design.pose], design.prior_rows)
     residual = np.zeros(design.r.size)
     residual[design.live] = found.residual * noise / design.pose_weight[design.pose]
-    return LeftOut(residual.reshape(design.r.shape), found.determined)
+    return replace(found, residual=residual.reshape(design.r.shape))

@@ -18,12 +18,13 @@ from calib.inference.coverage import freedom
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
-from calib.predict.discrepancy import Unexplained, Unseen, at_ends, at_held_out, scatter_at
-from calib.predict.estimate import estimate_of, fitted_of
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate, estimate_of, fitted_of
+from calib.prediction.targets import ExpectedError
 from calib.scatter import Variances
-from calib.scatter.owner import Owner, parted
 from doe.ahead.forecast import Offer
 from doe.ahead.information import Information
+from doe.ahead.unseen import PredictionError, at_ends, at_held_out
 from doe.problem.linearisation import Linearisation
 from doe.problem.target_errors import TargetErrors
 
@@ -34,13 +35,13 @@ _NOTHING = 1e-12  # share of an error that rounding may take for none
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorFloor:
+class LastingError:
     """The error at the targets that does not average away, RMS, m.
 
-    scatter : the arm errs anew at every target; what the data do not tell from the model's lacks counts
+    scatter : the arm errs anew at every target; what the data do not tell from the model's error counts
         here
-    unfollowed : what the model does not follow from pose to pose; unexplained : what it lacks beside it
-    seen : what poses showed that the fit was without, zero where there are none
+    unfollowed : what the model does not follow from pose to pose; discrepancy : what it lacks beside it
+    seen : the error at poses that the fit was without, zero where there are none
     scatter_of : whose the scatter is: the arm's, unless the data leave that open
     surely : whether what the model lacks, or half of it, is more than chance
     at_targets : ndarray, shape (targets,), m, all of it
@@ -49,8 +50,8 @@ class ErrorFloor:
 
     scatter: float
     unfollowed: float
-    unexplained: Unexplained
-    seen: Unseen
+    discrepancy: ModelDiscrepancy
+    seen: PredictionError
     scatter_of: Literal["arm", "undecided"]
     surely: bool
     at_targets: Array
@@ -59,7 +60,7 @@ class ErrorFloor:
     @property
     def of_model(self) -> float:
         """What the model lacks."""
-        return float(np.hypot(self.unfollowed, self.unexplained.rms))
+        return float(np.hypot(self.unfollowed, self.discrepancy.rms))
 
     @property
     def rms(self) -> float:
@@ -67,52 +68,59 @@ class ErrorFloor:
         return float(np.hypot(self.scatter, self.of_model))
 
 
-def error_floor(
+def lasting_error(
     cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
-) -> ErrorFloor:
+) -> LastingError:
     """What does not average away at the cell's targets.
 
     model, values, arm : of the whole day; found : of the data so far, None where there is none yet
     Where something is lacking, it is as much as poses miss by that the fit was without.
     """
     targets, weights = targets_of(cell)
-    known = None if found is None else estimate_of(found)
-    rest_of: Owner = "instrument" if known is None else known.rest_of
-    own, lacks = (
-        np.sqrt(scatter_at(model, values, targets, part).mean(axis=-1))
-        for part in parted(arm, rest_of)
+    none = ModelDiscrepancy(0.0, "")
+    unknown = np.zeros((len(values), len(values)))
+    at = Estimate(
+        model, values, unknown, 0.0, none, (), variances=arm, configuration_of="instrument"
     )
-    rest = Unexplained(0.0, "") if known is None else known.unexplained
+    rest, seen = none, None
+    if found is not None:
+        known = estimate_of(found)
+        at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
+        seen = _seen(found)
 
     def rms(errors: Array) -> float:
         return task_error(errors, weights)[0]
 
-    seen = None
-    if found is not None:
-        fit, held = fitted_of(found), found.heldout
-        if held is not None and held.data.seen.any():
-            seen = at_held_out(fit, held.data)
-        else:
-            seen = at_ends(fit)
-        seen = None if seen is None else seen.times(found.footprint)
-    scatter = rms(np.hypot(own, lacks))
-    sure = float(np.hypot(rms(lacks), rest.rms))
+    error = ExpectedError(at, targets)  # of the arm, and of the model from pose to pose
+    scatter, lacks = rms(np.hypot(error.arm, error.model)), rms(error.model)
+    sure = float(np.hypot(lacks, rest.rms))
     if seen is not None and (scatter or rest.rms):
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
-        rest = max(rest, Unexplained(beyond, seen.source), key=lambda one: one.rms)
-    seen = seen or Unseen(0.0, 0.0, 0.0, "")
-    part = _PART * float(np.hypot(rms(lacks), rest.rms))
-    surely = seen.unexplained > 0.0 or (sure > 0.0 and sure >= part)
-    lacking = ErrorFloor(
-        rms(own), rms(lacks), rest, seen, "undecided" if rest_of == "undecided" else "arm", surely,
-        np.sqrt(own**2 + lacks**2 + rest.rms**2),
-    )  # fmt: skip
-    if found is None or known is None:
+        rest = max(rest, ModelDiscrepancy(beyond, seen.source), key=lambda one: one.rms)
+    seen = seen or PredictionError()
+    part = _PART * float(np.hypot(lacks, rest.rms))
+    lacking = LastingError(
+        rms(error.arm),
+        lacks,
+        rest,
+        seen,
+        "undecided" if at.configuration_of == "undecided" else "arm",
+        seen.discrepancy > 0.0 or (sure > 0.0 and sure >= part),
+        np.sqrt(error.arm**2 + error.model**2 + rest.rms**2),
+    )
+    if found is None:
         return lacking
-    hidden = None if found.undetected is None else found.undetected[1].variances
-    scattered = rms(np.sqrt(scatter_at(model, values, targets, hidden).mean(axis=-1)))
-    scattered = scattered if lacking.rms else max(scattered, seen.certain)
-    return replace(lacking, hidden=scattered)
+    unseen = None if found.undetected is None else found.undetected[1].variances
+    hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
+    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
+
+
+def _seen(found: Identification) -> PredictionError | None:
+    """The error at poses that the fit was without, m."""
+    fit, held = fitted_of(found), found.heldout
+    use_held = held is not None and held.data.seen.any()
+    seen = at_held_out(fit, held.data) if held is not None and use_held else at_ends(fit)
+    return None if seen is None else seen.times(found.footprint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,17 +153,17 @@ class TaskError:
     """The error that is expected at the cell's targets, as ``calib.identify`` will say it.
 
     targets : TargetErrors, per plausible size
-    lacking : ErrorFloor, the error there that no reading lowers
+    lacking : LastingError, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
     """
 
     model: Model
     targets: TargetErrors
-    lacking: ErrorFloor
+    lacking: LastingError
     dof: float
 
     @classmethod
-    def at(cls, at: Linearisation, lacking: ErrorFloor, found: Identification | None) -> Self:
+    def at(cls, at: Linearisation, lacking: LastingError, found: Identification | None) -> Self:
         """At the targets of a cell; found : of the data so far, None where there is none.
 
         What is taken for noise is known by as many degrees of freedom as the identification says.

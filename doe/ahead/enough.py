@@ -20,7 +20,7 @@ from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.accuracy import Accuracy, ErrorFloor, ForecastStep, TaskError, error_floor
+from doe.ahead.accuracy import Accuracy, ForecastStep, LastingError, TaskError, lasting_error
 from doe.ahead.coming import Match, match, whole_day
 from doe.ahead.forecast import Forecast, Offer
 from doe.curve import stops_paying
@@ -42,7 +42,7 @@ class Enough(Result):
     match : Match, which readings of the plan are done
     steps : tuple of ForecastStep, the first one now, then the poses still to come in the best order
     goal : float, m, or None
-    lacking : ErrorFloor, what no reading of these poses lowers
+    lacking : LastingError, what no reading of these poses lowers
     fresh : tuple of ForecastStep, poses beyond the plan until the goal is reached; empty where not
         asked
     """
@@ -55,7 +55,7 @@ class Enough(Result):
     match: Match
     steps: tuple[ForecastStep, ...]
     goal: float | None
-    lacking: ErrorFloor
+    lacking: LastingError
     fresh: tuple[ForecastStep, ...]
 
     def sentences(self) -> list[str]:
@@ -156,7 +156,7 @@ def enough(
         found, why = None, str(error)
     readings, pose = whole_day(cell, data, plan, done.left)
     arm, at = _linearised(cell, readings.poses, found)
-    lacking = error_floor(cell, at.model, at.values, arm, found)
+    lacking = lasting_error(cell, at.model, at.values, arm, found)
     day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
     steps = tuple(day.steps(task, day.order(task), plan.names))
     model, read = at.model, day.forecast.data

@@ -71,7 +71,7 @@ class CompensateRecord(Record):
     rms_mm: RmsErrors
     p95_mm: CorrectedErrors
     max_mm: CorrectedErrors
-    unexplained_from: Annotated[str, From("unexplained.source")]
+    unexplained_from: Annotated[str, From("error.estimate.discrepancy.source")]
     scatter_of: Literal["arm", "undecided"]
     limited: dict[str, Count]
     not_clear: dict[str, str]
@@ -93,9 +93,9 @@ def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> C
         "before": found.before,
         "left": found.left,
         "expected": found.expected,
-        "from_parameters": found.spread,
-        "scatter": found.scatter,
-        "unexplained": found.lacking,
+        "from_parameters": found.error.parameters,
+        "scatter": found.error.arm,
+        "unexplained": found.error.model,
     }
     reasons = sorted({*found.limited_by} - {""})
     over_all = {
@@ -109,7 +109,7 @@ def compensate_record(cell: Cell, found: Compensation, made_from: Envelope) -> C
         **made_from,
         warnings=found.notes,
         errors_at="markers" if found.at == "markers" else "tip",
-        scatter_of="undecided" if found.rest_of == "undecided" else "arm",
+        scatter_of="undecided" if found.error.estimate.configuration_of == "undecided" else "arm",
         not_clear={
             name: met
             for name, met in zip(found.targets.names, broken_at(cell, found.q), strict=True)

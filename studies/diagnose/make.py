@@ -23,7 +23,7 @@ from calib.effects import Effect
 from calib.files.cell_out import extended_cell
 from calib.identification.residuals import Residuals
 from calib.poses import Measurements
-from calib.predict.estimate import estimate_of
+from calib.prediction.estimate import estimate_of
 from calib.threads import one_blas_thread
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable

@@ -60,7 +60,7 @@ class LackingEntry(Entry):
     scatter_mm: NotNegative
     scatter_of: Literal["arm", "undecided"]
     unexplained_mm: Annotated[NotNegative, From("of_model")]
-    unexplained_from: Annotated[str, From("unexplained.source")]
+    unexplained_from: Annotated[str, From("discrepancy.source")]
     unexplained_surely: Annotated[bool, From("surely")]
     seen: SeenElsewhere | None
 

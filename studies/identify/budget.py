@@ -14,8 +14,8 @@ from studies.record import OWN_UNIT, Entry, From, Judgement, Maybe, NotNegative,
 
 if TYPE_CHECKING:
     from calib.identification import Residuals
-    from calib.predict.budget import Budget
-    from calib.predict.budget import UncertaintySource as Source
+    from calib.prediction.budget import Budget
+    from calib.prediction.budget import UncertaintySource as Source
 
 
 _MM = 1e3
@@ -96,7 +96,7 @@ def budget_entry(budget: Budget) -> BudgetEntry:
 
 
 def _expanded(budget: Budget, parts: Sequence[Source]) -> ExpandedUncertainty:
-    from calib.predict.budget import combined
+    from calib.prediction.budget import combined
 
     found = combined(parts, budget.weights)
     u, most = budget.rms(found.errors), budget.rms(found.expanded)
@@ -111,7 +111,7 @@ def _expanded(budget: Budget, parts: Sequence[Source]) -> ExpandedUncertainty:
 
 def _row(budget: Budget, part: Source, total: float) -> BudgetRow:
     """total : variance of all, mm^2."""
-    at_targets, placed = (budget.rms(e) * _MM for e in (part.errors, part.errors_placed))
+    at_targets, placed = budget.rms(part.errors) * _MM, budget.placed_anew(part) * _MM
     at_reading = None if part.at_reading is None else part.at_reading * _MM
     own = None if part.std is None else part.std / part.scale
     fate: Literal["average", "base", "stays"] | None = None

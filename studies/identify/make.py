@@ -16,8 +16,8 @@ from calib.identification.estimators import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned
-from calib.predict.budget import accuracy_at_targets
-from calib.predict.estimate import estimate_of
+from calib.prediction.budget import accuracy_at_targets
+from calib.prediction.estimate import estimate_of
 from studies.command.options import faults_in
 from studies.command.session import MeasuredTable
 from studies.fitted import estimated

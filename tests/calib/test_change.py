@@ -31,7 +31,7 @@ from calib.change import (
 from calib.effects import EFFECTS
 from calib.errors import CalibError
 from calib.poses import poses_at
-from calib.predict.estimate import estimate_of
+from calib.prediction.estimate import estimate_of
 from tests.helpers import all_seen, cell_of, light_chain
 from tests.plain_arm import rpy_pose, shift, turn
 

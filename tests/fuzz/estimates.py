@@ -12,8 +12,8 @@ from calib.files.estimate import load_estimate
 from calib.files.read import sha256
 from calib.files.write import json_text
 from calib.model.build import build
-from calib.predict.discrepancy import Unexplained
-from calib.predict.estimate import Estimate
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate
 from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.fitted import estimated
@@ -40,7 +40,7 @@ def _result(command: str, effects: tuple[str, ...]) -> str:
         values,
         np.diag(0.01 * model.sizes**2),
         0.0,
-        Unexplained(1e-5, "fitted poses"),
+        ModelDiscrepancy(1e-5, "fitted poses"),
         (model.parameters[0].id,),
         ("a note",),
     )

@@ -41,8 +41,8 @@ import calib
 from calib.arrays import Array, Mask
 from calib.cell.targets import targets_of
 from calib.change import FALSE_ALARM, changes, known_of, verdict
-from calib.predict.budget import accuracy_at_targets
-from calib.predict.estimate import estimate_of
+from calib.prediction.budget import accuracy_at_targets
+from calib.prediction.estimate import estimate_of
 from doe.ahead.enough import enough
 from doe.assess import assess
 from doe.problem import problem_of
@@ -233,7 +233,7 @@ def said_by_diagnosis(arm: str, scatter: float, index: int, seed: int = 0) -> li
     if found.verdict not in ("explained", "ambiguous"):
         return []
     known = calib.compensate(cell, found, targets)
-    by_parameters = float(np.sqrt(np.mean(known.spread**2)))
+    by_parameters = float(np.sqrt(np.mean(known.error.parameters**2)))
     after = found.after
     came = rms_3d(after.model.predict(after.values, targets) - day.reached)
     promised = float(np.hypot(by_parameters, max(h.left for h in found.hidden)))

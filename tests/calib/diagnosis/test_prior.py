@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from tests.calib.predict import common_days as days
+from tests.calib.prediction import common_days as days
 
 STATED = 6.0  # um/m
 SCALE = f"[instrument.common]\nscale_um_m = {STATED}\n"

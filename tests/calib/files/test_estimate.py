@@ -13,8 +13,8 @@ from calib import Cell
 from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.model.build import build
-from calib.predict.discrepancy import Unexplained
-from calib.predict.estimate import Estimate
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate
 from calib.scatter import Variances
 from studies.fitted import estimated
 
@@ -24,7 +24,7 @@ UNIX = 1_763_700_000.0  # s, November 2025
 def spring(cell: Cell) -> Estimate:
     """Nothing but plausible sizes, a spring of 1e5 N/m among them, at times of today."""
     model = build(replace(cell, effects=("gravity_compensator:A2", "gravity_sag:A2"))).model
-    none = Unexplained(0.0, "fitted poses")
+    none = ModelDiscrepancy(0.0, "fitted poses")
     return Estimate(model, 0.0 * model.sizes, np.diag(model.sizes**2), UNIX, none, ())
 
 

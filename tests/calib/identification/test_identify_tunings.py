@@ -18,7 +18,7 @@ from calib.errors import CalibError, EffectCannotAct
 from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
-from calib.predict.estimate import estimate_of
+from calib.prediction.estimate import estimate_of
 from studies.fitted import estimated
 from tests.calib.effects.test_effects import seen
 from tests.helpers import all_seen, cell_of, random_context, random_robot, with_effects

@@ -20,7 +20,7 @@ from calib.model.covariance import (
     errors_at,
     ignorance,
 )
-from calib.predict.estimate import estimate_of
+from calib.prediction.estimate import estimate_of
 from calib.solver import condensed, inverse_factor, levenberg_marquardt
 from doe.ahead.enough import enough
 from studies.demo.embedded import embedded_plan, simulated

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib.arm.kinematics import forward
 from calib.files.estimate import load_estimate
-from calib.predict.estimate import estimate_of
+from calib.prediction.estimate import estimate_of
 from studies.fitted import estimated
 from tests.helpers import measured_cell
 from tests.studies.command_line import checked, run
@@ -148,7 +148,7 @@ def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read.values, known.values)
         np.testing.assert_array_equal(read.covariance, known.covariance)
         assert read.start == known.start
-        assert read.unexplained == known.unexplained
+        assert read.discrepancy == known.discrepancy
         q = calib.load_targets(cell, demo / "targets.csv")[0]
         np.testing.assert_allclose(
             calib.compensate(cell, read, q).q, calib.compensate(cell, known, q).q, atol=1e-9

@@ -19,13 +19,13 @@ pytest.importorskip("mujoco")
 
 import calib
 from calib import Cell, Measurements
-from calib.predict.compensate import Compensation
-from calib.predict.estimate import Estimate, estimate_of
+from calib.prediction.compensate import Compensation
+from calib.prediction.estimate import Estimate, estimate_of
 from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case, draw_scene
 from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
 from studies.research.withheld.visible import at_rest
-from tests.calib.predict.test_compensate import band, missed, wanted
+from tests.calib.prediction.test_compensate import band, missed, wanted
 from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
 pytestmark = pytest.mark.long
@@ -94,7 +94,7 @@ def test_a_noisy_instrument_is_not_expected_at_the_targets(tmp_path: Path) -> No
         result = calib.identify(cell, data)
         found = calib.compensate(cell, result, targets.poses)
         known = estimate_of(result)
-        assert known.unexplained.rms == found.scatter.max() == 0.0
+        assert known.discrepancy.rms == found.error.arm.max() == 0.0
         _, after, ratio = ratio_of(case, known, found)
         low, high = band(known, replace(found.targets, q=found.q))
         assert low < ratio < high
@@ -130,7 +130,7 @@ def test_located_rest_is_part_of_what_is_expected(tmp_path: Path) -> None:
     found = calib.compensate(cell, result, targets.poses)
     before, after, ratio = ratio_of(case, estimate_of(result), found)
     assert "not corrected: the gap located at A4 by q:A4" in " ".join(found.notes)
-    assert found.rest_of == "model"
-    assert found.rms(found.lacking) > 2.0 * case.scene.noise.sigma
+    assert found.error.estimate.configuration_of == "model"
+    assert found.rms(found.error.model) > 2.0 * case.scene.noise.sigma
     assert after < before / 20.0
     assert 0.8 < ratio < 1.25  # the same poses are held out and aimed at

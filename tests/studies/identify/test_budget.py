@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.calib.predict import common_days as days
+from tests.calib.prediction import common_days as days
 from tests.studies.command_line import result, run
 
 Told = dict[str, tuple[dict[str, Any], str]]

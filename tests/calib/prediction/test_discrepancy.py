@@ -13,8 +13,8 @@ from calib.effects import EFFECTS
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, poses_at
-from calib.predict.discrepancy import Fitted, at_held_out, left_out
-from calib.predict.estimate import estimate_of
+from calib.prediction.discrepancy import FittedModel, model_discrepancy
+from calib.prediction.estimate import estimate_of
 from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 from tests.properties.every_instrument import scene
@@ -41,10 +41,11 @@ def test_left_out_configurations_are_those_of_refits() -> None:
     found = calib.identify(cell, data)
     assert not found.fit.outlier.any()
     span = np.eye(len(found.values))[:, found.std > 0.0]
-    fit = Fitted(found.model, found.values, found.covariance, span, data, found.weights, 1e-5, None)
-    errors, growth, known = left_out(fit)
-    assert known.all()
-    assert growth.min() > 1.0
+    known = (found.model, found.values, found.covariance, span)
+    fit = FittedModel(*known, data, found.weights, 1e-5, None)
+    errors, rows = fit.left_out(data.poses.configuration)
+    assert rows.determined.all()
+    assert rows.growth.min() > 1.0
     for i in (0, 7, 19):
         rest = calib.identify(cell, data.take(np.delete(np.arange(30), i)))
         own = data.take([i])
@@ -59,7 +60,7 @@ def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
     found = calib.identify(cell, data)
     assert found.noise.source == "residual"
     known = estimate_of(found)
-    assert known.unexplained.rms == 0.0
+    assert known.discrepancy.rms == 0.0
     assert known.notes == ()
     assert found.noise.sigma == pytest.approx(3.0 * cell.noise.along, rel=0.1)
 
@@ -67,7 +68,7 @@ def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
 def test_one_marker_cannot_tell_and_says_so() -> None:
     cell, data = session(60, 3.0, 1, 0)
     known = estimate_of(calib.identify(cell, data))
-    total = known.unexplained.rms
+    total = known.discrepancy.rms
     if known.variances is not None:
         tip = known.variances.approach + known.variances.configuration
         total = float(np.sqrt(total**2 + 3.0 * tip[-2]))
@@ -89,14 +90,15 @@ def test_instruments_that_read_no_length_do_not_speak_of_any() -> None:
     wire = next(part for i, part in model.readout.channels.blocks if i.kind == "distance")
     weights = model.readout.whitening(here.at(model), data.poses, data.readings, data.sigma)
     size = len(here.at(model))
-    fit = Fitted(
+    fit = FittedModel(
         model, here.at(model), np.zeros((size, size)), np.eye(size), data, weights, 2e-5, None
     )
     off = data.readings.copy()
     off[:, wire, 0] += 1e-3
-    shown = at_held_out(fit, replace(data, readings=off))
-    assert shown.rms == pytest.approx(1e-3, rel=1e-2)
-    assert shown.unexplained == pytest.approx(1e-3, rel=1e-2)
+    heldout = replace(data, readings=off)
+    shown = fit.squared(heldout, *fit.predicted(heldout))
+    assert shown.beyond(shown.noise) == pytest.approx(1e-3, rel=1e-2)
+    assert model_discrepancy(fit, heldout, 1.0).rms == pytest.approx(1e-3, rel=1e-2)
 
 
 def test_a_configuration_read_often_is_left_out_as_by_dense_matrices() -> None:
@@ -105,8 +107,9 @@ def test_a_configuration_read_often_is_left_out_as_by_dense_matrices() -> None:
     data = data.take(np.append(np.arange(40), np.zeros(39, dtype=int)))
     found = calib.identify(cell, data)
     span = np.eye(len(found.values))[:, found.std > 0.0]
-    fit = Fitted(found.model, found.values, found.covariance, span, data, found.weights, 1e-5, None)
-    errors, growth, known = left_out(fit)
+    known = (found.model, found.values, found.covariance, span)
+    fit = FittedModel(*known, data, found.weights, 1e-5, None)
+    errors, rows = fit.left_out(data.poses.configuration)
     points, J = found.model.jacobian(found.values, data.poses)
     J = (found.weights @ (J @ span)).reshape(-1, span.shape[1])
     Q, _ = np.linalg.qr(J / np.linalg.norm(J, axis=0))
@@ -118,7 +121,7 @@ def test_a_configuration_read_often_is_left_out_as_by_dense_matrices() -> None:
     missed = np.linalg.solve(freedom, r[here].ravel()).reshape(len(here), -1, 3, 1)
     expected = (np.linalg.inv(found.weights[here]) @ missed)[..., 0]
     assert len(own) > Q.shape[1]
-    assert known.all()
+    assert rows.determined.all()
     np.testing.assert_allclose(errors[here], expected, rtol=1e-7, atol=1e-12)
     more = np.trace(np.linalg.inv(freedom) - np.eye(len(own))) / np.trace(own @ own.T)
-    assert growth[0] == pytest.approx(more, rel=1e-6)
+    assert rows.growth[data.poses.configuration[0]] == pytest.approx(more, rel=1e-6)

@@ -1,12 +1,11 @@
-"""Joint values at which the arm as identified stands in a wanted pose, its deflection included."""
+"""Commands: joint values at which the arm as identified stands in a wanted pose, bent by its loads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arm.approach import turns
 from calib.arm.kinematics import Frames, point_slopes
@@ -29,28 +28,19 @@ _TOOL = 0.1  # of the reach: length of a tool of which only the tip's origin is 
 _POSITION_FIRST = 1e-3  # weight of orientation where the joints are too few for both
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """Where the arm ends, m targets.
+class Reached(NamedTuple):
+    """Commands for m targets.
 
     q : ndarray, shape (m, n), rad or m
-    R, o : ndarray, shapes (m, 3, 3) and (m, 3), m, tip frame in base axes
     held : ndarray of bool, shape (m, n), joints that stopped at a limit
     lost : ndarray of int, shape (m,), directions given up because the arm hardly moves along them
     settled : ndarray of bool, shape (m,); where it is false, q is the command as given
     """
 
     q: Array
-    R: Array
-    o: Array
     held: Mask
     lost: IntArray
     settled: Mask
-
-    @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All of it, target by target."""
-        return self.q, self.R, self.o, self.held, self.lost, self.settled
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +68,16 @@ class Goal:
         tool = spread if spread > 0.0 else _TOOL * robot.reach
         return tool if robot.free.sum() >= 6 else _POSITION_FIRST * tool
 
+    def missed(self, arm: Frames) -> tuple[Array, Array]:
+        """RMS distance [m] of the points from their places, and angle [rad], both (m,)."""
+        R, o = arm.R[:, self.tip], arm.o[:, self.tip]
+        apart = rotate((R - self.R)[:, None], self.points) + (o - self.o)[:, None]
+        turn = so3_log(R @ np.swapaxes(self.R, -1, -2))
+        return np.sqrt((apart**2).sum(axis=-1).mean(axis=-1)), np.linalg.norm(turn, axis=-1)
+
     def take(self, index: IntArray) -> Goal:
         """The goals of some targets."""
-        return Goal(self.R[index], self.o[index], self.points, self.tip)
+        return replace(self, R=self.R[index], o=self.o[index])
 
 
 def tip_of(model: Model, values: Array, poses: Poses) -> Frames:
@@ -102,34 +99,18 @@ def reach(model: Model, values: Array, poses: Poses, goal: Goal) -> Reached:
 
     Raises CalibError where the arm finds no equilibrium.
     """
-    found = _descend(model, values, poses, goal, _SWINGS[0])
-    for swing in _SWINGS[1:]:
-        again = _astray(model, found, poses)
-        if not len(again):
-            return found
-        _put(found, again, _descend(model, values, poses.take(again), goal.take(again), swing))
-    again = _astray(model, found, poses)
-    if len(again):
-        _put(found, again, _unmoved(model, values, poses.take(again), goal.tip))
+    left, none = np.arange(len(poses)), np.zeros(len(poses), dtype=np.int_)
+    found = Reached(poses.q.copy(), np.zeros(poses.q.shape, dtype=bool), none, none.astype(bool))
+    for swing in _SWINGS:
+        tried = _descend(model, values, poses.take(left), goal.take(left), swing)
+        way = np.abs((tried.q - poses.q[left]) / _units(model.robot)).max(axis=1)
+        good = tried.settled & (way <= _FARTHEST)
+        for mine, theirs in zip(found, tried, strict=True):
+            mine[left[good]] = theirs[good]
+        left = left[~good]
+        if not len(left):
+            break
     return found
-
-
-def _unmoved(model: Model, values: Array, poses: Poses, tip: int) -> Reached:
-    arm, none = tip_of(model, values, poses), np.zeros(poses.q.shape, dtype=bool)
-    never = np.zeros(len(poses), dtype=bool)
-    lost = np.zeros(len(poses), int)
-    return Reached(poses.q, arm.R[:, tip], arm.o[:, tip], none, lost, never)
-
-
-def _put(found: Reached, where: IntArray, others: Reached) -> None:
-    for mine, theirs in zip(found.arrays, others.arrays, strict=True):
-        mine[where] = theirs
-
-
-def _astray(model: Model, found: Reached, poses: Poses) -> IntArray:
-    """Targets whose search did not settle, or went far away."""
-    way = np.abs((found.q - poses.q) / _units(model.robot)).max(axis=1)
-    return np.flatnonzero(~found.settled | (way > _FARTHEST))
 
 
 def _units(robot: Robot) -> Array:
@@ -141,7 +122,7 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
     """From the commands as given; ``swing`` is the most that a direction may ask of the joints."""
     robot, m, units = model.robot, len(poses), _units(model.robot)
     low, high = reachable(robot.ties, robot.limits).T
-    limits = np.minimum(low, poses.q), np.maximum(high, poses.q)
+    low, high = np.minimum(low, poses.q), np.maximum(high, poses.q)
     q, held = poses.q.copy(), np.zeros(poses.q.shape, dtype=bool)
     rank, size = np.full(m, -1), np.full(m, np.inf)
     for _ in range(_ROUNDS):
@@ -153,7 +134,7 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         J, error = _equations(robot, arm, goal.take(now))
         step, rank[now] = _step(J * free[:, None], error, swing, goal.length(robot), rank[now])
         asked = q[now] + step * free
-        moved = np.clip(asked, limits[0][now], limits[1][now])
+        moved = np.clip(asked, low[now], high[now])
         size[now] = np.abs(moved - q[now]).max(axis=1)
         stopped = (moved != asked) & ~held[now]
         # Joints that follow go with those that lead them, from where they are.
@@ -162,10 +143,8 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         held[now] |= stopped
         renewed = now[stopped.any(axis=1)]
         rank[renewed], size[renewed] = -1, np.inf
-    arm = tip_of(model, values, replace(poses, q=q))
     lost = np.minimum(6, robot.free.sum() - held.sum(axis=1)) - rank
-    R, o = arm.R[:, goal.tip].copy(), arm.o[:, goal.tip].copy()
-    return Reached(q, R, o, held, lost, size < _STILL)
+    return Reached(q, held, lost, size < _STILL)
 
 
 def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
@@ -178,8 +157,7 @@ def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:
     wanted = goal.o + rotate(goal.R, goal.centre)
     turn = so3_log(goal.R @ np.swapaxes(R, -1, -2))
     slopes, turning = point_slopes(robot, arm, there, goal.tip), turns(robot, arm, goal.tip)
-    J = np.concatenate([slopes, length * turning], axis=1)
-    J = J @ robot.ties.matrix
+    J = np.concatenate([slopes, length * turning], axis=1) @ robot.ties.matrix
     return J, np.concatenate([wanted - there, length * turn], axis=1)
 
 

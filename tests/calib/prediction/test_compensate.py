@@ -18,10 +18,10 @@ from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
-from calib.predict.commands import tip_of
-from calib.predict.compensate import Compensation
-from calib.predict.discrepancy import Unexplained
-from calib.predict.estimate import Estimate, estimate_of
+from calib.prediction.commands import tip_of
+from calib.prediction.compensate import Compensation
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate, estimate_of
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_plan, simulated
 from tests.helpers import cell_of, random_robot
@@ -33,7 +33,7 @@ GEOMETRY = ("base", "tool", "geometry")
 def exactly(model: Model, values: Array, start: float = 0.0) -> Estimate:
     """Values known without error."""
     none = np.zeros((len(values), len(values)))
-    return Estimate(model, values, none, start, Unexplained(0.0, "fitted poses"), ())
+    return Estimate(model, values, none, start, ModelDiscrepancy(0.0, "fitted poses"), ())
 
 
 def estimate(cell: Cell, values: dict[str, float], poses: Poses | None = None) -> Estimate:
@@ -160,13 +160,13 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
         result = calib.identify(cell, data.take(slice(80)), heldout=heldout)
         found = calib.compensate(cell, result, targets)
         source = "left-out configurations" if heldout is None else "held-out poses"
-        assert found.unexplained.source == source
+        assert found.error.estimate.discrepancy.source == source
         known = estimate_of(result)
         after = missed(
             true.predict(values, replace(found.targets, q=found.q)), wanted(known, found)
         )
         met = found.left < 1e-7
-        assert np.hypot(found.unexplained.rms, found.rms(found.scatter)) > 3e-6
+        assert found.rms(np.hypot(found.error.model, found.error.arm)) > 3e-6
         # The points of a pose err together, so a pose counts once: two samples of poses.
         poses = 80 - len(known.values) // 6 if heldout is None else 40
         low, high = f.ppf([0.0005, 0.9995], met.sum(), poses)
@@ -184,7 +184,7 @@ def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
     assert identified.heldout is not None
     assert list(np.flatnonzero(identified.heldout.outlier)) == [0]
     for result in (identified, calib.diagnose(kr270, data, heldout=held)):
-        rest = estimate_of(result).unexplained
+        rest = estimate_of(result).discrepancy
         assert rest.source == "held-out poses"
         assert rest.rms == pytest.approx(2e-3 / np.sqrt(len(held)), rel=0.05)
 
@@ -271,14 +271,15 @@ def test_where_and_how_the_instrument_reads_does_not_move_the_arm() -> None:
     ] *= -3.0
     cov = np.diag(model.sizes**2) * 1e-6
     q = rng.uniform(-1.5, 1.5, (10, 6))
-    given = Estimate(model, values, cov, 0.0, Unexplained(0.0, ""), ())
+    given = Estimate(model, values, cov, 0.0, ModelDiscrepancy(0.0, ""), ())
     first = calib.compensate(cell, given, q)
     second = calib.compensate(cell, replace(given, values=other), q)
     np.testing.assert_allclose(first.q, second.q, atol=1e-9)
     np.testing.assert_allclose(first.before, second.before, atol=1e-9)
     scale = [p.effect == "tracker_scale" for p in model.parameters]
     blind = replace(given, covariance=cov * ~np.array(scale))
-    np.testing.assert_allclose(first.spread, calib.compensate(cell, blind, q).spread, rtol=1e-12)
+    third = calib.compensate(cell, blind, q)
+    np.testing.assert_allclose(first.error.parameters, third.error.parameters, rtol=1e-12)
 
 
 def test_what_was_not_identified_counts_only_where_it_shows() -> None:

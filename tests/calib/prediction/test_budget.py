@@ -16,10 +16,10 @@ from calib.identification import Identification
 from calib.inference.coverage import coverage_factor, effective_freedom
 from calib.instruments.common_errors import CommonError
 from calib.poses import poses_at
-from calib.predict.budget import Budget, budget_of, combined
-from calib.predict.estimate import estimate_of
+from calib.prediction.budget import Budget, budget_of, combined
+from calib.prediction.estimate import estimate_of
 from studies.demo.embedded import simulated
-from tests.calib.predict import common_days as days
+from tests.calib.prediction import common_days as days
 
 DAYS = 1000
 TARGETS = days.joints(12, np.random.default_rng(77))

@@ -1,0 +1,234 @@
+"""The uncertainty budget: what each source does to a point at the targets, and what covers them all.
+
+An error at a target has three coordinates at each of the M points of a target; its length counts as RMS
+over them. A source moves them by ``spread @ z`` with independent z of unit variance, so variances add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from calib.arm.se3 import skew
+from calib.arrays import Array, stacked
+from calib.cell import Cell
+from calib.cell.targets import targets_of
+from calib.identification import Identification
+from calib.inference.coverage import coverage_factor, directions, effective_freedom, freedom
+from calib.model.covariance import half, working_points
+from calib.poses import Poses
+from calib.prediction.estimate import Estimate
+from calib.prediction.targets import ExpectedError
+
+_NOISE = "noise"
+
+Evaluation = Literal["A", "B"]
+"""By statistics of the readings in hand, or by what is known otherwise (JCGM 100, 4.2 and 4.3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintySource:
+    """One source.
+
+    spread : ndarray, shape (m, 3 M, k), m, of the error at each target
+    freedom : degrees of freedom of its variance
+    stated : float or None, SI, as the cell gives it; divisor : that makes it one standard uncertainty
+    unit, scale : of that, and SI per unit
+    at_reading : float or None, m, RMS by which it moves one reading
+    instrument : str, whose common error it is; empty where it is none
+    basis : str, the estimate that its variance rests on: parts of one count their freedom once
+    of : whether the calibration brings it, the arm itself, or what the model lacks
+    """
+
+    source: str
+    evaluation: Evaluation
+    spread: Array
+    freedom: float
+    stated: float | None = None
+    divisor: float = 1.0
+    unit: str = "mm"
+    scale: float = 1e-3
+    distribution: str = "normal"
+    at_reading: float | None = None
+    instrument: str = ""
+    basis: str = ""
+    of: Literal["calibration", "arm", "model"] = "calibration"
+
+    @property
+    def errors(self) -> Array:
+        """Standard uncertainty at each target, shape (m,), m."""
+        return np.asarray(np.linalg.norm(self.spread, axis=(-1, -2)))
+
+    @property
+    def std(self) -> float | None:
+        """One standard uncertainty of the source itself, SI."""
+        return None if self.stated is None else self.stated / self.divisor
+
+
+@dataclass(frozen=True, eq=False)
+class CombinedUncertainty:
+    """Combined and expanded uncertainty of several sources at m targets.
+
+    errors, expanded : ndarray, shape (m,), m, RMS length of the error, and the length within which 95 %
+        of errors stay
+    freedom : effective degrees of freedom of the mean square over the targets
+    """
+
+    errors: Array
+    expanded: Array
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """Sources of error at m targets.
+
+    calibration, beside : parts that the parameters bring to each target, and all others
+    points : ndarray, shape (m, M, 3), m, where the targets are
+    weights : ndarray, shape (m,), of the targets; source : str, what the targets are
+    """
+
+    points: Array
+    weights: Array
+    calibration: tuple[UncertaintySource, ...]
+    beside: tuple[UncertaintySource, ...] = ()
+    source: str = ""
+
+    @property
+    def parts(self) -> tuple[UncertaintySource, ...]:
+        """All of them."""
+        return self.calibration + self.beside
+
+    @cached_property
+    def expected(self) -> CombinedUncertainty:
+        """Uncertainty at the targets from the parameters alone."""
+        return combined(self.calibration, self.weights)
+
+    def rms(self, lengths: Array) -> float:
+        """Over the targets by their weights, of lengths (m,)."""
+        return float(np.sqrt(self.weights @ lengths**2 / self.weights.sum()))
+
+    def worst(self, lengths: Array) -> float:
+        """The largest of lengths (m,) among targets that have a weight."""
+        return float(lengths[self.weights > 0.0].max())
+
+    def placed_anew(self, part: UncertaintySource) -> float:
+        """RMS at the targets, m, where the base is measured again: what moves all as one is gone.
+
+        The arm and the model err from target to target, and stay.
+        """
+        if part.of != "calibration":
+            return self.rms(part.errors)
+        away = self.points - self.points.mean(axis=(0, 1))
+        turned = skew(away) / (float(np.abs(away).max()) or 1.0)
+        motions = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-1)
+        root = np.sqrt(self.weights).repeat(3 * away.shape[1])[:, None]
+        U, s, _ = np.linalg.svd(root * stacked(motions), full_matrices=False)
+        U, rows = U[:, s > 1e-9 * s[0]], root * stacked(part.spread)
+        return float(np.linalg.norm(rows - U @ (U.T @ rows)) / np.sqrt(self.weights.sum()))
+
+
+def accuracy_at_targets(
+    cell: Cell, found: Identification, estimate: Estimate | None = None
+) -> Budget:
+    """The budget of an identification at the cell's targets."""
+    targets, weights = targets_of(cell)
+    budget = budget_of(found, estimate, targets, weights)
+    return replace(budget, source=cell.targets_in_words)
+
+
+def budget_of(
+    found: Identification, estimate: Estimate | None, targets: Poses, weights: Array
+) -> Budget:
+    """The budget of an identification at targets; weights : ndarray, shape (m,).
+
+    estimate : of the same, for what arm and model add beside the parameters; None leaves them out
+    """
+    model, values = working_points(found.model), found.values
+    points, J = model.jacobian_at_rest(values, targets)
+    moved = [half(found.covariance), half(found.ignorance)]
+    moved = [J @ own for own in moved] + [c.at(model, values, J, targets) for c in found.common]
+    m, M = J.shape[:2]
+    spreads = [own.reshape(m, 3 * M, own.shape[-1]) / np.sqrt(M) for own in moved]
+    calibration = tuple(_of_calibration(found, *spreads))
+    beside = () if estimate is None else tuple(_beside(found, estimate, targets, M))
+    return Budget(points, weights, calibration, beside)
+
+
+def _of_calibration(
+    found: Identification, by_noise: Array, by_ignorance: Array, *by_common: Array
+) -> Iterator[UncertaintySource]:
+    """What the uncertainty of the parameters does at the targets, source by source."""
+    noise, sigma = found.noise, found.noise.sigma * found.footprint
+    stated = noise.source == "cell" and found.freedom == np.inf
+    yield UncertaintySource(
+        "noise of the readings", "B" if stated else "A", by_noise, found.freedom, stated=sigma,
+        at_reading=sigma * _numbers(found), basis=_NOISE,
+    )  # fmt: skip
+    if found.ignorance.any():
+        name = "parameters that are not identifiable"
+        yield UncertaintySource(name, "B", by_ignorance, np.inf)
+    for one, spread in zip(found.common, by_common, strict=True):
+        error, kind = one.error, one.error.kind
+        yield UncertaintySource(
+            kind.source, "B", spread, error.freedom, error.stated, error.divisor, kind.unit,
+            kind.scale, error.distribution, one.at_reading, one.instrument,
+        )  # fmt: skip
+
+
+def _beside(
+    found: Identification, estimate: Estimate, targets: Poses, points: int
+) -> Iterator[UncertaintySource]:
+    """The arm's scatter and the model discrepancy, which move the points of a target as one."""
+    error, rest = ExpectedError(estimate, targets), estimate.discrepancy
+    as_one = np.tile(np.eye(3), (points, 1)) / np.sqrt(3.0 * points)
+    if error.arm.any():
+        shown = found.levels is not None and len(found.levels.free) > 0
+        both = estimate.configuration_of == "undecided"
+        yield UncertaintySource(
+            "arm or model, from pose to pose" if both else "repeatability of the arm",
+            "A" if shown else "B", error.arm[:, None, None] * as_one, found.freedom, basis=_NOISE,
+            of="arm",
+        )  # fmt: skip
+    if error.model.any():
+        name = f"what the model lacks, from {rest.source if rest.rms else 'the fitted poses'}"
+        spread = error.model[:, None, None] * as_one
+        yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")
+
+
+def _poses_behind(found: Identification) -> float:
+    """Degrees of freedom of a discrepancy: a configuration counts as one, whatever its points."""
+    held = found.heldout
+    if held is not None and held.data.seen.any():
+        return float(len(np.unique(held.data.poses.configuration)))
+    fitted = len(np.unique(found.fit.data.poses.configuration[~found.fit.outlier]))
+    return freedom(np.inf, fitted, found.rank, as_a_whole=True)
+
+
+def _numbers(found: Identification) -> float:
+    """Root of how many numbers a reading has whose noise is one of its coordinates."""
+    channels, seen = found.model.readout.channels, found.fit.data.seen
+    lengths = channels.lengths if channels.metric else np.ones_like(channels.lengths)
+    return float(np.sqrt((seen * lengths.sum(axis=-1)).sum() / seen.sum()))
+
+
+def combined(parts: Sequence[UncertaintySource], weights: Array) -> CombinedUncertainty:
+    """Combine sources into the uncertainty at each target."""
+    bases: dict[str, list[UncertaintySource]] = {}
+    for k, part in enumerate(parts):
+        bases.setdefault(part.basis or str(k), []).append(part)
+    variances = [np.sum([part.errors**2 for part in own], axis=0) for own in bases.values()]
+    freedoms = [own[0].freedom for own in bases.values()]
+    nu = effective_freedom(zip(variances, freedoms, strict=True))
+    n = directions(np.concatenate([part.spread for part in parts], axis=-1))
+    mean = [float(weights @ own / weights.sum()) for own in variances]
+    errors = np.sqrt(np.sum(variances, axis=0))
+    return CombinedUncertainty(
+        errors,
+        coverage_factor(nu, n) * errors,
+        float(effective_freedom(zip(mean, freedoms, strict=True))),
+    )

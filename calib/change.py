@@ -23,8 +23,7 @@ from calib.identification.identification import Identification
 from calib.inference.coverage import Interval, freedom, lengths
 from calib.model.covariance import working_points
 from calib.poses import Poses
-from calib.prediction.estimate import Estimate, estimate_of
-from calib.prediction.targets import ExpectedError
+from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
 from calib.prior import Key
 
 FALSE_ALARM = 0.02

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,7 @@ from calib.identification import Identification
 from calib.inference.coverage import coverage_factor, directions, effective_freedom, freedom
 from calib.model.covariance import half, working_points
 from calib.poses import Poses
-from calib.prediction.estimate import Estimate
-from calib.prediction.targets import ExpectedError
+from calib.prediction.estimate import Estimate, ExpectedError
 
 _NOISE = "noise"
 
@@ -69,8 +67,7 @@ class UncertaintySource:
         return None if self.stated is None else self.stated / self.divisor
 
 
-@dataclass(frozen=True, eq=False)
-class CombinedUncertainty:
+class CombinedUncertainty(NamedTuple):
     """Combined and expanded uncertainty of several sources at m targets.
 
     errors, expanded : ndarray, shape (m,), m, RMS length of the error, and the length within which 95 %
@@ -87,23 +84,21 @@ class CombinedUncertainty:
 class Budget:
     """Sources of error at m targets.
 
-    calibration, beside : parts that the parameters bring to each target, and all others
-    points : ndarray, shape (m, M, 3), m, where the targets are
-    weights : ndarray, shape (m,), of the targets; source : str, what the targets are
+    points : ndarray, shape (m, M, 3), m, where the targets are; weights : ndarray, shape (m,)
+    source : str, what the targets are
     """
 
     points: Array
     weights: Array
-    calibration: tuple[UncertaintySource, ...]
-    beside: tuple[UncertaintySource, ...] = ()
+    parts: tuple[UncertaintySource, ...]
     source: str = ""
 
     @property
-    def parts(self) -> tuple[UncertaintySource, ...]:
-        """All of them."""
-        return self.calibration + self.beside
+    def calibration(self) -> tuple[UncertaintySource, ...]:
+        """What the parameters bring."""
+        return tuple(part for part in self.parts if part.of == "calibration")
 
-    @cached_property
+    @property
     def expected(self) -> CombinedUncertainty:
         """Uncertainty at the targets from the parameters alone."""
         return combined(self.calibration, self.weights)
@@ -136,9 +131,7 @@ def accuracy_at_targets(
     cell: Cell, found: Identification, estimate: Estimate | None = None
 ) -> Budget:
     """The budget of an identification at the cell's targets."""
-    targets, weights = targets_of(cell)
-    budget = budget_of(found, estimate, targets, weights)
-    return replace(budget, source=cell.targets_in_words)
+    return replace(budget_of(found, estimate, *targets_of(cell)), source=cell.targets_in_words)
 
 
 def budget_of(
@@ -154,9 +147,8 @@ def budget_of(
     moved = [J @ own for own in moved] + [c.at(model, values, J, targets) for c in found.common]
     m, M = J.shape[:2]
     spreads = [own.reshape(m, 3 * M, own.shape[-1]) / np.sqrt(M) for own in moved]
-    calibration = tuple(_of_calibration(found, *spreads))
-    beside = () if estimate is None else tuple(_beside(found, estimate, targets, M))
-    return Budget(points, weights, calibration, beside)
+    beside = () if estimate is None else _beside(found, estimate, targets, M)
+    return Budget(points, weights, (*_of_calibration(found, *spreads), *beside))
 
 
 def _of_calibration(

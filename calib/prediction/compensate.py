@@ -1,21 +1,20 @@
 """Compensation: commands with which the real arm stands where the nominal one should.
 
 A target is a nominal command; wanted is the pose that the nominal robot, rigid and free of error, gives
-its tip there. The identified arm is bent by the load of the target itself, so the command ``q + dq``
-solves ``f(q + dq, w) = f_nominal(q)`` with the equilibrium in it (:mod:`calib.prediction.commands`).
+its tip there. The command ``q + dq`` solves ``f(q + dq, w) = f_nominal(q)`` for the identified arm f at
+rest under the load w of the target.
 
 Poses are compared in the robot's base frame, as identified: where the instrument stands and how it errs
 does not shift the arm. The constants that no marker shows are by convention in base and tool, so the
 expected error is the distance, in the instrument's frame, of a tool point from its wanted place, as in
 the criterion ``task``: at the markers, or at the tip's origin where ``tool`` is not in the model.
-Motions of the base with its load or in time are the arm's own. Where a target says no time of the
-session it comes after it: what warmed up is warm, what jumped stays where it went, and a drift counts
-as none.
+Where a target says no time of the session it comes after it: what warmed up is warm, what jumped stays
+where it went, and a drift counts as none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -37,10 +36,9 @@ from calib.model import Model
 from calib.model.build import lacking
 from calib.model.covariance import at_one_tip, read_frames, working_points
 from calib.poses import Poses, hung
-from calib.poses.moves import in_order, moves, with_moves
+from calib.poses.moves import with_moves
 from calib.prediction.commands import Goal, Reached, reach, tip_of
-from calib.prediction.estimate import Estimate, estimate_of
-from calib.prediction.targets import ExpectedError
+from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
 from calib.result import Result
 from calib.threads import one_blas_thread
 
@@ -95,21 +93,10 @@ class Compensation(Result):
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        return [
-            {
-                "target": name,
-                "before_mm": 1e3 * before,
-                "expected_mm": 1e3 * after,
-                "limited_by": why,
-            }
-            for name, before, after, why in zip(
-                self.targets.names,
-                self.before.tolist(),
-                self.expected.tolist(),
-                self.limited_by,
-                strict=True,
-            )
-        ]
+        before, after = (1e3 * self.before).tolist(), (1e3 * self.expected).tolist()
+        each = zip(self.targets.names, before, after, self.limited_by, strict=True)
+        columns = ("target", "before_mm", "expected_mm", "limited_by")
+        return [dict(zip(columns, row, strict=True)) for row in each]
 
     @property
     def correction(self) -> Array:
@@ -142,8 +129,7 @@ def compensate(
         wrench carry the cell's [load]
     weights : ndarray, shape (m,), of the targets in the root mean squares; one by default, or the
         file's own
-    tip : of several tips the one that is to be in place; ``robot.tip`` without. The others go with the
-        joints that they share with it
+    tip : of several tips the one that is to be in place; ``robot.tip`` without
 
     Raises InputError, CalibError: an unusable file, a result of another robot or one that did not
     converge, targets outside the limits, a tip of which nothing is read, an arm without equilibrium.
@@ -151,9 +137,7 @@ def compensate(
     estimate = _known(cell, result)
     if not estimate.converged:
         raise CalibError("the result did not converge; mend the identification first")
-    poses, given = _targets(cell, targets)
-    weights = given if weights is None else np.asarray(weights, dtype=float)
-    _check(cell, poses, weights)
+    poses, weights = _targets(cell, targets, weights)
     # The targets' own order is none of the session's.
     poses = replace(with_moves(poses), start=estimate.start, order=None)
     robot = replace(estimate.model.robot, limits=cell.robot.limits)
@@ -193,18 +177,18 @@ def _known(cell: Cell, result: Known) -> Estimate:
     return estimate
 
 
-def _targets(cell: Cell, targets: Plan) -> tuple[Poses, Array]:
+def _targets(cell: Cell, targets: Plan, weights: Array | None) -> tuple[Poses, Array]:
+    """Target poses with their loads, and weights. Raises CalibError where they are no targets."""
     if isinstance(targets, str | Path):
         from calib.files.tables import load_targets
 
-        return load_targets(cell, targets)
-    poses = poses_of(cell, targets)
-    if isinstance(targets, np.ndarray) and cell.load is not None:
-        poses = hung(poses, cell.load.mass, cell.load.com)
-    return poses, np.ones(len(poses))
-
-
-def _check(cell: Cell, poses: Poses, weights: Array) -> None:
+        poses, given = load_targets(cell, targets)
+    else:
+        poses = poses_of(cell, targets)
+        given = np.ones(len(poses))
+        if isinstance(targets, np.ndarray) and cell.load is not None:
+            poses = hung(poses, cell.load.mass, cell.load.com)
+    weights = given if weights is None else np.asarray(weights, dtype=float)
     if not len(poses):
         raise CalibError("there are no targets")
     if not np.isfinite(poses.q).all():
@@ -212,6 +196,7 @@ def _check(cell: Cell, poses: Poses, weights: Array) -> None:
     if weights.shape != (len(poses),) or not (weights >= 0.0).all() or not weights.any():
         raise CalibError("weights must be one for each target, at least zero, and not all zero")
     check_targets(cell, poses)
+    return poses, weights
 
 
 def _tip_frame(model: Model, tip: str | None) -> int:
@@ -223,16 +208,6 @@ def _tip_frame(model: Model, tip: str | None) -> int:
     if tip not in read:
         raise CalibError(f"nothing is read on {tip}; commands are corrected for {', '.join(read)}")
     return int(frames[read.index(tip)])
-
-
-def _on_tips(cell: Cell, frame: int) -> Iterable[str]:
-    """Of a robot with several tips, which one is in place, and what no instrument saw of it."""
-    robot, unseen = cell.robot, cell.unseen_joints
-    if unseen:
-        yield f"no instrument saw an error of {', '.join(unseen)}: they count as nominal"
-    if robot.branched:
-        tip = robot.tips[frame - robot.dof - 1]
-        yield f"commands are corrected for {tip}: other tips go with the joints that they share with it"
 
 
 def _goal(model: Model, values: Array, poses: Poses, tip: int) -> Goal:
@@ -259,7 +234,7 @@ def _reasons(robot: Robot, found: Reached, remains: Mask) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
+def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterator[str]:
     """What was assumed of the targets, and what is odd about the corrections."""
     robot, effects = estimate.model.robot, estimate.model.effects
     if estimate.undetermined:
@@ -290,29 +265,36 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterable[str]:
         )
 
 
-def _on_approach(own: list[int], poses: Poses, q: Array) -> Iterable[str]:
+def _on_approach(own: list[int], poses: Poses, q: Array) -> Iterator[str]:
     """From which side some joints come, where nobody said it."""
-    by_time = poses.time is not None
+    order = "of the table" if poses.time is None else "in time"
     yield (
-        f"approach directions are derived from the order {'in time' if by_time else 'of the table'}. "
-        "If there are moves between the targets, add columns approach_<joint>"
+        f"approach directions are derived from the order {order}. If there are moves between the "
+        "targets, add columns approach_<joint>"
     )
-    approach = poses.approach
-    if approach is None:
+    nominal, corrected = (with_moves(replace(poses, q=each)).approach for each in (poses.q, q))
+    if nominal is None or corrected is None:
         return
-    known = approach[:, own].all(axis=1)
-    if not known.all():
-        names = [poses.names[i] for i in np.flatnonzero(~known)]
-        yield f"approach unknown, and its effects not corrected, at {_shortened(names)}"
-    order = in_order(poses)
-    turned = np.zeros(len(q), dtype=bool)
-    turned[order] = (moves(q[order])[0] != approach[order])[:, own].any(axis=1)
-    if (turned & known).any():
-        names = [poses.names[i] for i in np.flatnonzero(turned & known)]
+    known = nominal[:, own].all(axis=1)
+    turned = known & (nominal != corrected)[:, own].any(axis=1)
+    unknown, turned_at = ([poses.names[i] for i in np.flatnonzero(at)] for at in (~known, turned))
+    if unknown:
+        yield f"approach unknown, and its effects not corrected, at {_shortened(unknown)}"
+    if turned_at:
         yield (
-            f"the corrections turn a small move round before {_shortened(names)}: approach these from "
-            "the side of the nominal commands"
+            f"the corrections turn a small move round before {_shortened(turned_at)}: approach these "
+            "from the side of the nominal commands"
         )
+
+
+def _on_tips(cell: Cell, frame: int) -> Iterator[str]:
+    """Which of several tips is in place, and what no instrument saw of it."""
+    robot, unseen = cell.robot, cell.unseen_joints
+    if unseen:
+        yield f"no instrument saw an error of {', '.join(unseen)}: they count as nominal"
+    if robot.branched:
+        tip = robot.tips[frame - robot.dof - 1]
+        yield f"commands are corrected for {tip}: other tips go with the joints that they share with it"
 
 
 def _shortened(names: Sequence[str]) -> str:

@@ -15,10 +15,10 @@ from calib.identification.noise_level import refuted
 from calib.inference.leave_out import LeftOut, leave_groups_out
 from calib.model import Model
 from calib.model.covariance import half
-from calib.noise import counted, unwhitened
+from calib.noise import unwhitened
 from calib.observations import Points
-from calib.poses import Measurements, Poses
-from calib.scatter import Variances, scatter_of
+from calib.poses import Measurements
+from calib.scatter import Variances, scatter_variance
 
 _NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
@@ -40,8 +40,8 @@ class ModelDiscrepancy:
 class SquaredErrors:
     """Squared errors of readings, and what is expected of them, shape (m, C), m^2.
 
-    seen : ndarray of bool, shape (m, C), readings that count; numbers : how many numbers each has
-    scatters : whether the points of a pose err together
+    numbers : ndarray of int, shape (m, C), how many numbers of a reading count
+    configuration : ndarray of int, shape (m,)
     """
 
     error: Array
@@ -49,9 +49,12 @@ class SquaredErrors:
     parameters: Array
     arm: Array
     numbers: IntArray
-    seen: Mask
     configuration: IntArray
-    scatters: bool
+
+    @property
+    def seen(self) -> Mask:
+        """Readings that count, shape (m, C)."""
+        return np.asarray(self.numbers > 0)
 
     @property
     def expected(self) -> Array:
@@ -63,12 +66,16 @@ class SquaredErrors:
         return float(np.sqrt(max(0.0, (self.error - known)[self.seen].mean())))
 
     @property
-    def surely(self) -> bool:
-        """Whether the errors exceed what is expected by more than chance."""
+    def discrepancy(self) -> float:
+        """RMS beyond all that is expected, m; zero where that may be chance."""
+        return self.beyond(self.expected) if self.seen.any() and self._refuted else 0.0
+
+    @property
+    def _refuted(self) -> bool:
+        """Whether so large errors are none by chance; where poses err as a whole, they count once."""
         ratios = np.where(self.seen, self.error / self.expected, 0.0)
-        if not self.scatters:
-            count = self.numbers * self.seen
-            return refuted(float((count * ratios).sum()), int(count.sum()))
+        if not self.arm.any():
+            return refuted(float((self.numbers * ratios).sum()), int(self.numbers.sum()))
         counts = np.bincount(self.configuration, self.seen.sum(axis=1))
         each = np.bincount(self.configuration, ratios.sum(axis=1))[counts > 0] / counts[counts > 0]
         return refuted(3.0 * float(each.sum()), 3 * len(each)) and float(each.mean()) > 1.0
@@ -106,16 +113,14 @@ class FittedModel:
     def squared(self, data: Measurements, off: Array, spread: Array) -> SquaredErrors:
         """Squares of errors (m, C, r), m, and of their roots (m, C, r, k), of all lengths read."""
         read = data.seen[..., None] & self.lengths
-        error, numbers = (off**2 * read).sum(axis=-1), read.sum(axis=-1)
+        error = (off**2 * read).sum(axis=-1)
         return SquaredErrors(
             error,
             np.broadcast_to(self.lengths.sum(axis=-1) * self.sigma**2, error.shape),
             ((spread**2).sum(axis=-1) * read).sum(axis=-1),
             scatter_variance(self.model, self.values, data.poses, self.variances),
-            numbers,
-            numbers > 0,
+            read.sum(axis=-1),
             data.poses.configuration,
-            self.variances is not None and self.variances.any,
         )
 
     def left_out(self, group: IntArray) -> tuple[Array, LeftOut]:
@@ -131,16 +136,6 @@ class FittedModel:
         return unwhitened(self.weights, off), found
 
 
-def scatter_variance(
-    model: Model, values: Array, poses: Poses, variances: Variances | None
-) -> Array:
-    """Squared error (m, C), m^2, of the readings of a model where its arm is approached anew."""
-    if variances is None or not variances.any:
-        return np.zeros((len(poses), len(model.readout.channels.lengths)))
-    total = variances.approach + variances.configuration
-    return scatter_of(model, values, poses, variances).point_variance(total)
-
-
 def model_discrepancy(
     fit: FittedModel, heldout: Measurements | None, metres: float
 ) -> ModelDiscrepancy:
@@ -150,35 +145,19 @@ def model_discrepancy(
     """
     if heldout is not None and heldout.seen.any():
         found = fit.squared(heldout, *fit.predicted(heldout))
-        rms = found.beyond(found.expected) if found.seen.any() and found.surely else 0.0
-        return ModelDiscrepancy(rms * metres, "held-out poses")
-    return ModelDiscrepancy(_at_left_out(fit) * metres, "left-out configurations")
+        return ModelDiscrepancy(found.discrepancy * metres, "held-out poses")
+    rms = _at_left_out(fit).discrepancy if fit.sigma else 0.0  # without noise nothing is beyond it
+    return ModelDiscrepancy(rms * metres, "left-out configurations")
 
 
-def _at_left_out(fit: FittedModel) -> float:
-    """RMS at configurations that are left out in turn, m.
+def _at_left_out(fit: FittedModel) -> SquaredErrors:
+    """Errors at configurations that are left out in turn: a fit bends towards those that it has.
 
-    A fit bends towards its own poses, and hides what a pose beside them will show. Zero where the
-    residual agrees with the noise, or, where the arm scatters, the left-out ones agree with that.
+    Where the others do not determine a configuration, it counts nothing.
     """
-    if not fit.sigma:  # without noise nothing is beyond it
-        return 0.0
-    off, rows = fit.left_out(fit.data.poses.configuration)
-    number = np.unique(fit.data.poses.configuration, return_inverse=True)[1]
-    residual, spread = fit.predicted(fit.data)
-    inside = fit.squared(fit.data, residual, spread)
+    configuration = fit.data.poses.configuration
+    off, rows = fit.left_out(configuration)
+    number = np.unique(configuration, return_inverse=True)[1]
     growth = np.sqrt(rows.growth)[number][:, None, None, None]
-    found = fit.squared(fit.data, off, spread * growth)
-    found = replace(found, seen=found.seen & rows.determined[number][:, None])
-    if not found.seen.any():
-        return 0.0
-    surely = found.surely if found.scatters else _noisy(fit, float(inside.error.sum()))
-    return found.beyond(found.expected) if surely else 0.0
-
-
-def _noisy(fit: FittedModel, square: float) -> bool:
-    """Whether the residual, a sum of squares, m^2, is more than the noise makes by chance."""
-    count = counted(fit.weights)
-    numbers = int((count > 0).sum(axis=0) @ fit.lengths.sum(axis=-1))
-    spent = round(numbers / max(int(count.sum()), 1) * fit.span.shape[1])
-    return refuted(square / fit.sigma**2, numbers - spent)
+    found = fit.squared(fit.data, off, fit.predicted(fit.data)[1] * growth)
+    return replace(found, numbers=found.numbers * rows.determined[number][:, None])

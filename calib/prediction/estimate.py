@@ -1,20 +1,23 @@
-"""What a result knows of the robot: the model, its values, and how sure they are."""
+"""What a result knows of the robot, and the error to expect of it: parameters, arm, model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, Mask, in_parts
 from calib.diagnosis.diagnose import Diagnosis
+from calib.effects.readings import ReadingEffect
 from calib.identification.identification import Identification
 from calib.identification.noise_level import refuted
 from calib.model import Model
-from calib.model.covariance import ignorance
+from calib.model.covariance import errors_at, ignorance, working_points
+from calib.poses import Poses
 from calib.prediction.discrepancy import FittedModel, ModelDiscrepancy, model_discrepancy
-from calib.scatter import Variances
+from calib.scatter import Variances, scatter_variance
 from calib.scatter.owner import Owner, parted, pose_to_pose
 
 
@@ -46,15 +49,50 @@ class Estimate:
     clock_unit: str = "s"
     configuration_of: Owner = "undecided"
 
-    @property
-    def of_arm(self) -> Variances | None:
-        """Variances of the arm's own scatter; what is undecided counts as the arm's."""
-        return None if self.variances is None else parted(self.variances, self.configuration_of)[0]
 
-    @property
-    def of_model(self) -> Variances | None:
-        """Variances of what the model does not follow from configuration to configuration."""
-        return None if self.variances is None else parted(self.variances, self.configuration_of)[1]
+@dataclass(frozen=True, eq=False)
+class ExpectedError:
+    """Error of the tool points at m targets, by its parts, which are independent.
+
+    Distances are root mean squares over the points of a target, 3-D, in m.
+    """
+
+    estimate: Estimate
+    targets: Poses
+
+    @cached_property
+    def parameters(self) -> Array:
+        """Standard error (m,) by the uncertainty of the parameters, less how the instrument errs."""
+        model, targets = self.estimate.model, self.targets
+        own = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
+        arm = model.with_effects(
+            tuple(e for e in model.effects if not isinstance(e, ReadingEffect))
+        )
+        values, cov = self.estimate.values[own], self.estimate.covariance[np.ix_(own, own)]
+        parts = in_parts(len(targets), 3 * len(model.markers) * len(own))
+        return np.concatenate([errors_at(arm, values, cov, targets.take(part)) for part in parts])
+
+    @cached_property
+    def arm(self) -> Array:
+        """Error (m,) of an arm that errs anew at each target; what may be the model's counts here."""
+        return self._scatter(0)
+
+    @cached_property
+    def model(self) -> Array:
+        """Model discrepancy (m,), from configuration to configuration and beside that."""
+        return np.hypot(self._scatter(1), self.estimate.discrepancy.rms)
+
+    @cached_property
+    def rms(self) -> Array:
+        """All of it, shape (m,)."""
+        return np.asarray(np.sqrt(self.parameters**2 + self.arm**2 + self.model**2))
+
+    def _scatter(self, part: int) -> Array:
+        """Error (m,) of poses that err as a whole, by the arm's variances (0) or the model's (1)."""
+        known, model = self.estimate.variances, working_points(self.estimate.model)
+        own = None if known is None else parted(known, self.estimate.configuration_of)[part]
+        found = scatter_variance(model, self.estimate.values, self.targets, own)
+        return np.asarray(np.sqrt(found.mean(axis=-1)))
 
 
 def estimate_of(result: Identification | Diagnosis) -> Estimate:
@@ -67,14 +105,14 @@ def fitted_of(result: Identification) -> FittedModel:
     kept, levels = ~result.fit.outlier, result.levels
     known = np.diag(result.covariance) > 0.0
     return FittedModel(
-        model=result.model,
-        values=result.values,
-        covariance=result.covariance,
-        span=np.eye(len(known))[:, known],
-        data=result.fit.data.take(kept),
-        weights=result.weights[kept],
-        sigma=result.noise.believed * _noise_scale(result),
-        variances=None if levels is None else levels.variances,
+        result.model,
+        result.values,
+        result.covariance,
+        np.eye(len(known))[:, known],
+        result.fit.data.take(kept),
+        result.weights[kept],
+        result.noise.believed * _noise_scale(result),
+        None if levels is None else levels.variances,
     )
 
 
@@ -135,15 +173,9 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     lost, sigma = np.diag(cov) <= 0.0, result.noise.sigma
     if levels is None or not levels.instrument_only:
         sigma = sigma / result.scale  # the residual is what is to be explained
+    variances, data = None if levels is None else levels.variances, result.data.take(kept)
     fitted = FittedModel(
-        model=fit.model,
-        values=fit.values,
-        covariance=cov,
-        span=fit.span,
-        data=result.data.take(kept),
-        weights=stage.weights[kept],
-        sigma=sigma,
-        variances=None if levels is None else levels.variances,
+        fit.model, fit.values, cov, fit.span, data, stage.weights[kept], sigma, variances
     )
     return Estimate(
         fit.model,
@@ -154,7 +186,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         _ids(fit.model, lost),
         tuple(_doubts_of_causes(result)),
         fit.converged,
-        fitted.variances,
+        variances,
         result.data.poses.clock_unit,
         pose_to_pose(levels, stage.scatter, fit.model.robot.reach).of,
     )

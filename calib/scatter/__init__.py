@@ -8,7 +8,7 @@ for the diagnosis (:mod:`calib.scatter.restricted`, :mod:`calib.scatter.search`)
 whole poses independent (:class:`calib.scatter.Scatter`).
 """
 
-from calib.scatter.poses import Scatter, Variances, scatter_of
+from calib.scatter.poses import Scatter, Variances, scatter_of, scatter_variance
 from calib.scatter.search import Undetected, VarianceEstimate, levels_of
 
 __all__ = [
@@ -18,4 +18,5 @@ __all__ = [
     "Variances",
     "levels_of",
     "scatter_of",
+    "scatter_variance",
 ]

@@ -175,3 +175,13 @@ def _moved(slides: bool, axis: Array, away: Array) -> Array:
     if slides:
         return np.broadcast_to(axis[:, None], away.shape)
     return cross(axis[:, None], away)
+
+
+def scatter_variance(
+    model: Model, values: Array, poses: Poses, variances: Variances | None
+) -> Array:
+    """Squared error (m, C), m^2, of the readings of a model where its arm is approached anew."""
+    if variances is None or not variances.any:
+        return np.zeros((len(poses), len(model.readout.channels.lengths)))
+    total = variances.approach + variances.configuration
+    return scatter_of(model, values, poses, variances).point_variance(total)

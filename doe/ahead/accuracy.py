@@ -19,8 +19,7 @@ from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
 from calib.prediction.discrepancy import ModelDiscrepancy
-from calib.prediction.estimate import Estimate, estimate_of, fitted_of
-from calib.prediction.targets import ExpectedError
+from calib.prediction.estimate import Estimate, ExpectedError, estimate_of, fitted_of
 from calib.scatter import Variances
 from doe.ahead.forecast import Offer
 from doe.ahead.information import Information
@@ -112,7 +111,7 @@ def lasting_error(
         return lacking
     unseen = None if found.undetected is None else found.undetected[1].variances
     hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
-    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
+    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.lacking))
 
 
 def _seen(found: Identification) -> PredictionError | None:

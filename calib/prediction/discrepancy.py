@@ -15,7 +15,7 @@ from calib.identification.noise_level import refuted
 from calib.inference.leave_out import LeftOut, leave_groups_out
 from calib.model import Model
 from calib.model.covariance import half
-from calib.noise import unwhitened
+from calib.noise import counted, unwhitened
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Variances, scatter_variance
@@ -62,16 +62,17 @@ class SquaredErrors:
         return np.asarray(np.maximum(self.noise + self.parameters + self.arm, _NOTHING))
 
     def beyond(self, known: Array) -> float:
-        """RMS of the errors beyond a variance (m, C), m."""
-        return float(np.sqrt(max(0.0, (self.error - known)[self.seen].mean())))
+        """RMS of the errors beyond a variance (m, C), m; zero where nothing was read."""
+        excess = (self.error - known)[self.seen]
+        return float(np.sqrt(max(0.0, excess.mean()))) if len(excess) else 0.0
 
     @property
     def discrepancy(self) -> float:
         """RMS beyond all that is expected, m; zero where that may be chance."""
-        return self.beyond(self.expected) if self.seen.any() and self._refuted else 0.0
+        return self.beyond(self.expected) if self.seen.any() and self.surely else 0.0
 
     @property
-    def _refuted(self) -> bool:
+    def surely(self) -> bool:
         """Whether so large errors are none by chance; where poses err as a whole, they count once."""
         ratios = np.where(self.seen, self.error / self.expected, 0.0)
         if not self.arm.any():
@@ -146,18 +147,31 @@ def model_discrepancy(
     if heldout is not None and heldout.seen.any():
         found = fit.squared(heldout, *fit.predicted(heldout))
         return ModelDiscrepancy(found.discrepancy * metres, "held-out poses")
-    rms = _at_left_out(fit).discrepancy if fit.sigma else 0.0  # without noise nothing is beyond it
-    return ModelDiscrepancy(rms * metres, "left-out configurations")
+    return ModelDiscrepancy(_at_left_out(fit) * metres, "left-out configurations")
 
 
-def _at_left_out(fit: FittedModel) -> SquaredErrors:
-    """Errors at configurations that are left out in turn: a fit bends towards those that it has.
+def _at_left_out(fit: FittedModel) -> float:
+    """RMS at configurations that are left out in turn, m: a fit bends towards those that it has.
 
-    Where the others do not determine a configuration, it counts nothing.
+    Zero where that may be chance: the residual tells it, as left-out errors follow each other by the
+    parameters; where the arm scatters the left-out errors do.
     """
-    configuration = fit.data.poses.configuration
+    if not fit.sigma:  # without noise nothing is beyond it
+        return 0.0
+    configuration, (residual, spread) = fit.data.poses.configuration, fit.predicted(fit.data)
     off, rows = fit.left_out(configuration)
     number = np.unique(configuration, return_inverse=True)[1]
     growth = np.sqrt(rows.growth)[number][:, None, None, None]
-    found = fit.squared(fit.data, off, fit.predicted(fit.data)[1] * growth)
-    return replace(found, numbers=found.numbers * rows.determined[number][:, None])
+    found = fit.squared(fit.data, off, spread * growth)
+    found = replace(found, numbers=found.numbers * rows.determined[number][:, None])
+    if not (found.arm.any() or _noisy(fit, fit.squared(fit.data, residual, spread).error.sum())):
+        return 0.0
+    return found.discrepancy if found.arm.any() else found.beyond(found.expected)
+
+
+def _noisy(fit: FittedModel, square: float) -> bool:
+    """Whether the residual, a sum of squares, m^2, is more than the noise makes by chance."""
+    count = counted(fit.weights)
+    numbers = int((count > 0).sum(axis=0) @ fit.lengths.sum(axis=-1))
+    spent = round(numbers / max(int(count.sum()), 1) * fit.span.shape[1])
+    return refuted(float(square) / fit.sigma**2, numbers - spent)

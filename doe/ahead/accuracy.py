@@ -111,7 +111,7 @@ def lasting_error(
         return lacking
     unseen = None if found.undetected is None else found.undetected[1].variances
     hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
-    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.lacking))
+    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
 
 
 def _seen(found: Identification) -> PredictionError | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from calib.poses.moves import in_order
 from calib.prediction.discrepancy import FittedModel
 
 _ENDS = (1 / 3, 1 / 5, 1 / 10)  # of the readings; the largest that the others can do without
+_SURELY = 2.33  # standard deviations: once in a hundred by chance
 
 
 @dataclass(frozen=True)
@@ -21,19 +22,24 @@ class PredictionError:
 
     rms : less the instrument's noise; lacking : less what the parameters' uncertainty adds there, too
     discrepancy : less the arm's scatter, too, zero where that may be chance; source : str, which poses
+    certain : ``lacking``; where that may be chance, by the readings that the parameters leave certain
     """
 
     rms: float = 0.0
     lacking: float = 0.0
     discrepancy: float = 0.0
+    certain: float = 0.0
     source: str = ""
 
     def times(self, factor: float) -> PredictionError:
         """The same figures in another unit of length."""
-        rms, lacking, discrepancy = (
-            factor * own for own in (self.rms, self.lacking, self.discrepancy)
+        return PredictionError(
+            factor * self.rms,
+            factor * self.lacking,
+            factor * self.discrepancy,
+            factor * self.certain,
+            self.source,
         )
-        return PredictionError(rms, lacking, discrepancy, self.source)
 
 
 def at_held_out(fit: FittedModel, heldout: Measurements) -> PredictionError:
@@ -68,8 +74,27 @@ def _at_end(fit: FittedModel, end: IntArray) -> PredictionError | None:
     # As uncertain as the parameters are, which may follow poses that err as a whole.
     inside = fit.squared(data, *fit.predicted(data)).parameters.sum()
     own = max(float(fit.squared(data, off, spread).parameters.sum()), 1e-300)
-    spread = spread * np.sqrt(rows.growth[1] * inside / own)
-    return _error(fit, data, off, spread, "the ends of the day")
+    return _score_tested(fit, data, off, spread * np.sqrt(rows.growth[1] * inside / own))
+
+
+def _score_tested(
+    fit: FittedModel, data: Measurements, off: Array, spread: Array
+) -> PredictionError:
+    """The error at the ends of the day, and by a score test whether it may be chance.
+
+    Where the parameters are uncertain tells little. Points of a pose err together: one counts.
+    """
+    found = _error(fit, data, off, spread, "the ends of the day")
+    read, squares = data.seen[..., None] & fit.lengths, fit.squared(data, off, spread)
+    seen, scatter = squares.seen, squares.arm
+    if not (fit.sigma and seen.any()):
+        return found
+    each = np.sqrt(fit.sigma**2 + scatter / np.maximum(squares.numbers, 1))
+    each = np.broadcast_to(each[..., None], read.shape)[read]
+    together = float(seen.sum() / seen.any(axis=1).sum()) if scatter.any() else 1.0
+    _, chance = _excess(off[read] / each, spread[read] / each[:, None], 1.0, together)
+    beyond = 0.0 if chance else max(0.0, found.certain**2 - float(scatter[seen].mean()))
+    return replace(found, lacking=found.certain, discrepancy=float(np.sqrt(beyond)))
 
 
 def _error(
@@ -79,9 +104,26 @@ def _error(
     found = fit.squared(data, off, spread)
     if not found.seen.any():
         return PredictionError(source=source)
-    return PredictionError(
-        found.beyond(found.noise),
-        found.beyond(found.noise + found.parameters),
-        found.discrepancy,
-        source,
-    )
+    lacking = certain = found.beyond(found.noise + found.parameters)
+    read = data.seen[..., None] & fit.lengths
+    excess, chance = _excess(off[read], spread[read], fit.sigma)
+    if chance:
+        certain = float(np.sqrt(max(0.0, excess) * read.sum() / found.seen.sum()))
+    rms = found.beyond(found.noise)
+    return PredictionError(rms, lacking, found.discrepancy, certain, source)
+
+
+def _excess(off: Array, spread: Array, sigma: float, together: float = 1.0) -> tuple[float, bool]:
+    """Variance of errors (n,) beyond ``V = sigma^2 I + spread spread^T``, and whether it may be chance.
+
+    spread : ndarray, shape (n, k). One step of Fisher's scoring from none, and its score test: what
+    the parameters leave uncertain counts little. together : so many errors are one
+    """
+    if not sigma:
+        return float((off**2).mean()), False
+    U, s, _ = np.linalg.svd(spread, full_matrices=False)
+    own, v = (U.T @ off) ** 2, sigma**2 + s**2
+    others, rest = len(off) - len(s), float(off @ off - own.sum())
+    top = ((own - v) / v**2).sum() + (rest - others * sigma**2) / sigma**4
+    bottom = (1.0 / v**2).sum() + others / sigma**4
+    return float(top / bottom), bool(top < _SURELY * np.sqrt(2.0 * bottom * together))

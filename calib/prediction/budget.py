@@ -143,10 +143,10 @@ def budget_of(
     """
     model, values = working_points(found.model), found.values
     points, J = model.jacobian_at_rest(values, targets)
-    moved = [half(found.covariance), half(found.ignorance)]
-    moved = [J @ own for own in moved] + [c.at(model, values, J, targets) for c in found.common]
+    roots = half(found.covariance), half(found.ignorance)
+    moved = [J @ root for root in roots] + [c.at(model, values, J, targets) for c in found.common]
     m, M = J.shape[:2]
-    spreads = [own.reshape(m, 3 * M, own.shape[-1]) / np.sqrt(M) for own in moved]
+    spreads = [each.reshape(m, 3 * M, each.shape[-1]) / np.sqrt(M) for each in moved]
     beside = () if estimate is None else _beside(found, estimate, targets, M)
     return Budget(points, weights, (*_of_calibration(found, *spreads), *beside))
 
@@ -213,11 +213,11 @@ def combined(parts: Sequence[UncertaintySource], weights: Array) -> CombinedUnce
     bases: dict[str, list[UncertaintySource]] = {}
     for k, part in enumerate(parts):
         bases.setdefault(part.basis or str(k), []).append(part)
-    variances = [np.sum([part.errors**2 for part in own], axis=0) for own in bases.values()]
-    freedoms = [own[0].freedom for own in bases.values()]
+    variances = [np.sum([p.errors**2 for p in group], axis=0) for group in bases.values()]
+    freedoms = [group[0].freedom for group in bases.values()]
     nu = effective_freedom(zip(variances, freedoms, strict=True))
     n = directions(np.concatenate([part.spread for part in parts], axis=-1))
-    mean = [float(weights @ own / weights.sum()) for own in variances]
+    mean = [float(weights @ variance / weights.sum()) for variance in variances]
     errors = np.sqrt(np.sum(variances, axis=0))
     return CombinedUncertainty(
         errors,

@@ -229,8 +229,7 @@ def _reasons(robot: Robot, found: Reached, remains: Mask) -> tuple[str, ...]:
             "fewer than six joints": robot.free.sum() < 6,
             "not settled": not found.settled[i],
         }
-        own = [cause for cause, acts in causes.items() if acts]
-        reasons[i] = " and ".join(own) or "out of reach"
+        reasons[i] = " and ".join(c for c, acts in causes.items() if acts) or "out of reach"
     return tuple(reasons)
 
 
@@ -252,8 +251,8 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterator[str]:
                 yield text.format(_shortened([f"{e.kind}:{e.where}" for e in using]))
     sided = [e.where for e in effects if "approach" in e.uses]
     if sided and poses.approach_derived:
-        own = [robot.joints.index(j) for j in sided if j in robot.joints]
-        yield from _on_approach(own, poses, q)
+        joints = [robot.joints.index(j) for j in sided if j in robot.joints]
+        yield from _on_approach(joints, poses, q)
     share = np.abs(q - poses.q) / np.where(robot.prismatic, robot.reach, 1.0)
     if share.max() > _LARGE:
         i, j = (int(k) for k in np.unravel_index(share.argmax(), share.shape))
@@ -265,7 +264,7 @@ def _notes(estimate: Estimate, poses: Poses, q: Array) -> Iterator[str]:
         )
 
 
-def _on_approach(own: list[int], poses: Poses, q: Array) -> Iterator[str]:
+def _on_approach(joints: list[int], poses: Poses, q: Array) -> Iterator[str]:
     """From which side some joints come, where nobody said it."""
     order = "of the table" if poses.time is None else "in time"
     yield (
@@ -275,8 +274,8 @@ def _on_approach(own: list[int], poses: Poses, q: Array) -> Iterator[str]:
     nominal, corrected = (with_moves(replace(poses, q=each)).approach for each in (poses.q, q))
     if nominal is None or corrected is None:
         return
-    known = nominal[:, own].all(axis=1)
-    turned = known & (nominal != corrected)[:, own].any(axis=1)
+    known = nominal[:, joints].all(axis=1)
+    turned = known & (nominal != corrected)[:, joints].any(axis=1)
     unknown, turned_at = ([poses.names[i] for i in np.flatnonzero(at)] for at in (~known, turned))
     if unknown:
         yield f"approach unknown, and its effects not corrected, at {_shortened(unknown)}"

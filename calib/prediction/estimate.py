@@ -64,12 +64,12 @@ class ExpectedError:
     def parameters(self) -> Array:
         """Standard error (m,) by the uncertainty of the parameters, less how the instrument errs."""
         model, targets = self.estimate.model, self.targets
-        own = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
+        kept = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
         arm = model.with_effects(
             tuple(e for e in model.effects if not isinstance(e, ReadingEffect))
         )
-        values, cov = self.estimate.values[own], self.estimate.covariance[np.ix_(own, own)]
-        parts = in_parts(len(targets), 3 * len(model.markers) * len(own))
+        values, cov = self.estimate.values[kept], self.estimate.covariance[np.ix_(kept, kept)]
+        parts = in_parts(len(targets), 3 * len(model.markers) * len(kept))
         return np.concatenate([errors_at(arm, values, cov, targets.take(part)) for part in parts])
 
     @cached_property
@@ -90,8 +90,8 @@ class ExpectedError:
     def _scatter(self, part: int) -> Array:
         """Error (m,) of poses that err as a whole, by the arm's variances (0) or the model's (1)."""
         known, model = self.estimate.variances, working_points(self.estimate.model)
-        own = None if known is None else parted(known, self.estimate.configuration_of)[part]
-        found = scatter_variance(model, self.estimate.values, self.targets, own)
+        chosen = None if known is None else parted(known, self.estimate.configuration_of)[part]
+        found = scatter_variance(model, self.estimate.values, self.targets, chosen)
         return np.asarray(np.sqrt(found.mean(axis=-1)))
 
 
@@ -138,10 +138,10 @@ def _identified(result: Identification) -> Estimate:
 def _noise_scale(result: Identification) -> float:
     """Actual over stated noise of the instrument, as far as the data tell it from the rest."""
     noise, levels = result.noise, result.levels
-    told = levels is not None and (
+    determined = levels is not None and (
         levels.instrument_only or (levels.instrument_seen and levels.variances.any)
     )
-    if told or noise.source != "residual":
+    if determined or noise.source != "residual":
         return noise.factor
     if levels is not None and levels.instrument_seen:
         return levels.variances.scale  # points of one pose tell it, whatever repeated ones do
@@ -206,4 +206,4 @@ def _doubts_of_causes(result: Diagnosis) -> Iterator[str]:
 
 
 def _ids(model: Model, chosen: Mask) -> tuple[str, ...]:
-    return tuple(p.id for p, own in zip(model.parameters, chosen, strict=True) if own)
+    return tuple(p.id for p, taken in zip(model.parameters, chosen, strict=True) if taken)

@@ -54,9 +54,9 @@ def pose_to_pose(
     if levels is None or scatter is None:
         return PoseToPose(None, None, usual)
     v = levels.variances
-    told = levels.approaches or bool(v.approach.any())
+    shown = levels.approaches or bool(v.approach.any())
     rest = scatter.of_tip(v.configuration) if v.configuration.any() else None
-    return PoseToPose(scatter.of_tip(v.approach) if told else None, rest, usual)
+    return PoseToPose(scatter.of_tip(v.approach) if shown else None, rest, usual)
 
 
 def parted(variances: Variances, of: Owner) -> tuple[Variances, Variances]:

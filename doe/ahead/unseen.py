@@ -73,8 +73,8 @@ def _at_end(fit: FittedModel, end: IntArray) -> PredictionError | None:
     spread = np.stack([unwhitened(W, column) for column in roots], axis=-1)
     # As uncertain as the parameters are, which may follow poses that err as a whole.
     inside = fit.squared(data, *fit.predicted(data)).parameters.sum()
-    own = max(float(fit.squared(data, off, spread).parameters.sum()), 1e-300)
-    return _score_tested(fit, data, off, spread * np.sqrt(rows.growth[1] * inside / own))
+    size = max(float(fit.squared(data, off, spread).parameters.sum()), 1e-300)
+    return _score_tested(fit, data, off, spread * np.sqrt(rows.growth[1] * inside / size))
 
 
 def _score_tested(

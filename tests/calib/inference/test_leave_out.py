@@ -27,6 +27,21 @@ def test_errors_are_those_of_a_refit(sizes: list[int], held: int) -> None:
         np.testing.assert_allclose(found.residual[out], y[out] - X[out] @ values, rtol=1e-9)
 
 
+@pytest.mark.parametrize("sizes", [[1, 2, 3, 4, 20], [5] * 8])
+def test_predictions_spread_as_the_other_groups_leave_the_coefficients(sizes: list[int]) -> None:
+    rng = np.random.default_rng(1)
+    group = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    X = rng.normal(size=(len(group), 4))
+    found = leave_groups_out(X, rng.normal(size=len(group)), group)
+    for number in range(len(sizes)):
+        own = X[group == number]
+        rest = np.linalg.inv(X.T @ X - own.T @ own)
+        spread = found.spread[group == number]
+        np.testing.assert_allclose(spread @ spread.T, own @ rest @ own.T, rtol=1e-9, atol=1e-12)
+        inside = np.trace(own @ np.linalg.inv(X.T @ X) @ own.T)
+        assert found.growth[number] == pytest.approx(np.trace(own @ rest @ own.T) / inside)
+
+
 def test_a_design_is_refitted_without_its_places() -> None:
     """By noise and priors of blocks; in the unit of the rows, whatever the weight."""
     design = random_design()

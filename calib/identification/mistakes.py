@@ -1,22 +1,22 @@
-"""Which mistake would explain data that no arm could have given: each is undone and looked at."""
+"""Which mistake would explain data that no arm could have given: each is undone and looked at.
+
+The nominal arm is laid over some of the readings. Entries of :mod:`calib.identification.slips` concern
+every reading. Two more concern a few: a run of poses shifted by one against their joints, and markers
+that changed names at some poses; these stand out, and come near once that is undone.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray, Mask
 from calib.errors import ImplausibleData
-from calib.identification.misplaced import (
-    exchanged,
-    placed,
-    shifted,
-    some,
-    telling,
-)
-from calib.identification.slips import Slip, slips, taken_as_known, two_zeros
-from calib.identification.start import missed_by, refuse_unreachable
+from calib.identification.slips import Slip, reordered, tables, two_zeros
+from calib.identification.start import initial_values, missed_by, refuse_unreachable
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -27,11 +27,19 @@ _ARM = 0.01  # of the arm's reach: what a mended day may err by
 _SHARE = 0.1  # of the spread of the points: what hardly moves is missed by little whatever is done
 _TIMES = 10.0  # by which the misfit must fall
 _ALIKE = 3.0  # times the least misfit: the data do not tell
-_POSES = 40  # they tell as much as a thousand, in a hundredth of the time
-_MOST = 0.8  # of the poses must fit once it is mended
+_POSES, _EXCHANGE_POSES = 40, 60  # they tell as much as a thousand, in a hundredth of the time
+_MOST, _MOST_SHIFTED = 0.8, 0.9  # of the poses must fit once it is mended
 _CLOSEST = 8  # looked at again, without gross errors
 _UNREACHED = 100.0  # arm lengths between points, beyond which a unit is wrong
 _SHOWN = 6
+_GROSS, _ROUNDS = 10.0, 4  # times the median miss: a pose beyond it has an error of its own
+_RIGID = np.array([0, 3, 5, 6])  # coordinates of a body that 0, 1, 2 or more markers fix
+_PLACED, _SPARE = (
+    12,
+    12,
+)  # coordinates that base and tool take at most, and more that must fit as well
+_FEWEST = 5  # poses that only the shift explains: a few wrong readings are no shift
+_TURNS = 12  # of fit and exchange
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,7 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
     if tracked is None:  # what people get wrong is known of points only
         return
     model, data = tracked
-    missed = missed_by(model, data, start)
-    found = recognised(model, data, missed)
+    found = recognised(model, data, missed_by(model, data, start))
     if found is not None:
         raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
     refuse_unreachable(model, data, _UNREACHED)
@@ -92,31 +99,85 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
         return None
     counts = np.bincount(data.poses.station[data.seen.any(axis=1)])
     here = data.take((data.poses.station == counts.argmax()) & data.seen.any(axis=1))
-    sample = some(here, _POSES)
-    if not telling(sample):
+    sample = _some(here, _POSES)
+    if not _decisive(sample):
         return None
-    nominal = placed(model, sample)
+    nominal = _placed(model, sample)
+    everywhere = nominal.missed.max() > far
     found = None
-    if nominal.missed.max() > far:
-        tables = (slips(model), *((slip,) for slip in taken_as_known(model)))
-        tried = (_undone(model, sample, nominal.missed, table) for table in tables)
-        found = next(filter(None, tried), None)
-    found = found or _shifted(model, here) or _renamed(model, data, far)
-    if found is None and nominal.missed.max() > far:
+    for table in tables(model) if everywhere else ():
+        found = found or _undone(model, sample, nominal.missed, table)
+    found = found or _shifted(model, here) or _exchanged(model, data, far)
+    if found is None and everywhere:
         found = _undone(model, sample, nominal.missed, two_zeros(model))
     return found
+
+
+# -- the nominal arm over some readings ------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """Base and markers under the nominal arm.
+
+    values : ndarray, shape (p,), SI; missed : ndarray, shape (m,), m, root mean square of each pose's
+        markers; kept : ndarray of bool, shape (m,), all but gross errors
+    rms : float, m, of the poses kept; share : float, of the spread of their points
+    """
+
+    values: Array
+    missed: Array
+    kept: Mask
+    rms: float
+    share: float
+
+
+def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
+    """Fit base and markers, again without the poses that stand far out as long as those change."""
+    kept = seen = np.asarray(data.seen.any(axis=1))
+    for _ in range(rounds):
+        values = initial_values(model, data.take(kept))
+        missed = missed_by(model, data, values)
+        near = seen & (missed <= _GROSS * np.median(missed[kept]))
+        if np.array_equal(near, kept):
+            break
+        kept = near
+    rms, spread = (
+        _rms(missed[kept]),
+        float(np.sqrt(data.points[kept][data.seen[kept]].var(0).sum())),
+    )
+    return _Placed(values, missed, kept, rms, rms / spread if spread > 0.0 else np.inf)
+
+
+def _some(data: Measurements, count: int) -> Measurements:
+    """At most so many of the readings, one of each configuration."""
+    _, first = np.unique(data.poses.configuration, return_index=True)
+    chosen: IntArray = np.random.default_rng(0).permutation(first)[:count]
+    return data.take(np.sort(chosen))
+
+
+def _decisive(data: Measurements) -> bool:
+    """Whether readings are so many that they do not fit a wrong idea by chance."""
+    markers = np.minimum(data.seen.sum(axis=1), 3)
+    return bool(_RIGID[markers].sum() >= _PLACED + _SPARE)
+
+
+def _rms(lengths: Array) -> float:
+    return float(np.sqrt(np.mean(lengths**2)))
+
+
+# -- every reading ---------------------------------------------------------------------------------
 
 
 def _undone(
     model: Model, sample: Measurements, missed: Array, table: tuple[Slip, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [(slip, slip.freed(model, sample), slip.undone(sample)) for slip in table]
-    first = [placed(own, data, rounds=1).share for _, own, data in tried]
+    tried = [(slip.freed(model, sample), slip.undone(sample)) for slip in table]
+    first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
-    again = [(slip, placed(own, data)) for slip, own, data in (tried[i] for i in closest)]
     fitting = []
-    for slip, fit in again:
+    for slip, fit in [(table[i], _placed(*tried[i])) for i in closest]:
         # The arm then errs as arms do, beside its motion as well, and did not before.
         least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
         if fit.rms <= least and fit.share <= _SHARE and fit.kept.mean() >= _MOST:
@@ -134,12 +195,38 @@ def _undone(
     )
 
 
+# -- points beside their joints --------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Poses whose points belong to the joints of the pose that comes ``by`` later, 1 or -1.
+
+    rows : ndarray of int, in the order of measurement; before, after : ndarray, the same shape, m, by
+        which the nominal arm misses each, as read and mended
+    whole : whether no pose fits as it is
+    """
+
+    by: int
+    rows: IntArray
+    before: Array
+    after: Array
+    whole: bool
+
+
 def _shifted(model: Model, data: Measurements) -> Mistake | None:
     """Points one pose beside their joints, from the first pose to the last or from a lost one on."""
-    found = shifted(model, data, _ARM * model.robot.reach, _SHARE)
-    if found is None or _rms(found.before) < _TIMES * _rms(found.after):
+    order = data.poses.order
+    if order is None:
         return None
-    names = tuple(data.poses.names[i] for i in found.run)
+    data, order = data.take(np.argsort(order)), np.sort(order)
+    runs = [run for by in (1, -1) for run in _runs(model, data, order, by)]
+    if not runs:
+        return None
+    found = max(runs, key=lambda run: len(run.rows))
+    if _rms(found.before) < _TIMES * _rms(found.after):
+        return None
+    names = tuple(data.poses.names[i] for i in found.rows)
     where = "" if found.whole else f" from {names[0]} to {names[-1]}"
     beside, down = ("next pose", "down") if found.by > 0 else ("pose before", "up")
     return Mistake(
@@ -152,30 +239,100 @@ def _shifted(model: Model, data: Measurements) -> Mistake | None:
     )
 
 
-def _renamed(model: Model, data: Measurements, far: float) -> Mistake | None:
-    """Two markers exchanged at some poses: far off as they read, near with the exchange undone."""
-    order, before, after = exchanged(model, data)
+def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[_Run]:
+    """Runs that fit only at the joints of the neighbour that was measured ``by`` later."""
+    near, beside = _ARM * model.robot.reach, np.arange(len(data)) + by
+    there = (beside >= 0) & (beside < len(data))
+    there[there] = order[beside[there]] - order[there] == by  # none between was held out
+    rows = np.flatnonzero(there)
+    moved = replace(data.take(rows), poses=data.poses.take(rows + by))
+    for values in _placings(model, (moved, data), near):
+        before, after = missed_by(model, data, values), np.full(len(data), np.inf)
+        after[rows] = missed_by(model, moved, values)
+        as_read, as_moved = before <= near, after <= near
+        only = np.flatnonzero(as_moved & ~as_read)
+        if len(only) < _FEWEST:
+            continue
+        run = np.arange(only[0], only[-1] + 1)
+        held, outside = there[run], np.delete(as_read, run)
+        fits = outside.mean() >= _MOST_SHIFTED if len(outside) > 2 else True
+        if fits and as_moved[run][held].mean() >= _MOST_SHIFTED:
+            own = run[held & as_moved[run]]
+            yield _Run(by, own, before[own], after[own], not (as_read & ~as_moved).any())
+
+
+def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> Iterator[Array]:
+    """Base and markers from what fits of each half, as read and moved: a run leaves one half alone."""
+    for own in readings:
+        middle = len(own) // 2
+        for half in (slice(None, middle), slice(middle, None)):
+            sample = _some(own.take(half), _POSES)
+            if _decisive(sample):
+                fit = _placed(model, sample)
+                if fit.rms <= near and fit.share <= _SHARE and fit.kept.mean() >= _MOST_SHIFTED:
+                    yield fit.values
+
+
+# -- markers under each other's names --------------------------------------------------------------
+
+
+def _exchanged(model: Model, data: Measurements, far: float) -> Mistake | None:
+    """Two markers exchanged at some poses: far off as they read, near with the exchange undone.
+
+    Where half of the readings or more are exchanged, the others come out.
+    """
+    m, M = data.seen.shape
+    order, before, after = np.tile(np.arange(M), (m, 1)), np.zeros(m), np.zeros(m)
+    for station in range(len(data.poses.stations)):
+        here = np.flatnonzero((data.poses.station == station) & (data.seen.sum(axis=1) >= 2))
+        own = data.take(here)
+        values = _settled(model, own)
+        if values is not None:
+            order[here] = _best_order(model, own, values)
+            before[here] = missed_by(model, own, values)
+            after[here] = missed_by(model, reordered(own, order[here]), values)
     limit = np.minimum(_ARM * model.robot.reach, before / _TIMES)
     wrong = np.flatnonzero((before > far) & (after <= limit))
     if not len(wrong):
         return None
-    poses = tuple(data.poses.names[i] for i in wrong)
-    moved = order[wrong] != np.arange(data.seen.shape[1])
+    poses, moved = tuple(data.poses.names[i] for i in wrong), order[wrong] != np.arange(M)
     said = []
     for pair in np.unique(moved, axis=0):
         one, other = (model.marker_names[j] for j in np.flatnonzero(pair))
         at = [name for name, own in zip(poses, moved, strict=True) if np.array_equal(own, pair)]
         shown = ", ".join(at[:_SHOWN]) + (f" .. ({len(at)} in all)" if at[_SHOWN:] else "")
         said.append(f"markers {one} and {other} are exchanged at {shown}")
+    lengths = _rms(before[wrong]), _rms(after[wrong])
     return Mistake(
-        ("exchanged",),
-        ("; ".join(said),),
-        ("exchange their names there",),
-        _rms(before[wrong]),
-        _rms(after[wrong]),
-        poses,
+        ("exchanged",), ("; ".join(said),), ("exchange their names there",), *lengths, poses
     )
 
 
-def _rms(lengths: Array) -> float:
-    return float(np.sqrt(np.mean(lengths**2)))
+def _settled(model: Model, data: Measurements) -> Array | None:
+    """Base and markers once the exchanges are undone: fit and exchange take turns on some poses."""
+    sample = _some(data, _EXCHANGE_POSES)
+    if not _decisive(sample):
+        return None
+    values, last = _placed(model, sample).values, np.zeros(0, dtype=int)
+    for _ in range(_TURNS):
+        order = _best_order(model, sample, values)
+        if np.array_equal(order, last):
+            break
+        values, last = _placed(model, reordered(sample, order)).values, order
+    return values
+
+
+def _best_order(model: Model, data: Measurements, values: Array) -> IntArray:
+    """The exchange of one pair that brings each pose nearest to its prediction, shape (m, M)."""
+    expected = model.predict(values, data.poses)
+    m, M = data.seen.shape
+    apart = ((data.points[:, :, None] - expected[:, None]) ** 2).sum(axis=-1)
+    a, b = np.array(list(itertools.combinations(range(M), 2))).T
+    gain = apart[:, a, a] + apart[:, b, b] - apart[:, a, b] - apart[:, b, a]
+    gain = np.where(data.seen[:, a] & data.seen[:, b], gain, 0.0)
+    best, rows = gain.argmax(axis=1), np.arange(m)
+    better = gain[rows, best] > 0.0
+    order = np.tile(np.arange(M), (m, 1))
+    rows, a, b = rows[better], a[best[better]], b[best[better]]
+    order[rows, a], order[rows, b] = b, a
+    return order

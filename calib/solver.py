@@ -90,7 +90,7 @@ def inverse_factor(V: Array) -> Array:
     Raises LinAlgError where one is not positive definite, rounding aside.
     """
     V = V + _ROUNDED * np.einsum("...ii->...i", V)[..., None] * np.eye(V.shape[-1])
-    if V.shape[-1] > _SMALL or V[..., 0, 0].size < _MANY:
+    if not 0 < V.shape[-1] <= _SMALL or V[..., 0, 0].size < _MANY:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
     A = np.moveaxis(V, (-2, -1), (0, 1)).copy()
     L = np.zeros_like(A)

@@ -21,7 +21,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
-from calib.inference.reml import reml
+from calib.inference.restricted import RestrictedLikelihood
 from calib.linear import LinearProblem
 from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
 
@@ -44,34 +44,42 @@ class ArmEffect(RandomEffect):
     part: int
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArmVariances(VarianceEstimate):
+    """The estimate, the levels of scatter that it states, and the model with these."""
+
+    levels: tuple[Level, ...]
+    model: Marginal
+
+
 def variance_components(
     scatter: Scatter,
     levers: Array,
     linear: LinearProblem,
     robot: Robot,
     known: Repeatability | None = None,
-) -> VarianceEstimate:
+    before: ArmVariances | None = None,
+) -> ArmVariances:
     """Estimate the variances of a fit by restricted likelihood.
 
     Scatter by approaches, by configurations, or both is stated where each pays for itself.
 
     levers : ndarray, shape (m, R, n + 6), of the scatter, whitened as the rows of the problem are
     known : the arm's repeatability where the cell states it
+    before : of an earlier fit to the same readings, where the search of the levels begins that paid
     """
     stated = _stated(scatter, levers, known)
     arm = _arm(scatter, levers, robot, known is None and scatter.has_approaches)
     prior = _prior(robot, stated)
     design = _design(linear, tuple(e for e, _ in stated))
-
-    def fitted(own: tuple[Level, ...]) -> Marginal:
-        """With the arm's scatter by approaches, by configurations, or both."""
-        chosen = tuple(e for e in arm if e.level in own)
-        whole = replace(design, effects=(*design.effects, *chosen))
-        return Marginal.at(whole, reml(whole, prior), prior)
-
     levels = tuple(dict.fromkeys(e.level for e in arm))
     sets: dict[tuple[Level, ...], None] = dict.fromkeys(((), *((one,) for one in levels), levels))
-    models = {own: fitted(own) for own in sets}
+    models = {}
+    for own in sets:
+        chosen = tuple(e for e in arm if e.level in own)
+        whole = replace(design, effects=(*design.effects, *chosen))
+        start = before.model.variances if before and before.levels == own else None
+        models[own] = Marginal.fitted(whole, prior, start)
     choice = 2.0 * float(np.log(1 + len(arm)))  # the first pays for the choice among all
 
     def value(own: tuple[Level, ...]) -> float:
@@ -79,26 +87,30 @@ def variance_components(
         return price - 2.0 * models[own].log_likelihood
 
     best = min(models, key=value)
-    noise = models[()]
-    exact = Marginal.at(design, replace(noise.variances, instrument=np.ones(1)), prior)
-    louder = 2.0 * (noise.log_likelihood - exact.log_likelihood) > _PAYS + choice
+    noise, exact = models[()], _as_stated(models[()])
+    louder = exact - noise.likelihood.value > _PAYS + choice
     rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
-    found = VarianceEstimate(
-        _as_variances(scatter.joints, models[best], known),
+    shows = bool(best or louder)
+    return ArmVariances(
+        _as_variances(scatter.joints, models[best], known)
+        if shows
+        else Variances.of_arm(scatter.joints, known),
         free=np.arange(1 + len(arm)) if best else np.zeros(int(louder), dtype=int),
         theta=np.zeros(0),
-        value=-2.0 * models[best].log_likelihood,
-        alone=-2.0 * exact.log_likelihood,
+        value=models[best].likelihood.value,
+        alone=exact,
         instrument_rows=int(np.maximum(rows - _RIGID, 0).sum()),
         approaches=scatter.has_approaches,
+        undetected=None if best or known or not arm else _undetected(scatter, models[levels]),
+        levels=best,
+        model=models[best],
     )
-    if best:
-        return found
-    if not louder:
-        found = replace(found, variances=Variances.of_arm(scatter.joints, known))
-    if known is not None or not arm:
-        return found
-    return replace(found, undetected=_undetected(scatter, models[levels]))
+
+
+def _as_stated(noise: Marginal) -> float:
+    """-2 log likelihood of the instrument alone, as its maker states it."""
+    stated = replace(noise.variances, instrument=np.ones(1))
+    return RestrictedLikelihood(noise.likelihood.model, noise.design.theta(stated)).value
 
 
 def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:

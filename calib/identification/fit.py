@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.identification.components import variance_components
+from calib.identification.components import ArmVariances, variance_components
 from calib.identification.estimators import (
     Estimator,
     choose_directions,
@@ -39,7 +39,7 @@ from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
 from calib.observations import Observation, Points, points_of
 from calib.prior import Elementary, Prior, Widths, widths_of
-from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances, scatter_of
+from calib.scatter import Scatter, Undetected, Variances, scatter_of
 from calib.solver import Minimum, condensed
 
 # Of a fit that gross errors bend only the size of what it leaves is told: five digits of it.
@@ -63,7 +63,7 @@ class Estimation:
     choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
-    levels : VarianceEstimate or None, how whole poses err together
+    levels : ArmVariances or None, how whole poses err together
     sizes : Widths, of errors, where they hold what the readings leave open
     """
 
@@ -78,7 +78,7 @@ class Estimation:
     choice: Identifiable
     span: Array
     regular: bool
-    levels: VarianceEstimate | None = None
+    levels: ArmVariances | None = None
     sizes: Widths | None = None
 
     @property
@@ -145,10 +145,10 @@ class Estimation:
         levers = points_of(self.counted).rows(scatter.levers)
         return scatter, levers, self.estimator.judged(self.counted, values, self.span)
 
-    def under_levels(self, cell: Cell) -> Estimation:
+    def under_levels(self, cell: Cell, before: ArmVariances | None = None) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
         problem = self._problem
-        levels = variance_components(*problem, self.model.robot, cell.repeatability)
+        levels = variance_components(*problem, self.model.robot, cell.repeatability, before)
         observation = replace(self.observation, scatter=problem[0].at(levels.variances))
         return replace(self, observation=observation, levels=levels)
 
@@ -387,7 +387,7 @@ def _with_prior(
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
-    return replace(found, choice=fit.choice).under_levels(cell)
+    return replace(found, choice=fit.choice).under_levels(cell, fit.levels)
 
 
 def _with_size_prior(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:

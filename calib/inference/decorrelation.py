@@ -18,6 +18,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.inference.turned import TurnedRows
+from calib.solver import inverse_factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class Decorrelation:
     def L(self) -> Array:
         """Inverse Cholesky factors of cells without what they share, shape (A, k, k)."""
         V = self.own @ _t(self.own) + self.slot_variance[..., None] * np.eye(self.own.shape[1])
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+        return inverse_factor(V)
 
     @cached_property
     def K(self) -> Array:

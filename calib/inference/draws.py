@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, stacked
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,5 +31,8 @@ class Draws:
 
     def moved(self, columns: Array, t: int) -> Array:
         """``sum z (z^T P y)`` by variance, turned rows (A, k, t), of columns (A, k, a)."""
-        of = np.eye(t + 1)[self.owner][..., :t] * self.E[..., -1:]
-        return np.asarray(columns @ of[self.of_cell])
+        moved = columns * self.E[self.of_cell, None, :, -1]
+        owner, (A, k, _) = self.owner[self.of_cell], columns.shape
+        if (owner == owner[:1]).all():
+            return np.asarray((stacked(moved) @ np.eye(t + 1)[owner[0], :t]).reshape(A, k, t))
+        return np.asarray(moved @ np.eye(t + 1)[owner][..., :t])

@@ -40,6 +40,14 @@ class Marginal:
         likelihood = RestrictedLikelihood(model, design.theta(variances))
         return cls(design, variances, prior or Prior(), likelihood)
 
+    @classmethod
+    def fitted(cls, design: Design, prior: Prior, start: Variances | None = None) -> Marginal:
+        """The same at the variances that restricted likelihood finds."""
+        model = MixedModel.of(design)
+        theta = search(model, prior, start).theta
+        likelihood = RestrictedLikelihood(model, theta)
+        return cls(design, design.variances(theta), prior, likelihood)
+
     @property
     def log_likelihood(self) -> float:
         """Restricted log likelihood."""

@@ -1,8 +1,8 @@
 """Variances by restricted likelihood and their priors: every component, always.
 
 Newton's method with average information moves the logarithms of all variances at once, by steps of
-bounded length with Levenberg's damping, from several starts. The result depends on the design, the
-prior and the start alone, in this order of weight: the best of all maxima counts.
+bounded length with Levenberg's damping. The best maximum from two starts counts; where variances of
+nearly the same design are given, one search from these, or from a start that is likelier, goes on.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _LEAST = 1e-6  # of the residual variance: of an instrument
 _SIZES = 1.0, 1e-2, 1e2  # of a free amplitude, at the start
 _FEWEST = 10  # rows beyond the columns that say what an instrument's noise is
 _NOTHING = 1e-300  # a variance whose logarithm is a number
-_RUNS = 2  # starts that are followed to the end
+_RUNS = 2  # starts that are followed to the end where none is given
+_APART = 10.0  # -2 log L a row above the best start, at which the variances explain nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +50,16 @@ def reml(design: Design, prior: Prior | None = None, start: Variances | None = N
 
 
 def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> Search:
-    """The best maximum of the penalised restricted likelihood from several starts."""
+    """The best maximum of the penalised restricted likelihood.
+
+    start : Variances, from an earlier search; without, two starts are followed
+    """
     problem = _Problem.of(model, prior)
     starts = list(problem.starts(start))
-    values = [problem.at(theta)[0] for theta in starts]
-    kept = np.argsort(values, kind="stable")[:_RUNS]
-    found = [problem.descend(starts[i]) for i in kept]
+    values = np.array([problem.at(theta)[0] for theta in starts])
+    likely = values <= values.min() + _APART * max(1, len(model.design.live))
+    kept = np.argsort(values, kind="stable")[: min(_RUNS, int(likely.sum()))]
+    found = [problem.descend(starts[i]) for i in (kept if start is None else kept[:1])]
     return min(found, key=lambda one: round(one.objective, 5))
 
 

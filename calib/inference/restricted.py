@@ -21,7 +21,7 @@ from math import log, pi
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, stacked
 from calib.inference.decorrelation import Decorrelation
 from calib.inference.design import Design
 from calib.inference.draws import Draws
@@ -127,9 +127,14 @@ class RestrictedLikelihood:
         return found
 
     @cached_property
+    def orthonormal(self) -> Array:
+        """Independent rows (A, k, f + 1) of the combinations."""
+        return np.asarray((stacked(self.inside) @ self.combined).reshape(self.inside.shape))
+
+    @cached_property
     def weighted(self) -> Array:
         """Product of the inverse covariance with the combinations, turned rows, (A, k, f + 1)."""
-        return self.decorrelation.back(self.inside @ self.combined)
+        return self.decorrelation.back(self.orthonormal)
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array]:
@@ -152,10 +157,9 @@ class RestrictedLikelihood:
             inside[..., j] += self.model.inside[..., :-1][..., own] @ (self.scale[:-1][own] * z)
             outside[..., j] += self.outside[..., :-1][..., own] @ z
         rows = self.decorrelation(inside)
-        columns = self.inside @ self.combined[:, :-1]
-        along = np.tensordot(columns, rows, axes=([0, 1], [0, 1]))
+        along = stacked(self.orthonormal)[:, :-1].T @ stacked(rows)
         along += np.tensordot(alone[..., :-1], outside, axes=([0, 1], [0, 1]))
-        information = np.tensordot(rows, rows, axes=([0, 1], [0, 1])) - along.T @ along
+        information = stacked(rows).T @ stacked(rows) - along.T @ along
         return gradient, information + np.tensordot(outside, outside, axes=([0, 1], [0, 1]))
 
     @property
@@ -170,13 +174,14 @@ class RestrictedLikelihood:
         """Own draws of the cells, and shared draws of the components, each of unit variance."""
         turned, own = self.model.turned, self.decorrelation
         count = self.model.design.instruments
-        columns, shared = self._columns
-        of_own = np.broadcast_to(count + turned.own_of, (len(columns), len(turned.own_of)))
+        shared, deviation = own.shared, np.sqrt(own.slot_variance)[..., None]
+        of_own = np.broadcast_to(count + turned.own_of, (len(own.own), len(turned.own_of)))
         owner = np.concatenate([turned.instrument, of_own], axis=1)
-        moved = own.L @ columns
+        moved = np.concatenate([own.L * _t(deviation), own.L @ own.own], axis=-1)
         T = _t(moved) @ own.K @ own.root[turned.component]
         length = (moved**2).sum(axis=1) - (T**2).sum(axis=-1)
-        cells = Draws(owner, length, _t(columns) @ self.weighted, np.arange(len(columns)))
+        along = [deviation * self.weighted, _t(own.own) @ self.weighted]
+        cells = Draws(owner, length, np.concatenate(along, axis=1), np.arange(len(owner)))
         owner = np.where(turned.shared_of >= 0, count + turned.shared_of, -1)
         length = 1.0 - (own.root**2).sum(axis=-1)
         of_shared = turned.sums(_t(shared) @ self.weighted)

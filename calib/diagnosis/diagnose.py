@@ -26,10 +26,11 @@ from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.stage import Stage
+from calib.identification.checks import check_counts
 from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import with_stations_of
-from calib.identification.start import check_counts, initial_values, whitening
+from calib.identification.start import initial_values, whitening
 from calib.model.build import build
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session

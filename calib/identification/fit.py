@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
+from calib.identification.checks import outnumbered
 from calib.identification.components import ArmVariances, variance_components
 from calib.identification.estimators import (
     Estimator,
@@ -33,7 +34,7 @@ from calib.identification.outliers import (
     threshold,
     wrongly_out,
 )
-from calib.identification.start import outnumbered, strayed
+from calib.identification.start import strayed
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable
@@ -387,7 +388,7 @@ def _with_prior(
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
-    return replace(found, choice=fit.choice).under_levels(cell, fit.levels)
+    return replace(found, choice=fit.choice).under_levels(cell, fit.levels if fit.sizes else None)
 
 
 def _with_size_prior(cell: Cell, alone: Estimation, errors: Elementary) -> Estimation:

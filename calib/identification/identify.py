@@ -11,15 +11,15 @@ from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Tool
-from calib.errors import CalibError, Unsolvable
+from calib.errors import Unsolvable
+from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimators import Estimator, Method
 from calib.identification.fit import Estimation, fitted
 from calib.identification.identification import Identification, Status
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
-from calib.identification.start import check_counts, initial_values, strayed, whitening
+from calib.identification.start import initial_values, strayed, whitening
 from calib.identification.tuning import with_tunings
-from calib.instruments import Tracker
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
 from calib.model.common_errors import considered
@@ -31,7 +31,6 @@ from calib.observations import (
     Points,
     Weighting,
     as_poses,
-    orientable,
     points_of,
     with_measured_shape,
 )
@@ -93,7 +92,7 @@ def estimated(
 
     Returns the model, where the search started, shape (p,), and the estimate.
     """
-    check_options(approach, method, weighting, length)
+    check_options(length, approach=approach, method=method, weighting=weighting)
     built = build(cell, data.poses)
     data = after_the_first_move(built.model, data)
     asked = cell.size_prior == "estimated"
@@ -219,35 +218,3 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
-
-
-def check_options(approach: str, method: str, weighting: str, length: float) -> None:
-    """Refuse options that are unknown or do not go together."""
-    for value, known in (
-        (approach, ("points", "pose")),
-        (method, ("joint", "two-step")),
-        (weighting, ("full", "normalised", "plain")),
-    ):
-        if value not in known:
-            raise CalibError(f"{value!r} is unknown; choose {' or '.join(known)}")
-    if not 0.0 < length < np.inf:
-        raise CalibError(f"the characteristic length {length} must be a length above zero")
-
-
-def check_orientable(model: Model, data: Measurements, start: Array) -> None:
-    """Refuse approach pose where no orientation can be had."""
-    if not all(type(i) is Tracker for i in model.instruments):
-        raise CalibError(
-            "approach pose makes poses of the points that a tracker reads of several markers; here "
-            "readings are of other kinds, so use approach points"
-        )
-    if model.scattered:
-        raise CalibError(
-            "approach pose makes the tip's pose of markers on one link; here they ride on several, so "
-            "use approach points"
-        )
-    if not orientable(model.marker_positions(start), data.seen).any():
-        raise CalibError(
-            "approach pose needs three visible markers that are not in line; "
-            "measure more markers, or use approach points"
-        )

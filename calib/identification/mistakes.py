@@ -15,8 +15,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import ImplausibleData
+from calib.identification.checks import refuse_unreachable
 from calib.identification.slips import Slip, reordered, tables, two_zeros
-from calib.identification.start import initial_values, missed_by, refuse_unreachable
+from calib.identification.start import initial_values, missed_by
 from calib.model import Model
 from calib.poses import Measurements
 

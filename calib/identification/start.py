@@ -1,7 +1,4 @@
-"""Where a search starts: instruments and markers placed from nothing but the readings, and weights.
-
-What no choice of so few poses could determine is refused before it is tried.
-"""
+"""Where a search starts: instruments and markers placed from nothing but the readings, and weights."""
 
 from __future__ import annotations
 
@@ -12,8 +9,8 @@ from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.effects.base import Base
-from calib.effects.tool import Body, Tool
-from calib.errors import CalibError, TooFewPoses
+from calib.effects.tool import Tool
+from calib.errors import CalibError
 from calib.instruments import Instrument
 from calib.instruments.protocol import Nominal
 from calib.model import Model
@@ -22,7 +19,6 @@ from calib.poses import Measurements
 
 _ROOM = 10.0  # reaches of the arm
 _ABSURD = 1e3  # plausible sizes
-_NO_UNIT = 1e5  # arm lengths between points, beyond which no wrong unit explains them
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -148,65 +144,3 @@ def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Ar
         )
     W = model.readout.whitening(values, data.poses, data.readings, data.sigma)
     return W * data.seen[..., None, None]
-
-
-def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
-    """Refuse what no choice of so few poses could determine.
-
-    A reading of M markers on a tip fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of
-    a body 6; the shape of the set of markers and bodies is common to all readings.
-    share : of the errors that the readings must determine, beside all places; their sizes hold the rest
-
-    Raises TooFewPoses with the number that is needed, CalibError for points that no arm of this size
-    could have reached.
-    """
-    if (tracked := model.tracked(data)) is not None:
-        refuse_unreachable(*tracked, _NO_UNIT)
-    p, places = len(model.parameters), len(model.where(Base, Tool))
-    needed = places + share * (p - places)
-    equations, each, beside = _equations(model, data)
-    if equations < needed:
-        measured = int(data.seen.any(axis=1).sum())
-        raise TooFewPoses(measured, int(np.ceil((needed - beside) / each)), p, equations)
-
-
-def outnumbered(model: Model, data: Measurements) -> bool:
-    """Whether there are more parameters than any choice of so few poses could determine."""
-    return _equations(model, data)[0] < len(model.parameters)
-
-
-def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
-    """How many there are, at most how many of a pose, and how many beside the poses."""
-    # How many numbers say where the markers and bodies are on their tips.
-    bodies = [e for e in model.effects if isinstance(e, Body)]
-    rigid = coordinates = 0
-    channels = model.readout.channels
-    read = np.concatenate([i.read_of(len(model.markers)) for i in channels.instruments])
-    for _, riding in model.by_tip:
-        markers = np.intersect1d(riding, read)
-        own = sum(body.marker in markers for body in bodies)
-        numbers = 3 * (len(markers) - 3 * own) + 6 * own
-        rigid += {3: 3, 6: 5}.get(numbers, 6) if len(markers) < 3 else 6
-        coordinates += numbers
-    shape = coordinates - rigid if len(model.where(Tool)) else 0
-    measured = int(data.seen.any(axis=1).sum())
-    placed = sum(
-        len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.has_stations
-    )
-    numbers = int((data.seen * channels.rows).sum())
-    known = model.prior_rows
-    equations = min(numbers, rigid * measured + shape + placed) + known
-    return equations, rigid, shape + known
-
-
-def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:
-    """Refuse points that lie more than so many arm lengths apart. Raises CalibError."""
-    points = data.points[data.seen]
-    if not len(points):  # the counts say what is missing
-        return
-    spread = float(np.ptp(points, axis=0).max())
-    if spread > lengths * model.robot.reach:
-        raise CalibError(
-            f"the points lie {spread:.0f} m apart and the arm is {model.robot.reach:.1f} m long; check "
-            "the units of the points' columns and of the robot's file"
-        )

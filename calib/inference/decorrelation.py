@@ -78,6 +78,13 @@ class Decorrelation:
         """Root (C, c, c) of the inverse of ``I + K^T K``."""
         return self._roots[1]
 
+    @cached_property
+    def inverse(self) -> Array:
+        """Blocks (A, k, k) of the inverse covariance of the turned rows, cell by cell."""
+        back = _t(self.L)
+        shared = back @ self.K @ self.root[self.turned.component]
+        return np.asarray(back @ self.L - shared @ _t(shared))
+
     def _without_shared(self, rows: Array) -> Array:
         if not self.K.shape[-1]:
             return rows

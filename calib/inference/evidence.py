@@ -60,7 +60,7 @@ def block_evidence(
     seen = d > VISIBLE**2 * np.max(lengths**2, initial=0.0)
     d, axes = d[seen], axes[:, seen]
     left = e - mean
-    shift = float(e @ e - left @ left)
+    shift = float(mean @ (e + left))
     squares = (axes.T @ (Y.T @ left)) ** 2
     size, gain = _best(d, squares) if amplitude is None else (amplitude**2, 0.0)
     if amplitude is not None:

@@ -214,10 +214,7 @@ class Marginal:
         f = len(own.coefficients)
         rows = np.column_stack([design.columns, design.response]) * own.scale
         G = self._solved(rows @ own.combined) * self._deviation[:, None]
-        root = own.decorrelation.root[turned.component]
-        back = np.swapaxes(own.decorrelation.L, -1, -2)
-        shared = back @ own.decorrelation.K @ root
-        inverse = back @ own.decorrelation.L - shared @ np.swapaxes(shared, -1, -2)
+        inverse = own.decorrelation.inverse
         inverse = inverse - np.eye(inverse.shape[-1]) / own.decorrelation.slot_variance[..., None]
         U = turned.U * self._deviation[:, None]
         statistic, count = np.zeros(len(design.r)), np.zeros(len(design.r), dtype=np.int_)

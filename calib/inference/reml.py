@@ -58,8 +58,8 @@ def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> S
     starts = list(problem.starts(start))
     values = np.array([problem.at(theta)[0] for theta in starts])
     likely = values <= values.min() + _APART * max(1, len(model.design.live))
-    kept = np.argsort(values, kind="stable")[: min(_RUNS, int(likely.sum()))]
-    found = [problem.descend(starts[i]) for i in (kept if start is None else kept[:1])]
+    _, different = np.unique(np.where(likely, values, values.min()).round(9), return_index=True)
+    found = [problem.descend(starts[i]) for i in different[: _RUNS if start is None else 1]]
     return min(found, key=lambda one: round(one.objective, 5))
 
 

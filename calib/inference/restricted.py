@@ -24,7 +24,6 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.inference.decorrelation import Decorrelation
 from calib.inference.design import Design
-from calib.inference.draws import Draws
 from calib.inference.least_squares import inverse_triangle, joined_triangle, triangle
 from calib.inference.turned import TurnedRows, turned_rows
 
@@ -147,9 +146,9 @@ class RestrictedLikelihood:
         gradient[:count] = turned.outside - taken - (alone[..., -1] ** 2).sum(axis=1)
         inside, outside = np.zeros((*turned.instrument.shape, t)), np.zeros((*alone.shape[:2], t))
         outside[range(count), :, range(count)] = alone[..., -1]
-        for draws, columns in zip(self.draws, self._columns, strict=True):
-            gradient += draws.slopes(t)
-            inside += draws.moved(columns, t)
+        for slope, moved in (self._own, self._shared):
+            gradient += slope
+            inside += moved
         for j, block in enumerate(design.free_blocks, start=count + len(design.effects)):
             own = design.block_of_column == block
             W, z = self.inverse[own], self.coefficients[own]
@@ -163,29 +162,27 @@ class RestrictedLikelihood:
         return gradient, information + np.tensordot(outside, outside, axes=([0, 1], [0, 1]))
 
     @property
-    def _columns(self) -> tuple[Array, Array]:
-        """How own draws, shape (A, k, a), and shared draws, (A, k, c), move the turned rows."""
-        own = self.decorrelation
-        noise = np.sqrt(own.slot_variance)[..., None] * np.eye(own.slot_variance.shape[1])
-        return np.concatenate([noise, own.own], axis=-1), own.shared
+    def _own(self) -> tuple[Array, Array]:
+        """Slopes (t,) by noise and draws of single cells, and m_j (A, k, t), turned rows."""
+        outer, w = self.model.turned.outer, self.weighted
+        own = np.zeros(len(self.theta))
+        own[: len(outer)] = self.theta[: len(outer)]
+        left = self.decorrelation.inverse - w @ _t(w)
+        slope, moved = np.zeros(len(own)), np.zeros((*w.shape[:2], len(own)))
+        slope[: len(outer)] = outer.reshape(len(outer), -1) @ left.ravel()
+        moved[..., : len(outer)] = np.moveaxis((outer * w[:, None, :, -1]).sum(axis=-1), 0, -1)
+        return own * slope, own * moved
 
-    @cached_property
-    def draws(self) -> tuple[Draws, Draws]:
-        """Own draws of the cells, and shared draws of the components, each of unit variance."""
-        turned, own = self.model.turned, self.decorrelation
-        count = self.model.design.instruments
-        shared, deviation = own.shared, np.sqrt(own.slot_variance)[..., None]
-        of_own = np.broadcast_to(count + turned.own_of, (len(own.own), len(turned.own_of)))
-        owner = np.concatenate([turned.instrument, of_own], axis=1)
-        moved = np.concatenate([own.L * _t(deviation), own.L @ own.own], axis=-1)
-        T = _t(moved) @ own.K @ own.root[turned.component]
-        length = (moved**2).sum(axis=1) - (T**2).sum(axis=-1)
-        along = [deviation * self.weighted, _t(own.own) @ self.weighted]
-        cells = Draws(owner, length, np.concatenate(along, axis=1), np.arange(len(owner)))
-        owner = np.where(turned.shared_of >= 0, count + turned.shared_of, -1)
-        length = 1.0 - (own.root**2).sum(axis=-1)
-        of_shared = turned.sums(_t(shared) @ self.weighted)
-        return cells, Draws(owner, length, of_shared, turned.component)
+    @property
+    def _shared(self) -> tuple[Array, Array]:
+        """The same by draws that cells share."""
+        turned, own, t = self.model.turned, self.decorrelation, len(self.theta)
+        owner = np.where(turned.shared_of >= 0, self.model.design.instruments + turned.shared_of, t)
+        of = np.eye(t + 1)[owner][..., :t]
+        E = turned.sums(_t(own.shared) @ self.weighted)
+        slope = 1.0 - (own.root**2).sum(axis=-1) - (E**2).sum(axis=-1)
+        moved = own.shared @ (of * E[..., -1:])[turned.component]
+        return np.tensordot(slope, of, axes=2), moved
 
 
 def _t(a: Array) -> Array:

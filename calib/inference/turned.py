@@ -47,6 +47,15 @@ class TurnedRows:
     shared: Array
     shared_of: IntArray
 
+    @cached_property
+    def outer(self) -> Array:
+        """Covariance of each cell by noise and own draws of variance one, shape (i + v, A, k, k)."""
+        k, effects = self.instrument.shape[1], int(self.own_of.max(initial=-1)) + 1
+        slots = self.instrument[None] == np.arange(len(self.outside))[:, None, None]
+        noise = slots[..., None] * np.eye(k)
+        own = [self.own[..., self.own_of == j] for j in range(effects)]
+        return np.concatenate([noise, *((z @ np.swapaxes(z, -1, -2))[None] for z in own)])
+
     def inside(self, rows: Array) -> Array:
         """``U^T rows``, shape (A, k, w), of live rows (N, w)."""
         found = np.zeros((*self.instrument.shape, rows.shape[1]))

@@ -23,8 +23,8 @@ from calib.diagnosis.screen import Field, field
 from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
+from calib.identification.checks import check_counts
 from calib.identification.estimators import choose_directions
-from calib.identification.start import check_counts
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable

@@ -184,7 +184,7 @@ def test_work_grows_as_groups_and_not_as_their_square() -> None:
         found.derivatives  # noqa: B018
         own = found.decorrelation
         held = [own.L, own.K, own.root, found.inside, found.weighted]
-        held += [a for draws in found.draws for a in (draws.length, draws.E)]
+        held += [own.inverse, found.model.turned.outer, found.orthonormal]
         return sum(a.size for a in held)
 
     assert numbers(80) == 2 * numbers(40)

@@ -13,13 +13,14 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.covariance import Identifiable, identifiable
+from calib.model.covariance import Identifiable, Unidentifiable, identifiable
 from calib.observations import Observation, points_of
 from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
 
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
 _SETTLED = 1e-6  # of a plausible size, or of the standard deviations of the estimate
+_DIVERGED = "these poses tell so little of it that its estimate ran away"
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
 
 
@@ -59,29 +60,17 @@ class Estimator:
             values = levenberg_marquardt(points_of(counted).flat, values, span).values
         return by_instrument(observation, values, span)
 
-    def covariance(self, observation: Observation, values: Array, span: Array) -> Array:
-        """Covariance (p, p) for the noise as stated."""
-        return observation.covariance(values, span)
+    def freedom(self, observation: Observation, values: Array, span: Array) -> int:
+        """Degrees of freedom of the readings' residuals; negative where the readings do not suffice.
 
-    def followed(self, observation: Observation, values: Array, span: Array, moved: Array) -> Array:
-        """How values follow readings displaced by ``moved`` (m, C, r, b), shape (p, b), SI."""
-        return observation.followed(values, span, moved)
-
-    def dof(self, observation: Observation, span: Array) -> int:
-        """Degrees of freedom of the residuals; negative where the readings do not suffice."""
-        known = observation.model.known_rows
-        return int(observation.numbers.sum()) + known - int(span.shape[1])
-
-    def dof_of_readings(self, observation: Observation, values: Array, span: Array) -> int:
-        """The same less those of the prior's own residuals, which are no residuals of readings.
-
-        These are its rows less what it determines of the values.
+        Rows of the sizes' prior count less what they determine of the values.
         """
-        dof, rows = self.dof(observation, span), observation.model.prior_rows
-        if not rows:
+        model = observation.model
+        dof = int(observation.numbers.sum()) + model.known_rows - int(span.shape[1])
+        if not (rows := model.prior_rows):
             return dof
         follow = observation.linear(values, span).held_gains[-rows:]
-        return dof - round(rows - float(np.trace(observation.model.by_prior @ follow.T)))
+        return dof - round(rows - float(np.trace(model.by_prior @ follow.T)))
 
 
 def by_instrument(observation: Observation, values: Array, span: Array) -> LinearProblem:
@@ -124,6 +113,47 @@ def choose_directions(
         sizes.append(model.sizes[members].max())
         names.append(ids[members[0]] if alone else "tool (as one body)")
     return identifiable(condensed(J) @ span, np.array(sizes), tuple(names))
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """What is estimated.
+
+    among : ndarray, shape (p, n), directions to choose from; chosen : Identifiable, of them
+    diverged : tuple of Unidentifiable, that are not among them, for a fit lost them
+    """
+
+    among: Array
+    chosen: Identifiable
+    diverged: tuple[Unidentifiable, ...] = ()
+
+    @classmethod
+    def at(cls, observation: Observation, values: Array) -> Directions:
+        """What the data determine at some values."""
+        among = observation.span()
+        return cls(among, choose_directions(observation, values, among))
+
+    def anew(self, observation: Observation, values: Array) -> Directions:
+        """The choice made anew, linearised at other values."""
+        return replace(self, chosen=choose_directions(observation, values, self.among))
+
+    def without(self, observation: Observation, values: Array, out: Mask) -> Directions:
+        """The choice without values (p,) whose estimates diverged."""
+        names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(out))
+        among = self.among[:, np.abs(self.among[out]).sum(axis=0) == 0.0]
+        diverged = (*self.diverged, Unidentifiable(names, _DIVERGED))
+        return replace(self, among=among, diverged=diverged).anew(observation, values)
+
+    @property
+    def span(self) -> Array:
+        """The directions that are estimated, shape (p, k)."""
+        return self.among[:, self.chosen.kept]
+
+    @property
+    def identifiable(self) -> Identifiable:
+        """What the data determine, with what a fit lost."""
+        lost = (*self.chosen.unidentifiable, *self.diverged)
+        return replace(self.chosen, unidentifiable=lost)
 
 
 # -- the paper's two steps -------------------------------------------------------------------------

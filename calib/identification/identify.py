@@ -14,10 +14,11 @@ from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimators import Estimator, Method
-from calib.identification.fit import Estimation, fitted
+from calib.identification.fit import Estimation
 from calib.identification.identification import Identification, Status
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
+from calib.identification.sizes import fitted
 from calib.identification.start import initial_values, strayed, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
@@ -137,7 +138,7 @@ def _identification(
         status = "not_converged"
     # Poses whose markers were measured and do not count.
     idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
-    follow = partial(fit.estimator.followed, counted, values, span)
+    follow = partial(counted.followed, values, span)
     return Identification(
         **fields_of(fit),
         covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),

@@ -12,7 +12,7 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.linear import LinearProblem
 from calib.model.covariance import covariance
-from calib.poses import Poses
+from calib.poses import Measurements, Poses
 from calib.solver import condensed
 
 _ALPHA = 1e-3
@@ -29,6 +29,38 @@ _FEWEST = 12  # poses below which a wrong one cannot be told from a right one
 _FEW = 30  # poses below which quartiles mean little and poses are tested one by one
 _ALONE = 0.15  # of the range of the others: how far beyond them a pose is extrapolated
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Poses to keep, the statistic of every pose, both (m,), and its limit."""
+
+    kept: Mask
+    statistics: Array
+    limit: float
+
+
+def judged(
+    data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof: Callable[[], int]
+) -> Judgement:
+    """What a fit to the poses kept, shape (m,), says of every pose.
+
+    linear : LinearProblem, of all poses; rows : int, of each; dof : of the poses kept
+    """
+    statistics, counted = pose_statistics(linear, kept)
+    statistics = statistics / extrapolation_factor(data.poses, linear, kept, statistics)
+    if not _FEWEST <= len(kept) < _FEW:
+        limit = threshold(statistics, rows)
+        return Judgement(~judge(statistics, limit), statistics, limit)
+    cost = float((linear.r[kept] ** 2).sum())
+    share = independent_share(data.in_place(linear.r).reshape(len(kept), -1), kept)
+    tested = statistics, counted, kept, cost, dof(), share
+    fresh = kept.copy()
+    if (back := wrongly_out(*tested)) is not None:
+        fresh[back] = True
+    elif (worst := next_outlier(*tested)) is not None:
+        fresh[worst] = False
+    return Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
 
 
 def pose_statistics(linear: LinearProblem, kept: Mask) -> tuple[Array, Array]:
@@ -103,11 +135,6 @@ def judge(statistics: Array, limit: float) -> Mask:
     out = np.zeros(len(statistics), dtype=bool)
     out[order[:most]] = True
     return out & (statistics > limit)
-
-
-def small_set(poses: int) -> bool:
-    """Whether poses are tested one by one."""
-    return _FEWEST <= poses < _FEW
 
 
 def independent_share(r: Array, kept: Mask) -> float:

@@ -152,7 +152,7 @@ def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))
-    cov = fit.estimator.covariance(replace(fit.counted, scatter=None), values, fit.span)
+    cov = replace(fit.counted, scatter=None).covariance(values, fit.span)
     r, J = points.linearise(values)
     if not np.isfinite(r).all():
         raise NoEquilibrium(" at the held-out poses")

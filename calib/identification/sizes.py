@@ -9,6 +9,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.identification.checks import outnumbered
+from calib.identification.components import ArmVariances
 from calib.identification.estimators import Estimator
 from calib.identification.fit import Estimation, search, weighed_search
 from calib.linear import LinearProblem, orthonormal
@@ -19,6 +20,7 @@ from calib.solver import condensed
 
 _ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
+_LITTLE = 0.01  # of the degrees of freedom of the residuals
 
 
 def fitted(
@@ -41,11 +43,15 @@ def fitted(
 
 
 def _with_prior(
-    cell: Cell, fit: Estimation, prior: Prior, lost: tuple[int, ...] = ()
+    cell: Cell,
+    fit: Estimation,
+    prior: Prior,
+    lost: tuple[int, ...] = (),
+    before: ArmVariances | None = None,
 ) -> Estimation:
     """The estimate with a prior of sizes, gone on with from one without, or with others.
 
-    lost : positions of values that stay where they are
+    lost : positions of values that stay where they are; before : variances to begin with
     """
     observation = replace(
         fit.observation,
@@ -55,8 +61,6 @@ def _with_prior(
         lost=lost,
     )
     found = search(fit.estimator, observation, fit.values, fit.kept)
-    # Without sizes other variances may be likelier: the search of those goes on from no others.
-    before = None if fit.sizes is None else fit.levels
     return replace(found, choice=fit.choice).with_variances(cell, before)
 
 
@@ -78,7 +82,10 @@ def _with_widths(cell: Cell, alone: Estimation, errors: Elementary) -> Estimatio
             return fit
         if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
             break
-        fit = replace(_with_prior(cell, fit, sizes.prior, lost), sizes=sizes)
+        # Where the prior holds much, the variances of the fit without it are those of another one.
+        same = fit.sizes is not None or sizes.saved < _LITTLE * fit.left[1]
+        before = fit.levels if same else None
+        fit = replace(_with_prior(cell, fit, sizes.prior, lost, before), sizes=sizes)
     return fit
 
 

@@ -19,7 +19,7 @@ from calib.identification.identification import Identification, Status
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
 from calib.identification.sizes import fitted
-from calib.identification.start import initial_values, strayed, whitening
+from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
 from calib.model.build import Built, build, refuse_idle_effects
@@ -95,18 +95,26 @@ def estimated(
     """
     check_options(length, approach=approach, method=method, weighting=weighting)
     built = build(cell, data.poses)
-    data = after_the_first_move(built.model, data)
+    model, data = built.model, after_the_first_move(built.model, data)
     asked = cell.size_prior == "estimated"
-    check_counts(built.model, data, _SHARE if asked else 1.0)
-    refuse_idle_effects(cell, built.model, data.poses)
+    check_counts(model, data, _SHARE if asked else 1.0)
+    refuse_idle_effects(cell, model, data.poses)
     try:
-        points, start = _points(cell, built.model, data, approach)
-        observation: Observation = (
-            points
-            if approach == "points"
-            else as_poses(points, points.model.marker_positions(start), weighting, length)
-        )
-        errors = elementary(built.model, built.full) if asked else None
+        start = initial_values(model, data)
+        refuse_mistakes(model, data, start)
+        weights = whitening(cell, model, start, data)
+        points, start = with_tunings(Points(model, data, weights), start)
+        if approach == "pose":
+            check_orientable(model, data, start)
+            if len(model.where(Tool)):
+                start = with_measured_shape(points.model, data, start)
+        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+        points = replace(points, known=scatter_of(points.model, start, data.poses, arm))
+        observation: Observation = points
+        if approach == "pose":
+            shape = points.model.marker_positions(start)
+            observation = as_poses(points, shape, weighting, length)
+        errors = elementary(model, built.full) if asked else None
         return built, start, fitted(cell, Estimator(method), observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
@@ -173,24 +181,6 @@ def _parts(
     if held is not None:
         parts |= {"heldout": (held, None), "heldout_trimmed": (held, ~held.outlier)}
     return parts
-
-
-def _points(
-    cell: Cell, model: Model, data: Measurements, approach: Approach
-) -> tuple[Points, Array]:
-    """What is fitted, whitened, its tunings found by a scan, and where the search starts (p,)."""
-    start = initial_values(model, data)
-    refuse_mistakes(model, data, start)
-    weights = whitening(cell, model, start, data)
-    model, tuned = with_tunings(Points(model, data, weights), start)
-    start = np.where(strayed(model, data, start, tuned), start, tuned)
-    if approach == "pose":
-        check_orientable(model, data, start)
-        if len(model.where(Tool)):
-            start = with_measured_shape(model, data, start)
-    points = Points(model, data, weights)
-    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-    return replace(points, known=scatter_of(model, start, data.poses, arm)), start
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:

@@ -15,6 +15,7 @@ from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
 from calib.identification.scan import Carried, carried, falls, times
+from calib.identification.start import strayed
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
@@ -28,18 +29,18 @@ _ANY = 1e4  # plausible sizes: amplitudes that nothing holds back
 _NOTHING = 1e-8  # share of a column that the rest leaves, below which it is none
 
 
-def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
-    """The model with tunings from the data, and values at which the search begins.
+def with_tunings(points: Points, start: Array) -> tuple[Points, Array]:
+    """The readings of the model with tunings from the data, and values at which the search begins.
 
     points : Points, of the model; start : ndarray, shape (p,), SI, base and markers in place
     All else is fitted first; of a pose that stands out only so much counts as others leave, for one
     outlier is no jump. The effects are tuned one after the other, the one that gains most first,
-    and each once more beside the others.
+    and each once more beside the others. What diverges begins where it was.
     """
     model = points.model
     tuned = [e for e in model.effects if isinstance(e, Tuned)]
     if not tuned:
-        return model, start
+        return points, start
     rest, known = points.model.without(tuned, start)
     values, span, share = _fitted(replace(points, model=rest), known)
     r, J, carriers = _linearised(replace(points, model=rest), values, tuned)
@@ -67,7 +68,9 @@ def with_tunings(points: Points, start: Array) -> tuple[Model, Array]:
     size = np.where(size > 0.0, size, 1.0)
     step = np.linalg.lstsq(X / size, problem.r.ravel(), rcond=_NOTHING)[0] / size
     chosen, k = [found[i] for i in range(len(tuned))], span.shape[1]
-    return _together(model, tuned, chosen, values + span @ step[:k], step[k:])
+    model, begun = _together(model, tuned, chosen, values + span @ step[:k], step[k:])
+    away = strayed(model, points.data, start, begun)
+    return replace(points, model=model), np.where(away, start, begun)
 
 
 def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:

@@ -199,22 +199,6 @@ def _undone(
 # -- points beside their joints --------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """Poses whose points belong to the joints of the pose that comes ``by`` later, 1 or -1.
-
-    rows : ndarray of int, in the order of measurement; before, after : ndarray, the same shape, m, by
-        which the nominal arm misses each, as read and mended
-    whole : whether no pose fits as it is
-    """
-
-    by: int
-    rows: IntArray
-    before: Array
-    after: Array
-    whole: bool
-
-
 def _shifted(model: Model, data: Measurements) -> Mistake | None:
     """Points one pose beside their joints, from the first pose to the last or from a lost one on."""
     order = data.poses.order
@@ -222,26 +206,12 @@ def _shifted(model: Model, data: Measurements) -> Mistake | None:
         return None
     data, order = data.take(np.argsort(order)), np.sort(order)
     runs = [run for by in (1, -1) for run in _runs(model, data, order, by)]
-    if not runs:
-        return None
-    found = max(runs, key=lambda run: len(run.rows))
-    if _rms(found.before) < _TIMES * _rms(found.after):
-        return None
-    names = tuple(data.poses.names[i] for i in found.rows)
-    where = "" if found.whole else f" from {names[0]} to {names[-1]}"
-    beside, down = ("next pose", "down") if found.by > 0 else ("pose before", "up")
-    return Mistake(
-        (f"shifted by {found.by}",),
-        (f"the points are shifted by one pose against the joints{where}: they fit the {beside}",),
-        (f"move their columns {down} by one pose",),
-        _rms(found.before),
-        _rms(found.after),
-        () if found.whole else names,
-    )
+    found = max(runs, key=lambda run: run[0], default=(0, None))[1]
+    return found if found and found.nominal >= _TIMES * found.mended else None
 
 
-def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[_Run]:
-    """Runs that fit only at the joints of the neighbour that was measured ``by`` later."""
+def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[tuple[int, Mistake]]:
+    """Runs of so many poses that fit only at the joints of the one that was measured ``by`` later."""
     near, beside = _ARM * model.robot.reach, np.arange(len(data)) + by
     there = (beside >= 0) & (beside < len(data))
     there[there] = order[beside[there]] - order[there] == by  # none between was held out
@@ -258,8 +228,23 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[_
         held, outside = there[run], np.delete(as_read, run)
         fits = outside.mean() >= _MOST_SHIFTED if len(outside) > 2 else True
         if fits and as_moved[run][held].mean() >= _MOST_SHIFTED:
-            own = run[held & as_moved[run]]
-            yield _Run(by, own, before[own], after[own], not (as_read & ~as_moved).any())
+            run = run[held & as_moved[run]]
+            some = bool((as_read & ~as_moved).any())  # poses fit as they are
+            poses = tuple(data.poses.names[i] for i in run)
+            yield len(run), _shift(by, poses, some, _rms(before[run]), _rms(after[run]))
+
+
+def _shift(by: int, poses: tuple[str, ...], some: bool, nominal: float, mended: float) -> Mistake:
+    where = f" from {poses[0]} to {poses[-1]}" if some else ""
+    beside, down = ("next pose", "down") if by > 0 else ("pose before", "up")
+    return Mistake(
+        (f"shifted by {by}",),
+        (f"the points are shifted by one pose against the joints{where}: they fit the {beside}",),
+        (f"move their columns {down} by one pose",),
+        nominal,
+        mended,
+        poses if some else (),
+    )
 
 
 def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> Iterator[Array]:

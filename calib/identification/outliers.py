@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -208,7 +208,6 @@ def wrongly_out(
 _MOST_LEFT_OUT = 1.0 / 3.0  # of the configurations, that are left out at an end
 _WIDER = 1.5  # times the widest gap among the others
 _FREE = 1e-3  # of a direction that the others must still tell
-_RANK = 1e-9
 _STANDS_OUT = 3.0  # times the mean square of a usual pose, below which none is an outlier
 
 
@@ -270,33 +269,24 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
 
     Farther, too, than any of the others from the next one: the end of a grid is not alone.
     """
-    _, first = np.unique(poses.configuration, return_index=True)
+    each, first = np.unique(poses.configuration, return_index=True)
     far: dict[int, float] = {}
-    for values in poses.q[first].T:
-        for i, gap in _beyond(values).items():
-            others = np.sort(np.delete(values, i))
-            if gap > _WIDER * np.diff(others).max():
+    for values in poses.q[first].T if len(first) > 3 else ():
+        order = np.argsort(values, kind="stable")
+        for end, *others in (order, order[::-1]):
+            apart = np.abs(np.diff(values[others]))
+            gap, reach = float(abs(values[others[0]] - values[end])), float(apart.sum())
+            if gap > max(_ALONE * reach, _WIDER * float(apart.max())):
                 # Where the others hold the joint still, as far as their range could be wide.
-                reached = float(others[-1] - others[0]) or gap
-                far[i] = max(far.get(i, 0.0), gap / reached)
+                far[end] = max(far.get(end, 0.0), gap / (reach or gap))
     for i, share in far.items():
-        yield poses.configuration == i, share
+        yield poses.configuration == each[i], share
 
 
 def _fitted(linear: LinearProblem, others: Mask) -> _Others:
-    r, J, span = linear.r, linear.J, linear.span
-    m, rows = r.shape
-    held = linear.prior_weight * linear.held @ span
-    A = np.concatenate([(J[others] @ span).reshape(-1, span.shape[1]), held])
-    U, s, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
-    U = U[:, s > _RANK * s.max(initial=0.0)]
-    y = np.concatenate([r[others].ravel(), linear.prior_weight * linear.off])
-    y = y - U @ (U.T @ y)
-    count = int(others.sum()) * rows
-    left, Q = np.zeros((m, rows)), np.zeros((m, rows, U.shape[1]))
-    left[others] = y[:count].reshape(-1, rows)
-    Q[others] = U[:count].reshape(-1, rows, U.shape[1])
-    return _Others(left, Q, np.abs(J).any(axis=-1).sum(axis=-1))
+    r, J = linear.r * others[:, None], linear.J * others[:, None, None]
+    fit = replace(linear, r=r, J=J, mixing=None, weighing=None).complement
+    return _Others(*fit.at_readings, linear.J.any(axis=-1).sum(axis=-1))
 
 
 def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, float]]:
@@ -317,17 +307,3 @@ def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, 
             if near < len(order) and distance[near] > 0.0:  # else a third of them share one value
                 out = np.isin(configuration, each[order[:near]])
                 yield configuration == each[order[0]], out, float(distance[near])
-
-
-def _beyond(values: Array) -> dict[int, float]:
-    """Positions of the one or two values that lie far beyond all others, and by how much."""
-    order = np.argsort(values, kind="stable")
-    if len(order) < 4:
-        return {}
-    ends = ((order[0], order[1], order[-1]), (order[-1], order[-2], order[0]))
-    found = {}
-    for end, following, other in ends:
-        gap = float(abs(values[end] - values[following]))
-        if gap > _ALONE * float(abs(values[other] - values[following])):
-            found[int(end)] = gap
-    return found

@@ -90,18 +90,17 @@ def variance_components(
     noise, exact = models[()], _as_stated(models[()])
     louder = exact - noise.likelihood.value > _PAYS + choice
     rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
-    shows = bool(best or louder)
+    found = _as_variances(scatter.joints, models[best], known)
+    asked = known is None and len(arm) > 0
     return ArmVariances(
-        _as_variances(scatter.joints, models[best], known)
-        if shows
-        else Variances.of_arm(scatter.joints, known),
+        found if best or louder else Variances.of_arm(scatter.joints, known),
         free=np.arange(1 + len(arm)) if best else np.zeros(int(louder), dtype=int),
         theta=np.zeros(0),
         value=models[best].likelihood.value,
         alone=exact,
         instrument_rows=int(np.maximum(rows - _RIGID, 0).sum()),
         approaches=scatter.has_approaches,
-        undetected=None if best or known or not arm else _undetected(scatter, models[levels]),
+        undetected=_undetected(scatter, models[levels]) if asked and not best else None,
         levels=best,
         model=models[best],
     )

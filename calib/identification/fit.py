@@ -126,14 +126,14 @@ class Estimation:
         return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
 
     @cached_property
-    def _scatter(self) -> Scatter:
+    def arm_scatter(self) -> Scatter:
         """How its poses may err together, of no size yet."""
         none = Variances.none(self.model.robot.dof)
         return scatter_of(self.model, self.values, self.observation.data.poses, none)
 
     def with_variances(self, cell: Cell, before: ArmVariances | None = None) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
-        scatter, levers = self._scatter, points_of(self.counted).rows(self._scatter.levers)
+        scatter, levers = self.arm_scatter, points_of(self.counted).rows(self.arm_scatter.levers)
         known, robot = cell.repeatability, self.model.robot
         levels = variance_components(scatter, levers, self._judged, robot, known, before)
         observation = replace(self.observation, scatter=scatter.at(levels.variances))
@@ -149,7 +149,7 @@ class Estimation:
         if found is None or self.noise.source == "residual":
             return None
         found = replace(found, variances=replace(found.variances, scale=self.noise.divisor))
-        counted = replace(self.counted, scatter=self._scatter.at(found.variances))
+        counted = replace(self.counted, scatter=self.arm_scatter.at(found.variances))
         whole = counted.covariance(self.values, self.span)
         return whole - self.stated_covariance * self.widening**2, found
 
@@ -163,7 +163,7 @@ def weighed_search(estimator: Estimator, observation: Observation, start: Array)
     for _ in range(_SCALE_ROUNDS if isinstance(observation, Points) else 0):
         counted = points_of(found.counted)
         r, J = counted.whitened(found.values)
-        if not (by := noise_scales(counted, found._scatter, r, J @ found.span)):
+        if not (by := noise_scales(counted, found.arm_scatter, r, J @ found.span)):
             break
         known = found.model.noise_scales
         whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}

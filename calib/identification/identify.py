@@ -38,7 +38,7 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Undetected, Variances, scatter_of
+from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 
@@ -67,32 +67,6 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
-    built, start, fit = estimated(
-        cell,
-        data,
-        approach=approach,
-        method=method,
-        weighting=weighting,
-        length=length,
-    )
-    held = predicted(cell, fit, heldout) if heldout is not None else None
-    hidden = fit.by_undetected
-    return _identification(built, fit, start, held, approach, method, hidden)
-
-
-def estimated(
-    cell: Cell,
-    data: Measurements,
-    *,
-    approach: Approach = "points",
-    method: Method = "joint",
-    weighting: Weighting = "full",
-    length: float = 1.0,
-) -> tuple[Built, Array, Estimation]:
-    """The estimate of :func:`identify` alone, before what is told of it; it raises the same.
-
-    Returns the model, where the search started, shape (p,), and the estimate.
-    """
     check_options(length, approach=approach, method=method, weighting=weighting)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
@@ -115,26 +89,24 @@ def estimated(
             shape = points.model.marker_positions(start)
             observation = as_poses(points, shape, weighting, length)
         errors = elementary(model, built.full) if asked else None
-        return built, start, fitted(cell, Estimator(method), observation, start, errors)
+        fit = fitted(cell, Estimator(method), observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
+    held = None if heldout is None else predicted(cell, fit, heldout)
+    return _identification(built, fit, _nominal(fit.observation, start), held, approach)
 
 
 def _identification(
-    built: Built,
-    fit: Estimation,
-    start: Array,
-    held: Residuals | None,
-    approach: Approach,
-    method: Method,
-    hidden: tuple[Array, Undetected] | None,
+    built: Built, fit: Estimation, nominal: Array, held: Residuals | None, approach: Approach
 ) -> Identification:
-    """What is told of an estimate that began at ``start`` (p,)."""
+    """The result of an estimate.
+
+    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
+    """
     model, values, span = fit.model, fit.values, fit.span
     observation, counted, data = fit.observation, fit.counted, fit.observation.data
-    stated, widening = fit.stated_covariance, fit.widening
+    stated, hidden = fit.stated_covariance, fit.by_undetected
     residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
-    nominal = _nominal(observation, start)
     parts = _parts(fit, residuals, nominal, held)
     by_instrument: dict[tuple[str, str], dict[str, float]] = {}
     for key, (part, poses) in parts.items():
@@ -149,11 +121,11 @@ def _identification(
     follow = partial(counted.followed, values, span)
     return Identification(
         **fields_of(fit),
-        covariance=stated * widening**2 + (0.0 if hidden is None else hidden[0]),
+        covariance=stated * fit.widening**2 + (0.0 if hidden is None else hidden[0]),
         ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
         status=status,
         approach=approach,
-        method=method,
+        method=fit.estimator.method,
         absorbed=built.dropped,
         undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
         unused=tuple(data.poses.names[i] for i in np.flatnonzero(idle)),

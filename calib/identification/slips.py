@@ -27,16 +27,12 @@ Undo: TypeAlias = Callable[[Measurements], Measurements]
 
 _DEGREE = np.pi / 180.0
 _PARALLEL = 0.99  # cosine between axes
-_QUARTERS = {
-    -90.0: "90",
-    90.0: "-90",
-    180.0: "180",
-}  # deg that a zero is off by; half a turn has no sign
+# A turn, in deg, that mends a zero, and by how much that is off; half a turn has no sign.
+_QUARTERS = {-90.0: "90", 90.0: "-90", 180.0: "180"}
 _METRES = {"metres": 1.0, "millimetres": 1e-3, "inches": 0.0254}
 _PAIRS = ("metres", "millimetres"), ("inches", "millimetres"), ("inches", "metres")
-_COLUMNS = [
-    both for pair in _PAIRS for both in (pair, pair[::-1])
-]  # what they hold, how they are named
+# What columns hold, and what they are named by.
+_COLUMNS = [both for pair in _PAIRS for both in (pair, pair[::-1])]
 
 
 @dataclass(frozen=True, eq=False)

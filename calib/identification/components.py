@@ -21,6 +21,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
+from calib.inference import Variances as MixedVariances
 from calib.inference.restricted import RestrictedLikelihood
 from calib.linear import LinearProblem
 from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
@@ -46,10 +47,10 @@ class ArmEffect(RandomEffect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmVariances(VarianceEstimate):
-    """The estimate, the levels of scatter that it states, and the model with these."""
+    """The estimate, the levels of scatter that it states, and the mixed model's variances with these."""
 
     levels: tuple[Level, ...]
-    model: Marginal
+    mixed: MixedVariances
 
 
 def variance_components(
@@ -78,7 +79,7 @@ def variance_components(
     for own in sets:
         chosen = tuple(e for e in arm if e.level in own)
         whole = replace(design, effects=(*design.effects, *chosen))
-        start = before.model.variances if before and before.levels == own else None
+        start = before.mixed if before and before.levels == own else None
         models[own] = Marginal.fitted(whole, prior, start)
     choice = 2.0 * float(np.log(1 + len(arm)))  # the first pays for the choice among all
 
@@ -102,7 +103,7 @@ def variance_components(
         approaches=scatter.has_approaches,
         undetected=_undetected(scatter, models[levels]) if asked and not best else None,
         levels=best,
-        model=models[best],
+        mixed=models[best].variances,
     )
 
 

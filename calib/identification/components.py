@@ -47,7 +47,7 @@ class ArmEffect(RandomEffect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmVariances(VarianceEstimate):
-    """The estimate, the levels of scatter that it states, and the mixed model's variances with these."""
+    """The estimate, the levels of scatter that it states, and the variances of the mixed model."""
 
     levels: tuple[Level, ...]
     mixed: MixedVariances

@@ -82,9 +82,8 @@ def _with_widths(cell: Cell, alone: Estimation, errors: Elementary) -> Estimatio
             return fit
         if fit.sizes is not None and np.allclose(sizes.widths, fit.sizes.widths, rtol=_SETTLED):
             break
-        # Where the prior holds much, the variances of the fit without it are those of another one.
-        same = fit.sizes is not None or sizes.saved < _LITTLE * fit.left[1]
-        before = fit.levels if same else None
+        # Where the prior holds much, each round is another fit, and its variances are sought anew.
+        before = fit.levels if sizes.saved < _LITTLE * fit.left[1] else None
         fit = replace(_with_prior(cell, fit, sizes.prior, lost, before), sizes=sizes)
     return fit
 

@@ -26,6 +26,7 @@ class Prior:
 
     scales : standard deviation of each kind of effect by data sheets, in the unit of the effect
     known : variance of each kind of effect that is not estimated
+    of_logarithm : whether the estimate is the mode of log s, which is never zero, or that of s
     instrument_freedom : float, readings for which the statement of an instrument counts; rows are then
         in stated standard deviations
     """
@@ -34,6 +35,7 @@ class Prior:
     known: Mapping[str, float] = field(default_factory=dict)
     instrument_freedom: float = 0.0
     instrument_least: float = 0.0
+    of_logarithm: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,11 @@ def penalty(design: Design, prior: Prior, theta: Array) -> Penalty:
     known = np.flatnonzero(np.isfinite(scales))
     own = theta[i : i + v][known]
     ratio = own / scales[known] ** 2
-    value += float((2.0 * np.log1p(ratio) - np.log(np.maximum(ratio, 1e-300))).sum())
-    slope[i + known] = 2.0 * ratio / (1.0 + ratio) - 1.0
+    value += float(2.0 * np.log1p(ratio).sum())
+    slope[i + known] = 2.0 * ratio / (1.0 + ratio)
+    if prior.of_logarithm:
+        value -= float(np.log(np.maximum(ratio, 1e-300)).sum())
+        slope[i + known] -= 1.0
     curvature[i + known] = 2.0 * ratio / (1.0 + ratio) ** 2
     return Penalty(value, slope, curvature)
 

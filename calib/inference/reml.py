@@ -54,7 +54,7 @@ def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> S
 
     start : Variances, from an earlier search; without, two starts are followed
     """
-    problem = _Problem.of(model, prior)
+    problem = VarianceProblem.of(model, prior)
     starts = list(problem.starts(start))
     values = np.array([problem.at(theta)[0] for theta in starts])
     likely = values <= values.min() + _APART * max(1, len(model.design.live))
@@ -64,7 +64,7 @@ def search(model: MixedModel, prior: Prior, start: Variances | None = None) -> S
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class VarianceProblem:
     """Objective, two sets of starting values and the bounds of theta, shape (t,) each.
 
     The residual is the effects' as far as rows that carry noise alone allow, or it is all noise.
@@ -77,7 +77,7 @@ class _Problem:
     high: Array
 
     @classmethod
-    def of(cls, model: MixedModel, prior: Prior) -> _Problem:
+    def of(cls, model: MixedModel, prior: Prior) -> VarianceProblem:
         """Bounds by what moves the rows as much as least squares leave."""
         design = model.design
         noise = _residual_variance(design)
@@ -121,10 +121,18 @@ class _Problem:
         likelihood = RestrictedLikelihood(self.model, theta)
         return likelihood.value + penalty(self.model.design, self.prior, theta).value, likelihood
 
-    def descend(self, theta: Array) -> Search:
-        """Newton steps with average information from one start."""
+    def curvature(self, theta: Array) -> tuple[Array, Array, Mask]:
+        """Gradient (t,) and average information (t, t) of the objective, and what may move (t,)."""
+        gradient, information = RestrictedLikelihood(self.model, theta).derivatives
+        known = penalty(self.model.design, self.prior, theta)
+        curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
+        gradient, information = gradient + known.slope, information + np.diag(curvature)
+        return gradient, information, self._inside(theta, gradient)
+
+    def descend(self, theta: Array, steps: int = _STEPS, settled: float = _SETTLED) -> Search:
+        """Newton steps with average information, until one promises less than ``settled``."""
         (found, likelihood), damping = self.at(theta), _DAMPING[0]
-        for _ in range(_STEPS):
+        for _ in range(steps):
             gradient, information = likelihood.derivatives
             known = penalty(self.model.design, self.prior, theta)
             curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
@@ -134,8 +142,8 @@ class _Problem:
                 step = _step(gradient, information, inside, damping)
                 trial = np.exp(np.clip(np.log(theta) + step, np.log(self.low), np.log(self.high)))
                 promised = -float(gradient @ np.log(trial / theta))
-                if promised < _SETTLED or damping > _DAMPING[1]:
-                    return Search(theta, found, promised < _SETTLED)
+                if promised < settled or damping > _DAMPING[1]:
+                    return Search(theta, found, promised < settled)
                 value, likelihood = self.at(trial)
                 if value <= found:
                     break

@@ -70,6 +70,17 @@ class TurnedRows:
             found[index] = self.U[index] @ inside[cells]
         return found
 
+    def outside_rows(self, rows: Array) -> Array:
+        """Rows (N', w) that carry noise alone, of live rows (N, w): what turns leave of cells."""
+        found = [np.zeros((0, rows.shape[1]))]
+        for index in self.members:
+            U = self.U[index]
+            squares, V = np.linalg.eigh(np.eye(index.shape[1]) - U @ np.swapaxes(U, -1, -2))
+            kept = np.flatnonzero((squares > 0.5).any(axis=0))  # each is zero or one
+            V = V[..., kept] * (squares[:, None, kept] > 0.5)
+            found.append((np.swapaxes(V, -1, -2) @ rows[index]).reshape(-1, rows.shape[1]))
+        return np.concatenate(found)
+
     def sums(self, of_cells: Array) -> Array:
         """Sums over the cells of each component, shape (C, ..), of an array (A, ..)."""
         flat = of_cells.reshape(len(of_cells), math.prod(of_cells.shape[1:]))

@@ -19,7 +19,8 @@ from calib.model import Model
 from calib.model.build import context_of, place_effect, placed_effects
 from calib.poses import Measurements
 
-_MANY = 6  # parameters: more are a family
+MANY = 6
+"""Parameters of a cause: more are a family, of one size."""
 EXCLUDED = "excluded by the cell"
 """Why a cause is not asked that the user knows the robot not to have."""
 
@@ -88,7 +89,7 @@ class Candidate:
     @property
     def eliminate(self) -> bool:
         """Whether it is a family of parameters of which those count that pay."""
-        return self.named and len(self.amounts) > _MANY
+        return self.named and len(self.amounts) > MANY
 
     @cached_property
     def limits(self) -> Array:

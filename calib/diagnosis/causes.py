@@ -18,10 +18,10 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Entrant, far_out
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
+from calib.diagnosis.search import JudgedCandidate, far_out
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
@@ -280,7 +280,7 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 
-def _share_of(finding: Finding, entry: Entrant) -> float:
+def _share_of(finding: Finding, entry: JudgedCandidate) -> float:
     """By how much the sum of squares would rise without it, over its excess before; NaN without one.
 
     The noise left beside the estimated parameters is what it says, or less where less is left. Where

@@ -19,11 +19,10 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
-from calib.diagnosis.contest import Outcome
 from calib.diagnosis.equivalence import CLOSE, Named
 from calib.diagnosis.gap import blocks_of_time
+from calib.diagnosis.search import Outcome, with_curves
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import with_curves
 from calib.effects.protocol import Effect
 from calib.linear import LinearProblem
 from calib.noise import unwhitened
@@ -32,6 +31,7 @@ from calib.scatter.mixing import Mixing
 
 _FOLDS = 10
 _STRETCHES = 4
+_LEAST = 1.0  # variance of a reading: what gains less does nothing
 _FREE = 1e-4  # of a row's freedom: less, and nothing but the fold itself tells of it
 BY_TIME = ("time", "temperature")
 
@@ -56,7 +56,7 @@ class PredictionErrors:
     @property
     def earns(self) -> bool:
         """Whether it predicts better than nothing does, and not by the luck of a few poses."""
-        return self.without - self.with_it > self.margin
+        return self.without - self.with_it > max(self.margin, _LEAST)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Causes without a name: a place that is off by an unknown function of one variable.
 
-In the contest beside the catalogue such a curve locates what the catalogue cannot explain, and its
+Beside the catalogue such a curve locates what the catalogue cannot explain, and its
 coefficients show how the error runs.
 """
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome
 from calib.diagnosis.linear import linearised
 from calib.diagnosis.screen import Field
+from calib.diagnosis.search import ALPHA, Outcome
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import ALPHA
 from calib.effects.protocol import Parameter
 from calib.evidence import VISIBLE
 from calib.model.covariance import working_points

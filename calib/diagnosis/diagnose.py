@@ -17,7 +17,6 @@ from calib.diagnosis.causes import (
     verdict_of,
     weak_of,
 )
-from calib.diagnosis.contest import search
 from calib.diagnosis.cross_validation import BY_TIME, reselected
 from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
@@ -25,6 +24,7 @@ from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
 from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
+from calib.diagnosis.search import search
 from calib.diagnosis.stage import Stage
 from calib.identification.checks import check_counts
 from calib.identification.identify import identify

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Entrant, Outcome
+from calib.diagnosis.search import JudgedCandidate, Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.tuned import Tuned
 
@@ -36,7 +36,7 @@ class Imitation:
     exact: bool
 
 
-def imitations(outcome: Outcome, entry: Entrant) -> list[Imitation]:
+def imitations(outcome: Outcome, entry: JudgedCandidate) -> list[Imitation]:
     """All causes by name beside an entry, the best imitation first."""
     view = outcome.view
     beside, where = view.without(entry.candidate), view.where
@@ -92,7 +92,7 @@ class Named:
     aliased : whether these poses show the same at another tuning
     """
 
-    entry: Entrant
+    entry: JudgedCandidate
     members: tuple[tuple[Candidate, float], ...]
     aliased: bool = False
 
@@ -158,7 +158,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     return tuple(found), fit
 
 
-def _close(entry: Entrant, others: Sequence[Imitation]) -> list[Candidate]:
+def _close(entry: JudgedCandidate, others: Sequence[Imitation]) -> list[Candidate]:
     """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
     least = max(0.0, entry.rivals[0][1] - CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]

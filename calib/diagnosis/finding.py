@@ -1,7 +1,6 @@
-"""What is believed of what a contest found: causes that earn nothing are dropped by cross-validation.
+"""What is believed of what a search selected: causes that earn nothing are dropped by cross-validation.
 
-What went is asked no more, and the others are asked again, for it may have stood for one of them. An
-effect of the whole arm keeps those of its parameters that pay, by backward elimination.
+What went is asked no more, and the others are asked again, for it may have stood for one of them.
 """
 
 from __future__ import annotations
@@ -14,14 +13,11 @@ from typing import Literal
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome, Search, contest, restricted_to
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
 from calib.diagnosis.gap import shares_beside_scatter
-from calib.diagnosis.screen import backward_elimination
+from calib.diagnosis.search import Outcome, Search, restricted_to, selected, with_curves
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import with_curves
-from calib.effects.context import ARM
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
@@ -160,7 +156,7 @@ def finding_of(search: Search) -> Finding:
         fresh = _unworthy(linear, outcome.fit, outcome.active)
         if not fresh:
             named, after = classes(linear, outcome)
-            after = stage.exact(_with_paying_parameters(linear, after))
+            after = stage.exact(after)
             # What does not exceed its own deviation only seemed to act, to first order.
             at = [(n, after.model.amounts(n.candidate.effect)) for n in named]
             gone = [n for n, own in at if (np.abs(after.values[own]) <= after.std_of(own)).all()]
@@ -172,7 +168,7 @@ def finding_of(search: Search) -> Finding:
         rest = [c for c in outcome.active if c.key not in refused]
         lineup = outcome.lineup.without(refused)
         if again < _ASKED_AGAIN:
-            outcome = contest(linear, lineup, rest, outcome.proved, outcome.before)
+            outcome = selected(linear, lineup, rest, outcome.before)
         else:
             outcome = restricted_to(linear, replace(outcome, lineup=lineup), rest)
     view = replace(outcome.view, fit=outcome.before)
@@ -194,22 +190,3 @@ def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:
         return alone
     found = of_levels(fit.levels, alone)
     return replace(found, factor=found.factor * factor)
-
-
-def _with_paying_parameters(stage: Stage, fit: Fit) -> Fit:
-    """A fit whose effects of the whole arm keep those parameters that pay; itself where all do.
-
-    Sag at every joint has dozens of products, of which the readings ask for a few. Each must lower the
-    sum of squares by Schwarz's price of one direction.
-    """
-    many = [e for e in fit.model.effects if e.where == ARM and len(e.parameters) > 1]
-    own = np.array([i for e in many for i in fit.positions(e) if fit.span[i].any()], dtype=int)
-    price = float(np.log(max(2, fit.rows)))
-    gone, _ = backward_elimination(fit.values[own], fit.covariance[np.ix_(own, own)], price)
-    if not gone.any():
-        return fit
-    left_out = own[gone]
-    kept = np.abs(fit.span[left_out]).sum(axis=0) == 0.0
-    values = fit.values.copy()
-    values[left_out] = 0.0
-    return stage.along(replace(fit, values=values, span=fit.span[:, kept]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.contest import Outcome
+from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit
 from calib.instruments import Camera
 from calib.linear import orthonormal

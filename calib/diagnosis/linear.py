@@ -1,7 +1,7 @@
 """The model and all suspects to first order, about one fit.
 
 What is missing in a model moves points by millimetres at most, and squares of that do not show. So a
-contest linearises once, and compares sets of effects by linear fits; what it ends with is fitted in
+selection linearises once, and compares sets of effects by linear fits; what it ends with is fitted in
 full (:meth:`calib.diagnosis.stage.Stage.exact`).
 """
 

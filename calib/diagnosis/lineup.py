@@ -1,9 +1,8 @@
 """The columns of all candidates beside a fit, and with members of the fit taken out again.
 
 A cause with a tuning is tried at every tuning of a grid and in every form (one harmonic or two); the
-best one takes part in the contest and pays for the choice among all
-(:meth:`calib.diagnosis.screen.Score.counted`). A full scan leaves a short list of tunings, among which
-later rounds choose.
+best one takes part in the selection and pays for the choice among all
+(:meth:`calib.diagnosis.screen.Score.counted`).
 """
 
 from __future__ import annotations
@@ -19,14 +18,15 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import LinearModel
 from calib.diagnosis.screen import Field, field
 from calib.diagnosis.stage import Fit, Stage
+from calib.effects.protocol import Effect
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.evidence import VISIBLE
 from calib.identification.scan import Carried, carried, falls, times
-from calib.linear import unit
+from calib.linear import Complement, unit
 from calib.poses import Poses
 
-_LISTED = 6  # best tunings of each form that later rounds choose among
+_LISTED = 6  # best tunings of the first form at which richer ones are tried
 _MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
 
@@ -60,7 +60,7 @@ class TuningGrid:
     """The tuning grid of a cause at one place, in every form of the cause.
 
     candidate : Candidate, of any tuning; poses : Poses
-    forms : tuple of TunedForm, those that are looked at: the first at all tunings, or as listed
+    forms : tuple of TunedForm, those that are looked at, the first at all tunings
     """
 
     candidate: Candidate
@@ -138,35 +138,47 @@ class Lineup:
         fixed = tuple(c for c in self.fixed if c.key not in keys)
         return replace(self, fixed=fixed, closed=self.closed | frozenset(keys))
 
-    def seen_from(
-        self, stage: Stage, fit: Fit, active: Sequence[Candidate], fresh: bool
-    ) -> tuple[FitView, Lineup]:
-        """The suspects beside a fit, weighted as its poses are; and the lineup with tunings listed.
-
-        active : what is in; fresh : whether all tunings are tried, or those of the last short list
-        """
-        where = {c.key: self.where[c.key] for c in self.fixed}
-        listed, tuned = [], []
+    def seen_from(self, fit: Fit, active: Sequence[Candidate]) -> FitView:
+        """The suspects beside a fit, weighted as its poses are; active : what is in."""
+        poses = fit.observation.data.poses
+        tuned = [(c, self.rows_of(fit, c)) for c in active if isinstance(c.effect, Tuned)]
+        tuned += self.tunings(fit, fit.linear.complement, active)
         for grid in self.grids:
-            carrier = self._carrier(fit, grid)
-            scan = carried(fit.linear.complement, carrier)
-            own = grid.scanned(scan) if fresh else grid
-            listed.append(own)
-            there = [c for c in active if c.is_like(grid.candidate)]
-            tuned += [(c, _rows(c, carrier, stage)) for c in there]
-            best, functions = own.best(scan, fit.rows)
-            best = replace(best, line=1 + max((c.line for c in there), default=0))
-            most = 1 if isinstance(best.effect, Timed) else _MOST_LINES
-            if best.line <= most and best.key not in self.closed:
-                tuned.append((best, times(carrier, functions)))
             others = _at_tunings_of(grid.candidate, active)
-            tuned += [(c, _rows(c, carrier, stage)) for c in others]
+            tuned += [(c, _at_tuning(c.effect, self._carrier(fit, grid), poses)) for c in others]
+        where = {c.key: self.where[c.key] for c in self.fixed}
         ends = self.J.shape[-1] + np.cumsum([0, *(columns.shape[-1] for _, columns in tuned)])
         for (c, _), a, b in zip(tuned, ends, ends[1:], strict=False):
             where[c.key] = np.arange(a, b)
         suspects = (*self.fixed, *(c for c, _ in tuned))
         rows = np.concatenate([np.zeros((*fit.r.shape, 0)), *(own for _, own in tuned)], axis=-1)
-        return FitView(fit, self.J, rows, where, suspects), replace(self, grids=tuple(listed))
+        return FitView(fit, self.J, rows, where, suspects)
+
+    def tunings(
+        self, fit: Fit, beside: Complement, active: Sequence[Candidate]
+    ) -> Iterator[tuple[Candidate, Array]]:
+        """Causes with a tuning that may enter, each at its best, and their rows (m, R, k).
+
+        beside : what the rows of the fit leave beside all that is in; active : what is in
+        """
+        for grid in self.grids:
+            line = 1 + max((c.line for c in active if c.is_like(grid.candidate)), default=0)
+            if line > (1 if isinstance(grid.candidate.effect, Timed) else _MOST_LINES):
+                continue
+            carrier = self._carrier(fit, grid)
+            scan = carried(beside, carrier)
+            best, functions = grid.scanned(scan).best(scan, fit.rows)
+            best = replace(best, line=line)
+            if best.key not in self.closed:
+                yield best, times(carrier, functions)
+
+    def rows_of(self, fit: Fit, candidate: Candidate) -> Array:
+        """Whitened derivatives (m, R, k) by a candidate, at its tuning."""
+        effect = candidate.effect
+        if not isinstance(effect, Tuned):
+            return fit.observation.rows(self.J[..., self.where[candidate.key]])
+        grid = next(g for g in self.grids if g.candidate.is_like(candidate))
+        return _at_tuning(effect, self._carrier(fit, grid), fit.observation.data.poses)
 
     def other_tunings(self, view: FitView, member: Candidate) -> Iterator[tuple[Array, Array]]:
         """Rows (m, R, k) and limits (k,) of a member at the tunings that are best without it."""
@@ -286,9 +298,8 @@ def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterato
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _rows(candidate: Candidate, carrier: Array, stage: Stage) -> Array:
-    """Rows (m, R, f b) of a candidate at its tuning."""
-    effect = candidate.effect
+def _at_tuning(effect: Effect, carrier: Array, poses: Poses) -> Array:
+    """Rows (m, R, f b) of an effect at its tuning."""
     if not isinstance(effect, Tuned):
-        raise TypeError(f"{candidate.key} has no tuning")
-    return times(carrier, effect.functions(stage.data.poses, np.array(effect.tuning)))
+        raise TypeError(f"{effect.kind} has no tuning")
+    return times(carrier, effect.functions(poses, np.array(effect.tuning)))

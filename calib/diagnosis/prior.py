@@ -1,9 +1,9 @@
-"""Normal priors that keep suspects near zero.
+"""Normal priors that keep candidates near zero.
 
-Those of causes by name are as wide as such errors are seldom larger on this arm, those of curves of a
-size that follows the data. Errors that the cell states as common to all readings are unknowns about
-zero, as likely as it says: what lies within them is no cause; what is far larger still is, for the
-statement then costs more.
+That of a single parameter is as wide as such errors are seldom larger on this arm. Curves, and causes
+of several parameters, have one size each, which follows the data. Errors that the cell states as common
+to all readings are unknowns about zero, as likely as it says: what lies within them is no cause; what
+is far larger still is, for the statement then costs more.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import numpy as np
 from calib.arrays import Array
 from calib.diagnosis.curves import Curve
 from calib.effects.context import Context
-from calib.effects.protocol import Parameter
+from calib.effects.protocol import Effect, Parameter
 from calib.effects.readings import ReadingEffect
+from calib.effects.tuned import Tuned
 from calib.instruments import Instrument, Tracker
 from calib.instruments.common_errors import CommonError
 from calib.model import Model
@@ -27,13 +28,14 @@ from calib.poses import Measurements, Poses
 from calib.solver import condensed
 
 _LEAST_FREE = 0.5  # coefficients that the data determine
-_LEAST = 1e-9  # rad or m
+_LEAST = 1e-6  # of a plausible size
+_BEGIN = 0.1  # of a plausible size, from which an amplitude is searched for at least
 _ROUNDS = 30
 _SETTLED = 0.02
 _THE_SAME = 0.05  # change of an amplitude that is not worth another fit
 
-Amplitudes: TypeAlias = Mapping[Curve, float]
-"""Size of each curve's coefficients a priori."""
+Amplitudes: TypeAlias = Mapping[Effect, float]
+"""Size a priori of the parameters of a curve, or of a cause of several, in plausible sizes."""
 
 
 def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
@@ -41,28 +43,49 @@ def curves_in(model: Model) -> Iterator[tuple[Curve, slice]]:
     yield from ((effect, part) for effect, part in model.parts if isinstance(effect, Curve))
 
 
-def amplitude_of(curve: Curve, amplitudes: Amplitudes) -> float:
-    """The amplitude of a curve; where none is known one at which the prior says next to nothing."""
-    return amplitudes.get(curve, curve.parameters[0].size)
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Parameters of one common size.
+
+    part : slice, where they stand; inverse : ndarray, shape (k, k), that makes them independent and of
+        unit variance where the amplitude is one; largest : float, amplitude that is seldom met
+    """
+
+    effect: Effect
+    part: slice
+    inverse: Array
+    largest: float
+
+
+def blocks_in(model: Model) -> Iterator[Block]:
+    """Curves, and causes by name of several parameters."""
+    for effect, part in model.parts:
+        sizes = np.array([p.size for p in effect.parameters])
+        if isinstance(effect, Curve):
+            root = np.linalg.cholesky(effect.spread) * sizes[0]
+            yield Block(effect, part, np.linalg.inv(root), np.inf)
+        elif effect.allowance is not None and len(sizes) > 1 and not isinstance(effect, Tuned):
+            limits = effect.allowance * np.array([p.limit for p in effect.parameters])
+            yield Block(effect, part, np.diag(1.0 / sizes), float((limits / sizes).max()))
 
 
 def prior_rows(model: Model, amplitudes: Amplitudes) -> Array:
-    """Rows of unit variance, shape (h, p): of causes one over their limits, of curves L^-1 / amplitude.
+    """Rows of unit variance, shape (h, p): of causes one over their limits, of blocks by amplitude.
 
-    ``L L^T`` is the curve's ``spread``.
+    Where no amplitude is known it is one.
     """
     limits = np.full(len(model.parameters), np.inf)
     for effect, part in model.parts:
         if effect.allowance is not None:
             limits[part] = effect.allowance * np.array([p.limit for p in effect.parameters])
     limits[model.tunings] = np.inf
-    rows = [np.diag(1.0 / limits)[np.isfinite(limits)]]
-    for curve, part in curves_in(model):
-        own = np.zeros((part.stop - part.start, len(model.parameters)))
-        half = np.linalg.cholesky(curve.spread)
-        own[:, part] = np.linalg.inv(half) / amplitude_of(curve, amplitudes)
+    rows = []
+    for block in blocks_in(model):
+        own = np.zeros((len(block.inverse), len(model.parameters)))
+        own[:, block.part] = block.inverse / amplitudes.get(block.effect, 1.0)
+        limits[block.part] = np.inf
         rows.append(own)
-    return np.concatenate(rows)
+    return np.concatenate([np.diag(1.0 / limits)[np.isfinite(limits)], *rows])
 
 
 def fitted_amplitudes(
@@ -74,25 +97,28 @@ def fitted_amplitudes(
     span : ndarray, shape (p, k), directions that are estimated
     Besides whether that is what they were.
     """
-    curves = list(curves_in(model))
-    begun = found = np.array([amplitude_of(curve, amplitudes) for curve, _ in curves])
-    if not curves:
+    blocks = list(blocks_in(model))
+    if not blocks:
         return {}, True
+    begun = np.array([amplitudes.get(block.effect, 1.0) for block in blocks])
+    # Nothing is a fixed point of its own, which beside other noise need not be one.
+    found = np.maximum(begun, _BEGIN)
     rows = condensed(np.column_stack([J, r]))
     J, r = rows[:, :-1], rows[:, -1]
-    inverses = [np.linalg.inv(curve.spread) for curve, _ in curves]
     for _ in range(_ROUNDS):
-        now = {curve: float(a) for (curve, _), a in zip(curves, found, strict=True)}
+        now = {block.effect: float(a) for block, a in zip(blocks, found, strict=True)}
         cov = covariance(np.concatenate([J, prior_rows(model, now)]), span)
         values, last, found = cov @ (J.T @ r), found, found.copy()
-        for i, (inverse, (_, part)) in enumerate(zip(inverses, curves, strict=True)):
-            free = len(inverse) - float(np.trace(inverse @ cov[part, part])) / last[i] ** 2
-            squared = float(values[part] @ inverse @ values[part]) / max(free, _LEAST_FREE)
-            found[i] = max(float(np.sqrt(squared)), _LEAST)
+        for i, block in enumerate(blocks):
+            own, V = block.inverse @ values[block.part], cov[block.part, block.part]
+            shown = np.abs(span[block.part]).sum(axis=1) > 0.0
+            left = float(np.trace(block.inverse @ V @ block.inverse.T)) / last[i] ** 2
+            free = max(np.count_nonzero(shown) - left, _LEAST_FREE)
+            found[i] = np.clip(np.sqrt(float(own @ own) / free), _LEAST, block.largest)
         if np.allclose(found, last, rtol=_SETTLED):
             break
-    shown = {curve: float(a) for (curve, _), a in zip(curves, found, strict=True)}
-    return shown, bool(np.allclose(found, begun, rtol=_THE_SAME))
+    shown_by = {block.effect: float(a) for block, a in zip(blocks, found, strict=True)}
+    return shown_by, bool(np.allclose(found, begun, rtol=_THE_SAME))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,14 @@ from calib.diagnosis.linear import LinearModel, linearised
 from calib.diagnosis.prior import Amplitudes, curves_in, fitted_amplitudes, prior_rows
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
+from calib.identification.components import variance_components
 from calib.identification.estimators import choose_directions
 from calib.identification.outliers import extrapolation_factor, fit_statistics, judge, threshold
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
-from calib.scatter import Scatter, VarianceEstimate, Variances, levels_of, scatter_of
+from calib.scatter import Scatter, VarianceEstimate, Variances, scatter_of
 from calib.scatter.mixing import Mixing
 from calib.solver import least_squares, levenberg_marquardt
 
@@ -285,7 +286,10 @@ class Stage:
     def _under_levels(self, fit: Fit) -> Fit:
         """The fit under the levels of noise that its residual shows."""
         weighted = fit.observation.rows(self.scatter.levers)
-        levels = levels_of(self.scatter, weighted, fit.linear, self.arm, fit.levels)
+        robot = self.model.robot
+        levels = variance_components(
+            self.scatter, weighted, fit.linear, robot, self.arm, fit.levels
+        )
         scatter, prior_weight = self.scatter.at(levels.variances), 1.0
         if levels.variances.any:
             prior_weight = scatter.typical(weighted)

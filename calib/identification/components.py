@@ -10,26 +10,22 @@ approaches and of configurations as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
+from calib import inference
 from calib.arm.repeatability import usual_repeatability
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
-from calib.inference import Variances as MixedVariances
 from calib.inference.restricted import RestrictedLikelihood
 from calib.linear import LinearProblem
-from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances
+from calib.scatter import Scatter, ScatterLevel, Undetected, VarianceEstimate, Variances
 
-Level: TypeAlias = Literal["approach", "configuration"]
 # Decrease of -2 log likelihood: half a chi-square at the bound, so once in seventy by chance.
 _PAYS = 6.0
-_RIGID = 6  # rows of an approach that the arm may move: the others see the instrument alone
 _LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
 _SMALL = 1e-9  # of the largest singular value of what is known beforehand
 
@@ -41,16 +37,8 @@ class ArmEffect(RandomEffect):
     part : int, as in :class:`~calib.scatter.Variances`: joints first, then translation and rotation
     """
 
-    level: Level
+    level: ScatterLevel
     part: int
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ArmVariances(VarianceEstimate):
-    """The estimate, the levels of scatter that it states, and the variances of the mixed model."""
-
-    levels: tuple[Level, ...]
-    mixed: MixedVariances
 
 
 def variance_components(
@@ -59,8 +47,8 @@ def variance_components(
     linear: LinearProblem,
     robot: Robot,
     known: Repeatability | None = None,
-    before: ArmVariances | None = None,
-) -> ArmVariances:
+    before: VarianceEstimate | None = None,
+) -> VarianceEstimate:
     """Estimate the variances of a fit by restricted likelihood.
 
     Scatter by approaches, by configurations, or both is stated where each pays for itself.
@@ -69,12 +57,12 @@ def variance_components(
     known : the arm's repeatability where the cell states it
     before : of an earlier fit to the same readings, where the search of the levels begins that paid
     """
-    stated = _stated(scatter, levers, known)
-    arm = _arm(scatter, levers, robot, known is None and scatter.has_approaches)
+    stated = stated_effects(scatter, levers, known)
+    arm = arm_effects(scatter, levers, robot, known is None and scatter.has_approaches)
     prior = _prior(robot, stated)
-    design = _design(linear, tuple(e for e, _ in stated))
+    design = design_of(linear, tuple(e for e, _ in stated))
     levels = tuple(dict.fromkeys(e.level for e in arm))
-    sets: dict[tuple[Level, ...], None] = dict.fromkeys(((), *((one,) for one in levels), levels))
+    sets = dict.fromkeys(((), *((one,) for one in levels), levels))
     models = {}
     for own in sets:
         chosen = tuple(e for e in arm if e.level in own)
@@ -83,26 +71,24 @@ def variance_components(
         models[own] = Marginal.fitted(whole, prior, start)
     choice = 2.0 * float(np.log(1 + len(arm)))  # the first pays for the choice among all
 
-    def value(own: tuple[Level, ...]) -> float:
+    def value(own: tuple[ScatterLevel, ...]) -> float:
         price = _PAYS * len(own) + choice * bool(own)
         return price - 2.0 * models[own].log_likelihood
 
     best = min(models, key=value)
     noise, exact = models[()], _as_stated(models[()])
     louder = exact - noise.likelihood.value > _PAYS + choice
-    rows = np.bincount(scatter.approach, (design.instrument_of_row >= 0).sum(axis=1))
-    found = _as_variances(scatter.joints, models[best], known)
+    found = as_variances(scatter.joints, models[best].design, models[best].variances, known)
     asked = known is None and len(arm) > 0
-    return ArmVariances(
+    return VarianceEstimate(
         found if best or louder else Variances.of_arm(scatter.joints, known),
-        free=np.arange(1 + len(arm)) if best else np.zeros(int(louder), dtype=int),
-        theta=np.zeros(0),
+        levels=best,
+        scale_estimated=bool(best) or louder,
         value=models[best].likelihood.value,
         alone=exact,
-        instrument_rows=int(np.maximum(rows - _RIGID, 0).sum()),
+        instrument_rows=int(models[levels].likelihood.model.turned.outside.sum()),
         approaches=scatter.has_approaches,
         undetected=_undetected(scatter, models[levels]) if asked and not best else None,
-        levels=best,
         mixed=models[best].variances,
     )
 
@@ -113,7 +99,7 @@ def _as_stated(noise: Marginal) -> float:
     return RestrictedLikelihood(noise.likelihood.model, noise.design.theta(stated)).value
 
 
-def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
+def design_of(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
     """Rows of a fit, and what is known of its directions beside the readings as a block."""
     J = linear.J @ linear.span
     held = linear.held @ linear.span if len(linear.off) else np.zeros((0, J.shape[-1]))
@@ -127,7 +113,7 @@ def _design(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design:
     return Design(linear.r, J, left, blocks, stated, present, np.ones(len(J)))
 
 
-def _stated(
+def stated_effects(
     scatter: Scatter, levers: Array, known: Repeatability | None
 ) -> list[tuple[RandomEffect, float]]:
     """What the cell states that the tip does at each approach, with its variance."""
@@ -142,10 +128,12 @@ def _stated(
     ]
 
 
-def _arm(scatter: Scatter, levers: Array, robot: Robot, approaches: bool) -> tuple[ArmEffect, ...]:
+def arm_effects(
+    scatter: Scatter, levers: Array, robot: Robot, approaches: bool
+) -> tuple[ArmEffect, ...]:
     """What moves some reading, by configuration and, where asked, by approach: joints and tip."""
     kinds = [*np.where(robot.prismatic, "slides", "turns"), "slides", "turns"]
-    by: dict[Level, IntArray] = {"approach": scatter.approach} if approaches else {}
+    by: dict[ScatterLevel, IntArray] = {"approach": scatter.approach} if approaches else {}
     by["configuration"] = scatter.configuration
     parts = [levers[..., scatter.kinds == part] for part in range(len(kinds))]
     return tuple(
@@ -164,20 +152,16 @@ def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
     return Prior(scales, known, instrument_least=_LEAST)
 
 
-def _estimated(found: Marginal) -> Iterator[tuple[ArmEffect, float]]:
-    """The arm's effects and their variances, without what is stated."""
-    for effect, variance in zip(found.design.effects, found.variances.effects, strict=True):
-        if isinstance(effect, ArmEffect):
-            yield effect, float(variance)
-
-
-def _as_variances(joints: int, found: Marginal, known: Repeatability | None) -> Variances:
-    """Variances of joints and tip by approach and configuration."""
+def as_variances(
+    joints: int, design: Design, found: inference.Variances, known: Repeatability | None = None
+) -> Variances:
+    """Variances of joints and tip by approach and configuration, from those of a design."""
     stated = Variances.of_arm(joints, known)
     own = {"approach": stated.approach.copy(), "configuration": stated.configuration.copy()}
-    for effect, variance in _estimated(found):
-        own[effect.level][effect.part] = variance
-    return Variances(float(np.sqrt(found.variances.instrument[0])), **own)
+    for effect, variance in zip(design.effects, found.effects, strict=True):
+        if isinstance(effect, ArmEffect):
+            own[effect.level][effect.part] = variance
+    return Variances(float(np.sqrt(found.instrument[0])), **own)
 
 
 def _undetected(scatter: Scatter, found: Marginal) -> Undetected:
@@ -187,8 +171,15 @@ def _undetected(scatter: Scatter, found: Marginal) -> Undetected:
     the logarithms of the variances.
     """
     unit = np.eye(scatter.joints + 2)
-    parts = [scatter.of_tip(v * unit[e.part]).translation ** 2 for e, v in _estimated(found)]
+    effects = zip(found.design.effects, found.variances.effects, strict=True)
+    parts = [
+        scatter.of_tip(variance * unit[effect.part]).translation ** 2
+        for effect, variance in effects
+        if isinstance(effect, ArmEffect)
+    ]
     g, own = np.array(parts), slice(found.design.instruments, found.design.instruments + len(parts))
     spread = float(g @ found.log_covariance[own, own] @ g)
     freedom = 2.0 * float(g.sum()) ** 2 / spread if spread > 0.0 else np.inf
-    return Undetected(_as_variances(scatter.joints, found, None), max(1.0, freedom))
+    return Undetected(
+        as_variances(scatter.joints, found.design, found.variances), max(1.0, freedom)
+    )

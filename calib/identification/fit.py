@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.identification.components import ArmVariances, variance_components
+from calib.identification.components import variance_components
 from calib.identification.estimators import Directions, Estimator, elastic_directions
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.noise_scales import noise_scales
@@ -26,7 +26,7 @@ from calib.model import Model
 from calib.model.covariance import Identifiable
 from calib.observations import Observation, Points, points_of
 from calib.prior import Widths
-from calib.scatter import Scatter, Undetected, Variances, scatter_of
+from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances, scatter_of
 from calib.solver import Minimum
 
 # Of a fit that gross errors bend only the size of what it leaves is stated: five digits of it.
@@ -47,7 +47,7 @@ class Estimation:
     choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
-    levels : ArmVariances or None, how whole poses err together
+    levels : VarianceEstimate or None, how whole poses err together
     sizes : Widths, of errors, where they hold what the readings leave open
     """
 
@@ -62,7 +62,7 @@ class Estimation:
     choice: Identifiable
     span: Array
     regular: bool
-    levels: ArmVariances | None = None
+    levels: VarianceEstimate | None = None
     sizes: Widths | None = None
 
     @property
@@ -131,7 +131,7 @@ class Estimation:
         none = Variances.none(self.model.robot.dof)
         return scatter_of(self.model, self.values, self.observation.data.poses, none)
 
-    def with_variances(self, cell: Cell, before: ArmVariances | None = None) -> Estimation:
+    def with_variances(self, cell: Cell, before: VarianceEstimate | None = None) -> Estimation:
         """The same with how whole poses err together, as the poses kept show it."""
         scatter, levers = self.arm_scatter, points_of(self.counted).rows(self.arm_scatter.levers)
         known, robot = cell.repeatability, self.model.robot

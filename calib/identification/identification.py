@@ -142,7 +142,7 @@ class Identification(Result, Estimation):
         Where poses err as a whole, by as much as the data show, stays count and not points.
         """
         levels = self.levels
-        shown = levels is not None and levels.variances.any and bool((levels.free > 0).any())
+        shown = levels is not None and bool(levels.levels)
         return freedom(self.noise.dof, self.stays, self.rank, as_a_whole=shown)
 
     @property

@@ -63,12 +63,11 @@ def of_levels(levels: VarianceEstimate, alone: NoiseLevel) -> NoiseLevel:
     source: Source = "cell"
     if levels.variances.configuration.any():
         source = "residual"
-    elif len(levels.free):
+    elif levels.estimated:
         source = "replicates"
     dof = float("inf")
-    if (
-        0 in levels.free
-    ):  # where nothing tells the instrument from the arm, both rest on the residual
+    if levels.scale_estimated:
+        # Where nothing tells the instrument from the arm, both rest on the residual.
         dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
     return replace(alone, factor=levels.variances.scale, source=source, dof=dof)
 

@@ -9,13 +9,13 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.identification.checks import outnumbered
-from calib.identification.components import ArmVariances
 from calib.identification.estimators import Estimator
 from calib.identification.fit import Estimation, search, weighed_search
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.observations import Observation
 from calib.prior import Elementary, Prior, Widths, widths_of
+from calib.scatter import VarianceEstimate
 from calib.solver import condensed
 
 _ROUNDS = 4  # of widths and fit in turn
@@ -47,7 +47,7 @@ def _with_prior(
     fit: Estimation,
     prior: Prior,
     lost: tuple[int, ...] = (),
-    before: ArmVariances | None = None,
+    before: VarianceEstimate | None = None,
 ) -> Estimation:
     """The estimate with a prior of sizes, gone on with from one without, or with others.
 

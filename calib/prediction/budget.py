@@ -179,7 +179,7 @@ def _beside(
     error, rest = ExpectedError(estimate, targets), estimate.discrepancy
     as_one = np.tile(np.eye(3), (points, 1)) / np.sqrt(3.0 * points)
     if error.arm.any():
-        shown = found.levels is not None and len(found.levels.free) > 0
+        shown = found.levels is not None and found.levels.estimated
         both = estimate.configuration_of == "undecided"
         yield UncertaintySource(
             "arm or model, from pose to pose" if both else "repeatability of the arm",

@@ -170,7 +170,7 @@ class TaskError:
         """
         model, dof = at.model, np.inf
         if found is not None:
-            told = found.levels is not None and not len(found.levels.free)
+            told = found.levels is not None and not found.levels.estimated
             as_a_whole = bool(lacking.rms) and not told
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
         targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)

@@ -20,7 +20,7 @@ from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import Detectable, detectable
 from calib.diagnosis.screen import Field, field
-from calib.diagnosis.stepwise import ALPHA
+from calib.diagnosis.search import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts

@@ -175,7 +175,7 @@ class RestEntry(Entry):
 
 
 class RefusedCause(CauseEntry):
-    """A cause that the contest held and that is not named all the same."""
+    """A cause that was selected and that is not named all the same."""
 
     reason: str
 

@@ -24,7 +24,7 @@ MIRROR = 36.0  # cycles a turn that steps of 10 degrees cannot tell from none
 def spectra_at(
     cell: Cell, data: Measurements, ripples: Sequence[tuple[str, float]] = ()
 ) -> dict[str, Spectrum]:
-    """At a fit of the cell's model, with ripples beside it, without any contest."""
+    """At a fit of the cell's model, with ripples beside it, without any selection."""
     stage = stage_of(cell, data)
     context = context_of(cell, data.poses)
     effects = [place_effect("gear_ripple", where, context) for where, _ in ripples]

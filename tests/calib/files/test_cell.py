@@ -31,7 +31,7 @@ def excluding(folder: Path, *names: str) -> Cell:
 
 
 def asked(cell: Cell, poses: Poses) -> tuple[set[str], dict[str, str]]:
-    """Causes by name that the contest would hear, and what it would not, with the reason."""
+    """Causes by name that are candidates, and what is not, with the reason."""
     points = np.ones((len(poses), len(cell.markers), 3))
     data = all_seen(poses, points)
     found, missing = candidates(cell, build(cell, poses).model, data)

@@ -1,4 +1,4 @@
-"""Every tuning's score at once is that of its own columns; what is there is found in the contest."""
+"""Every tuning's score at once is that of its own columns; what is there is selected."""
 
 from __future__ import annotations
 

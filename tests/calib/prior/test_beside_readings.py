@@ -227,7 +227,7 @@ def test_it_is_foreseen_as_it_will_count_where_readings_show_the_scatter(tmp_pat
 
 
 def test_a_diagnosis_asks_beside_it(tmp_path: Path) -> None:
-    """However loud the readings are: a contest to first order has it, and the fit that it ends with."""
+    """However loud the readings are: fits to first order have it, and the fit in full."""
     cell, data, given = day(tmp_path, 3, 8.0)
     found = calib.diagnose(with_sizes(cell), data)
     assert found.verdict == "no_gap"

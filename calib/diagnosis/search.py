@@ -1,10 +1,8 @@
-"""The contest of all candidates for what the model does not explain.
+"""What a selection of causes found, and the search that selects anew while noise and outliers change.
 
-Round by round the screen looks at every candidate beside the model and the effects found so far; those
-enter whose evidence pays for their parameters and survives Bonferroni over all that were asked; each
-effect that entered is then challenged again by every other candidate, and by nothing. After each
-change the whole model is fitted anew, to first order about the fit with which the contest began, and
-screened at that fit; what the contest ends with is fitted in full by whoever asked for it.
+Causes are selected about a fit to first order (:mod:`calib.diagnosis.selection`); with them the model
+is fitted anew, and they are selected again where the weights of its poses follow. What the search ends
+with is fitted in full by whoever asked for it.
 """
 
 from __future__ import annotations
@@ -18,29 +16,25 @@ import numpy as np
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.lineup import FitView, Lineup, lineup
-from calib.diagnosis.screen import Score
+from calib.diagnosis.regression import RegressionProblem
+from calib.diagnosis.screen import Field, Score, ScoreRequest, scored
+from calib.diagnosis.selection import selection
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.stepwise import (
-    Round,
-    anything_elastic,
-    linear_scores,
-    next_selection,
-    with_curves,
-)
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.errors import Unsolvable
 from calib.identification.noise_level import replicate_factor
 from calib.identification.noise_scales import noise_scales
 
-_MOST_ROUNDS = 40  # of a contest from nothing
-_MOST_MORE = 12  # of one that goes on from another
-_SCANNED_ANEW = 8  # newcomers after which all tunings are tried again
-_MOST_PASSES = 2  # contests, while outliers are judged anew
+_MOST_FITS = 2  # of a selection, while the weights of poses follow from it
+_SETTLED = 0.1  # change of a weight that is not worth another
+ALPHA = 0.01
+"""Probability of a false entry, over all candidates together."""
+_MOST_PASSES = 2  # selections, while outliers are judged anew
 
 
 @dataclass(frozen=True, eq=False)
-class Entrant:
+class JudgedCandidate:
     """A candidate that entered the model, judged with all others in place.
 
     score : Score, its own; rivals : tuple of (Candidate, gain), all in its place, the best first
@@ -55,19 +49,17 @@ class Entrant:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Where the contest ended.
+    """Where a selection ended.
 
     before : Fit, without all that entered; active : tuple of Candidate, what entered
     view : FitView, of all suspects from the fit with that
     lineup : Lineup, the same with all their tunings
-    proved : dict, key of a member -> gain with which it last defended its place
     """
 
     before: Fit
     active: tuple[Candidate, ...]
     view: FitView
     lineup: Lineup
-    proved: dict[str, float]
 
     @property
     def fit(self) -> Fit:
@@ -80,51 +72,29 @@ class Outcome:
         return self.view.suspects
 
     @cached_property
-    def entries(self) -> tuple[Entrant, ...]:
+    def entries(self) -> tuple[JudgedCandidate, ...]:
         """Every selected candidate with the candidates that could take its place."""
         return tuple(_entry(self.view, c, self.active) for c in self.active)
 
 
-def contest(
-    stage: Stage,
-    lineup: Lineup,
-    active: Sequence[Candidate] = (),
-    proved: Mapping[str, float] | None = None,
-    before: Fit | None = None,
+def selected(
+    stage: Stage, lineup: Lineup, active: Sequence[Candidate] = (), before: Fit | None = None
 ) -> Outcome:
-    """Add, exchange and remove candidates until nothing pays.
+    """Select candidates about fits whose weights follow from what is selected.
 
-    stage : Stage, to first order
-    active : candidates to begin with, as an earlier contest left them
-    proved : gains with which they defended their places there; without, each must do so again
-    before : Fit, without any, where an earlier contest of the same stage has it
-    All tunings are tried at the beginning and before the end, in between those of a short list.
+    stage : Stage, to first order; active : candidates to begin with
+    before : Fit, without any, where an earlier selection of the same stage has it
     """
     before = stage.fit(()) if before is None else before
-    fit = stage.fit([c.effect for c in active], before) if active else before
-    view, listed = lineup.seen_from(stage, fit, active, fresh=True)
-    state = Round(stage, tuple(active), view, True, lineup.asked, dict(proved or {}))
-    fresh, grown = True, 0
-    tried = {frozenset(c.key for c in active)}
-    for _ in range(_MOST_MORE if active else _MOST_ROUNDS):
-        found = next_selection(state)
-        if found == state.active and fresh:
-            return Outcome(before, found, view, lineup, state.proved)
-        fresh = found == state.active
-        found = _numbered(found)
-        grown += len(set(found) - set(state.active))
-        if not fresh:
-            keys = frozenset(c.key for c in found)
-            if keys in tried:
-                break
-            tried.add(keys)
-            state.left.update({c.key for c in state.active} - keys)
-            fit = stage.fit([c.effect for c in found], fit)
-        fresh = fresh or grown >= _SCANNED_ANEW
-        grown = 0 if fresh else grown
-        view, listed = (lineup if fresh else listed).seen_from(stage, fit, found, fresh)
-        state = replace(state, active=found, view=view, fresh=fresh)
-    return Outcome(before, state.active, view, lineup, state.proved)
+    found = _numbered(active)
+    fit = stage.fit([c.effect for c in found], before) if found else before
+    for _ in range(_MOST_FITS):
+        bare = fit.without([c.effect for c in found]) if found else fit
+        found = _numbered(selection(RegressionProblem.of(stage, lineup, bare), found))
+        last, fit = fit, stage.fit([c.effect for c in found], fit) if found else before
+        if np.allclose(fit.weight, last.weight, atol=_SETTLED):
+            break
+    return Outcome(before, found, lineup.seen_from(fit, found), lineup)
 
 
 def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -132,20 +102,18 @@ def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
     found: list[Candidate] = []
     for c in active:
         line = 1 + sum(other.is_like(c) for other in found)
-        found.append(
-            c if c.line == line or not isinstance(c.effect, Tuned) else replace(c, line=line)
-        )
+        tuned = isinstance(c.effect, Tuned) and c.line != line
+        found.append(replace(c, line=line) if tuned else c)
     return tuple(found)
 
 
 def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
     """The outcome with a part of its members alone, no candidate tried again."""
     fit = stage.fit([c.effect for c in rest], outcome.fit)
-    view, _ = outcome.lineup.seen_from(stage, fit, rest, fresh=True)
-    return replace(outcome, active=tuple(rest), view=view)
+    return replace(outcome, active=tuple(rest), view=outcome.lineup.seen_from(fit, rest))
 
 
-def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Entrant:
+def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> JudgedCandidate:
     rest = [c for c in active if c is not member]
     stiff = isinstance(member.effect, ElasticEffect) and not anything_elastic((), view)
     suspects = [
@@ -167,7 +135,29 @@ def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> Ent
     if view.fit.mixing is not None:
         bare = view.by_instrument
         alone = linear_scores(bare.without(*taken), bare, [member])[member.key]
-    return Entrant(member, own, alone.fall, tuple(gains))
+    return JudgedCandidate(member, own, alone.fall, tuple(gains))
+
+
+def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
+    """A member and the curves that can do the same, which must not take the place of a named cause."""
+    return [member, *(c for c in active if c.covers(member))]
+
+
+def anything_elastic(active: Sequence[Candidate], view: FitView) -> bool:
+    """Whether the user's model, or what is in, holds something elastic.
+
+    A load moves nothing else, though to first order about an arm that yields its columns stay.
+    """
+    asked = {id(c.effect) for c in view.suspects}
+    effects = [e for e in view.fit.model.effects if id(e) not in asked]
+    return any(isinstance(e, ElasticEffect) for e in (*effects, *(c.effect for c in active)))
+
+
+def linear_scores(beside: Field, view: FitView, suspects: Sequence[Candidate]) -> dict[str, Score]:
+    """Score of each suspect, those with a tuning counted, at the variances of the fit."""
+    asked = [ScoreRequest(view.where[c.key], c.spread, c.limits, c.eliminate) for c in suspects]
+    found = scored(beside, asked)
+    return {c.key: own.counted(c.choices) for c, own in zip(suspects, found, strict=True)}
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:
@@ -192,12 +182,12 @@ def far_out(fit: Fit, candidate: Candidate) -> str:
     )
 
 
-# -- the contest in full: about the exact fit, and anew while noise and outliers are judged anew ----
+# -- the search in full: about the exact fit, and anew while noise and outliers are judged anew ----
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Where the contests ended.
+    """Where the search ended.
 
     stage : Stage, what was fitted; linear : the same to first order about its last fit
     factor : float, actual over stated noise by readings that were repeated
@@ -222,7 +212,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     stage = replace(stage, weights=stated / factor)
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
     asked = lineup(linear, suspects)
-    outcome = contest(linear, asked)
+    outcome = selected(linear, asked)
     readout = stage.model.readout
     scales = _scales_of(stage, outcome.fit, factor)
     if scales:
@@ -232,7 +222,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         stage = replace(stage, model=model, weights=stated / factor)
         known = replace(linear.model, noise_scales=scales)
         linear = replace(linear, weights=stage.weights, model=known)
-        outcome = contest(linear, asked)
+        outcome = selected(linear, asked)
     statistic, limit = np.zeros(len(data)), np.inf
     for _ in range(_MOST_PASSES):
         try:
@@ -246,11 +236,11 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
             break
         stage = replace(stage, dropped=out, robust=False)
         active = [c.as_tuned(float(fit.values[fit.positions(c.effect)[0]])) for c in outcome.active]
-        proved, grids = outcome.proved, asked.grids
+        grids = asked.grids
         del linear, asked, outcome  # the largest arrays of all
         linear = stage.about(fit, [c.effect for c in suspects])
         asked = lineup(linear, suspects, grids)
-        outcome = contest(linear, asked, active, proved)
+        outcome = selected(linear, asked, active)
     return Search(stage, linear, outcome, factor, statistic, limit)
 
 

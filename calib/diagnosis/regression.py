@@ -1,0 +1,179 @@
+"""The regression in which causes are selected: user's model, scatter of every joint, all candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arm.repeatability import usual_repeatability
+from calib.arrays import Array, IntArray, stacked
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.compressed import CompressedColumns
+from calib.diagnosis.lineup import Lineup
+from calib.diagnosis.stage import Fit, Stage
+from calib.effects.protocol import ElasticEffect
+from calib.effects.tuned import Tuned
+from calib.evidence import cholesky_of
+from calib.identification.components import (
+    arm_effects,
+    as_variances,
+    design_of,
+    stated_effects,
+)
+from calib.inference import Design, Prior
+from calib.inference.reml import VarianceProblem
+from calib.inference.restricted import MixedModel
+from calib.linear import LinearProblem, orthonormal
+
+_AMPLITUDES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])
+_CURVE_AMPLITUDES = np.array([0.01, 0.1, 1.0, 3.0, 10.0])
+_WIDE = 10.0  # times an arm's repeatability: what no model follows from one place to the next
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateColumns:
+    """A candidate and its columns, in units of its plausible size.
+
+    columns : ndarray of int, shape (k,), in :class:`CompressedColumns`
+    """
+
+    candidate: Candidate
+    columns: IntArray
+
+    @cached_property
+    def amplitudes(self) -> Array:
+        """Amplitudes that are tried, shape (s,), in plausible sizes: none beyond what is ever met."""
+        if not self.candidate.named:
+            return _CURVE_AMPLITUDES
+        limits = self.candidate.limits / [p.size for p in self.candidate.amounts]
+        largest = max(float(_AMPLITUDES[0]), 1.01 * float(limits.max(initial=0.0)))
+        return np.asarray(np.minimum(_AMPLITUDES, _AMPLITUDES[largest >= _AMPLITUDES].max()))
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionProblem:
+    """All of it at one fit.
+
+    fit : Fit, without candidates; fixed : those without a tuning
+    base, rows : CompressedColumns, of these, and of those with a tuning as well
+    variances : VarianceProblem, bounds and priors of the variances
+    """
+
+    stage: Stage
+    lineup: Lineup
+    fit: Fit
+    base: CompressedColumns
+    rows: CompressedColumns
+    fixed: tuple[CandidateColumns, ...]
+    variances: VarianceProblem
+
+    @classmethod
+    def of(cls, stage: Stage, lineup: Lineup, fit: Fit) -> RegressionProblem:
+        """Compress the columns at a fit without candidates."""
+        design, prior = _design(stage, fit)
+        rows = CompressedColumns.of(design)
+        variances = VarianceProblem.of(MixedModel.of(design), prior)
+        found = cls(stage, lineup, fit, rows, rows, (), variances)
+        rows, fixed = found._appended([(c, lineup.rows_of(fit, c)) for c in lineup.fixed])
+        return replace(found, base=rows, rows=rows, fixed=fixed)
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the user's model holds something elastic."""
+        return any(isinstance(e, ElasticEffect) for e in self.stage.model.effects)
+
+    def with_tuned(
+        self, members: Sequence[Candidate]
+    ) -> tuple[RegressionProblem, tuple[CandidateColumns, ...]]:
+        """The problem with columns of members that have a tuning."""
+        rows, found = self._appended(list(self._tuned(members)))
+        return replace(self, rows=rows), found
+
+    def scanned(
+        self, members: Sequence[tuple[Candidate, float]], theta: Array
+    ) -> tuple[RegressionProblem, tuple[CandidateColumns, ...]]:
+        """The problem with members' tunings, and the best of each grid beside them.
+
+        members : candidates with their amplitudes
+        """
+        present, tunings = [c for c, _ in members], list[tuple[Candidate, Array]]()
+        if self.lineup.grids:
+            beside = self._linear(members, theta).complement
+            tunings = list(self.lineup.tunings(self.fit, beside, present))
+        rows, found = self._appended([*self._tuned(present), *tunings])
+        return replace(self, rows=rows), found
+
+    def _tuned(self, members: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array]]:
+        """Rows of members that have a tuning."""
+        for c in members:
+            if isinstance(c.effect, Tuned):
+                yield c, self.lineup.rows_of(self.fit, c)
+
+    def _linear(self, members: Sequence[tuple[Candidate, float]], theta: Array) -> LinearProblem:
+        """The least-squares problem at variances theta."""
+        design, stage = self.rows.design, self.stage
+        flat = np.zeros((design.r.size, self.rows.response + 1))
+        flat[design.live] = np.column_stack([design.response, design.columns])
+        rows = flat.reshape(*design.r.shape, -1)
+        own = [self.lineup.rows_of(self.fit, c) @ root_of(c) for c, _ in members]
+        J = np.concatenate([rows[..., 1:], *own], axis=-1)
+        sizes = [np.full(X.shape[-1], size) for X, (_, size) in zip(own, members, strict=True)]
+        known = np.concatenate([self.rows.precision, *(size**-2.0 for size in sizes)])
+        held = np.diag(np.sqrt(known))[known > 0.0]
+        found = as_variances(stage.scatter.joints, design, design.variances(theta), stage.arm)
+        levers = self.fit.observation.rows(stage.scatter.levers)
+        mixing, off = stage.scatter.at(found).mixing(levers), np.zeros(len(held))
+        return LinearProblem(rows[..., 0], J, np.eye(J.shape[-1]), off, held, mixing)
+
+    def _appended(
+        self, own: Sequence[tuple[Candidate, Array]]
+    ) -> tuple[CompressedColumns, tuple[CandidateColumns, ...]]:
+        """Rows with the columns (m, R, k) of candidates, in units of their plausible sizes."""
+        if not own:
+            return self.base, ()
+        scaled = [rows @ root_of(c) for c, rows in own]
+        ends = len(self.base) + np.cumsum([0, *(part.shape[-1] for part in scaled)])
+        found = tuple(
+            CandidateColumns(c, np.arange(a, b))
+            for (c, _), a, b in zip(own, ends, ends[1:], strict=False)
+        )
+        return self.base.with_columns(np.concatenate(scaled, axis=-1)), found
+
+
+def root_of(candidate: Candidate) -> Array:
+    """Coefficients of plausible size, shape (k, k), from such of unit variance."""
+    if candidate.spread is None:
+        return np.diag([p.size for p in candidate.amounts])
+    return cholesky_of(candidate.spread) * candidate.effect.parameters[0].size
+
+
+def _design(stage: Stage, fit: Fit) -> tuple[Design, Prior]:
+    """The user's model at a fit, and the scatter of every joint, wide: much of it is no chance."""
+    scatter, robot = stage.scatter, stage.model.robot
+    levers = fit.observation.rows(scatter.levers)
+    stated = stated_effects(scatter, levers, stage.arm)
+    arm = arm_effects(scatter, levers, robot, scatter.has_approaches and stage.arm is None)
+    effects = (*(e for e, _ in stated), *(e for e in arm if e.part < scatter.joints))
+    usual = _WIDE * usual_repeatability(robot.reach).middle
+    scales = {"turns": usual / max(robot.reach / 2.0, 1e-3), "slides": usual}
+    known = {effect.kind: variance for effect, variance in stated}
+    return _orthonormal(design_of(fit.linear, effects)), Prior(scales, known, of_logarithm=False)
+
+
+def _orthonormal(design: Design) -> Design:
+    """The design with columns of which nothing is known orthonormal, and all others beside them.
+
+    Products then keep their digits.
+    """
+    Q = orthonormal(stacked(design.J @ design.span))
+
+    def beside(rows: Array) -> Array:
+        flat = rows.reshape(len(Q), -1)
+        return np.asarray(flat - Q @ (Q.T @ flat)).reshape(rows.shape)
+
+    blocks = tuple(replace(g, columns=beside(g.columns)) for g in design.blocks)
+    J = Q.reshape(*design.r.shape, -1)
+    return replace(design, r=beside(design.r), J=J, span=np.eye(J.shape[-1]), blocks=blocks)

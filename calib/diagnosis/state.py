@@ -1,0 +1,182 @@
+"""Where a selection of causes stands: its members, the variances beside them, and the objective.
+
+    -2 log L(variances, members) + sum over members of their price
+
+with the penalised restricted likelihood L of the regression in which the members are blocks of a normal
+prior. A price is what the choice among all candidates costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.compressed import Block
+from calib.diagnosis.conditional import Conditional, Curvature, best_amplitude
+from calib.diagnosis.regression import CandidateColumns, RegressionProblem
+from calib.diagnosis.screen import CURVE_PRICE
+from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.inference.restricted import RestrictedLikelihood
+
+_MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
+_STEPS = 8  # of a search of variances
+_TURNS = 2  # of variances and amplitudes
+SETTLED = 0.2
+"""Change of the objective that is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedEffect:
+    """A member: its columns, and its amplitude in units of its plausible size."""
+
+    own: CandidateColumns
+    amplitude: float
+
+    @property
+    def candidate(self) -> Candidate:
+        """Which it is."""
+        return self.own.candidate
+
+    @property
+    def key(self) -> str:
+        """Of the candidate."""
+        return self.own.candidate.key
+
+    @property
+    def block(self) -> Block:
+        """Its columns and their prior standard deviation."""
+        return self.own.columns, self.amplitude
+
+
+Members = tuple[SelectedEffect, ...]
+Scored = tuple[float, SelectedEffect]
+"""Decrease of the objective, and the candidate."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionState:
+    """Where a selection stands.
+
+    theta : ndarray, variances found beside the members; objective : float, with all prices
+    """
+
+    problem: RegressionProblem
+    tuned: tuple[CandidateColumns, ...]
+    members: Members
+    theta: Array
+    objective: float
+
+    @cached_property
+    def conditional(self) -> Conditional:
+        """Beside all members, at the present variances."""
+        return Conditional.of(self.problem.rows.at(self.theta), [m.block for m in self.members])
+
+    @cached_property
+    def curvature(self) -> Curvature:
+        """Of the objective about the present variances."""
+        model = self.problem.rows.model([m.block for m in self.members])
+        return Curvature(*replace(self.problem.variances, model=model).curvature(self.theta))
+
+    def price(self, candidate: Candidate) -> float:
+        """What a member must gain."""
+        choices = self.problem.lineup.asked * candidate.choices
+        return 2.0 * float(np.log(choices)) + (0.0 if candidate.named else CURVE_PRICE)
+
+    def with_members(self, members: Members) -> SelectionState:
+        """The state with other members, variances and amplitudes found anew."""
+        theta, last = self.theta, members
+        for _ in range(_TURNS):
+            model = self.problem.rows.model([m.block for m in members])
+            variances = replace(self.problem.variances, model=model)
+            found = variances.descend(theta, _STEPS, SETTLED)
+            theta = found.theta
+            likelihood = RestrictedLikelihood(model, theta)
+            last, members = members, tuple(_at_amplitudes(members, likelihood))
+            if all(m.amplitude == o.amplitude for m, o in zip(members, last, strict=True)):
+                break
+        objective = found.objective + sum(self.price(m.candidate) for m in last)
+        return replace(self, members=last, theta=theta, objective=objective)
+
+    def scanned(self) -> SelectionState:
+        """The state with the tunings that are best beside its members."""
+        present = [(m.candidate, m.amplitude) for m in self.members]
+        problem, tuned = self.problem.scanned(present, self.theta)
+        columns = {c.candidate.key: c for c in (*problem.fixed, *tuned)}
+        members = tuple(replace(m, own=columns[m.key]) for m in self.members)
+        return replace(self, problem=problem, tuned=tuned, members=members)
+
+    def eligible(self, rest: Members) -> list[CandidateColumns]:
+        """Candidates that may enter beside the rest: few curves, loads where something is elastic."""
+        taken = {m.key for m in rest}
+        full = sum(not m.candidate.named for m in rest) >= _MOST_CURVES
+        stiff = not (self.problem.elastic or any(is_elastic(m.candidate) for m in rest))
+        return [
+            c
+            for c in (*self.problem.fixed, *self.tuned)
+            if c.candidate.key not in taken
+            and (c.candidate.named or not full)
+            and not (stiff and isinstance(c.candidate.effect, LoadEffect))
+        ]
+
+    def scores(self, beside: Conditional, asked: Sequence[CandidateColumns]) -> list[Scored]:
+        """Gain of each candidate less its price, the largest first, at the present variances."""
+        found = []
+        for group in _by_width(asked):
+            own = np.array([c.columns for c in group])
+            gains, sizes = beside.gains(own, np.array([c.amplitudes for c in group]))
+            for c, gain, size in zip(group, gains.tolist(), sizes.tolist(), strict=True):
+                found.append((gain - self.price(c.candidate), SelectedEffect(c, size)))
+        return sorted(found, key=lambda pair: -pair[0])
+
+    def answered(
+        self, beside: Conditional, scores: Sequence[Scored], gone: Array | float = 0.0
+    ) -> list[Scored]:
+        """Scores with what one step of the variances adds, the largest first.
+
+        gone : ndarray, shape (t,), change of the gradient by what was taken out
+        """
+        gain = {one.key: worth for worth, one in scores}
+        amplitude = {one.key: one.amplitude for _, one in scores}
+        found = []
+        for group in _by_width([one.own for _, one in scores]):
+            keys = [c.candidate.key for c in group]
+            own = np.array([c.columns for c in group])
+            change = beside.changes(own, np.array([amplitude[key] for key in keys]))
+            more = self.curvature.promised(change + gone)
+            for c, key, extra in zip(group, keys, more.tolist(), strict=True):
+                found.append((gain[key] + extra, SelectedEffect(c, amplitude[key])))
+        return sorted(found, key=lambda pair: -pair[0])
+
+
+def _by_width(asked: Sequence[CandidateColumns]) -> Iterable[list[CandidateColumns]]:
+    groups: dict[int, list[CandidateColumns]] = {}
+    for c in asked:
+        groups.setdefault(len(c.columns), []).append(c)
+    return groups.values()
+
+
+def _at_amplitudes(members: Members, likelihood: RestrictedLikelihood) -> Iterator[SelectedEffect]:
+    """Members at the amplitudes that are best where all others stay.
+
+    In units of its amplitude a member's coefficients have the covariance ``(a^2 S + I)^-1`` and the
+    mean ``a (a^2 S + I)^-1 z``.
+    """
+    of_column = likelihood.model.design.block_of_column
+    first = len(likelihood.model.design.blocks) - len(members)
+    for i, member in enumerate(members, start=first):
+        W = likelihood.inverse[of_column == i]
+        d, axes = np.linalg.eigh(W @ W.T)
+        z = axes.T @ likelihood.coefficients[of_column == i] / d / member.amplitude
+        squares = np.maximum(1.0 / d - 1.0, 0.0) / member.amplitude**2
+        _, best = best_amplitude(squares[None], z[None], member.own.amplitudes[None])
+        yield replace(member, amplitude=float(best[0]))
+
+
+def is_elastic(candidate: Candidate) -> bool:
+    """Whether loads move the arm through it."""
+    return isinstance(candidate.effect, ElasticEffect)

@@ -18,6 +18,7 @@ from calib.effects.protocol import ElasticEffect
 from calib.effects.tuned import Tuned
 from calib.evidence import cholesky_of
 from calib.identification.components import (
+    LEAST_INSTRUMENT,
     arm_effects,
     as_variances,
     design_of,
@@ -160,7 +161,8 @@ def _design(stage: Stage, fit: Fit) -> tuple[Design, Prior]:
     usual = _WIDE * usual_repeatability(robot.reach).middle
     scales = {"turns": usual / max(robot.reach / 2.0, 1e-3), "slides": usual}
     known = {effect.kind: variance for effect, variance in stated}
-    return _orthonormal(design_of(fit.linear, effects)), Prior(scales, known, of_logarithm=False)
+    prior = Prior(scales, known, instrument_least=LEAST_INSTRUMENT, of_logarithm=False)
+    return _orthonormal(design_of(fit.linear, effects)), prior
 
 
 def _orthonormal(design: Design) -> Design:

@@ -26,7 +26,8 @@ from calib.scatter import Scatter, ScatterLevel, Undetected, VarianceEstimate, V
 
 # Decrease of -2 log likelihood: half a chi-square at the bound, so once in seventy by chance.
 _PAYS = 6.0
-_LEAST = 0.2**2  # nobody's instrument is five times better than its maker says
+LEAST_INSTRUMENT = 0.2**2
+"""Variance of an instrument in the maker's: nobody's is five times better than stated."""
 _SMALL = 1e-9  # of the largest singular value of what is known beforehand
 
 
@@ -149,7 +150,7 @@ def _prior(robot: Robot, stated: list[tuple[RandomEffect, float]]) -> Prior:
     usual = usual_repeatability(robot.reach).best / float(np.sqrt(robot.dof + 2))
     scales = {"slides": usual, "turns": usual / max(robot.reach / 2.0, 1e-3)}
     known = {effect.kind: variance for effect, variance in stated}
-    return Prior(scales, known, instrument_least=_LEAST)
+    return Prior(scales, known, instrument_least=LEAST_INSTRUMENT)
 
 
 def as_variances(

@@ -87,14 +87,14 @@ def test_nothing_is_wrong(tmp_path: Path, make: Make) -> None:
     "seeds",
     [
         pytest.param([9], marks=pytest.mark.part),
-        pytest.param(range(10, 20), marks=pytest.mark.long),
+        pytest.param(range(20), marks=pytest.mark.long),
     ],
 )
 def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path, seeds: range) -> None:
     """Though their noise is not larger where the board looks smaller, as they are taken to have it.
 
-    A variance enters by chance on one clean day in twenty: it is told as scatter, and is no gap. Of
-    thirty such days two are said to have structure (seeds 0 and 24); these are without.
+    A variance enters by chance on one clean day in twenty: it is told as scatter, and is no gap. More
+    than three of twenty would come once in sixty.
     """
     scatters = 0
     for seed in seeds:
@@ -102,4 +102,4 @@ def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path, seeds: 
         found = calib.diagnose(*kr270_day(tmp_path, SETUPS["kr270, two"], truth, 30, 4))
         assert (found.verdict, found.causes) == ("no_gap", ())
         scatters += found.rest.kind != "none"
-    assert scatters <= len(seeds) // 10
+    assert scatters <= 3 * (len(seeds) > 1)

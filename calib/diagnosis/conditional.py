@@ -31,7 +31,7 @@ from calib.diagnosis.compressed import Block, Products
 
 _VISIBLE = 1e-9  # of the squared length of columns
 _LONGEST = 2.0  # change of the logarithm of a variance in one step
-_DIGITS = 1e-13
+_DIGITS = 1e-13  # of a product: what keeps a set of dependent columns regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +183,5 @@ def best_amplitude(d: Array, z: Array, amplitudes: Array) -> tuple[Array, Array]
     a, d = amplitudes[..., None] ** 2, d[:, None]
     gains = (a * z[:, None] ** 2 / (1.0 + a * d) - np.log1p(a * d)).sum(axis=-1)
     best = np.argmax(gains, axis=1)[:, None]
-    found = (np.take_along_axis(each, best, axis=1)[:, 0] for each in (gains, amplitudes))
-    gain, amplitude = found
-    return gain, amplitude
+    gain, amplitude = (np.take_along_axis(each, best, axis=1) for each in (gains, amplitudes))
+    return gain[:, 0], amplitude[:, 0]

@@ -12,7 +12,7 @@ from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import linearised
 from calib.diagnosis.screen import Field
-from calib.diagnosis.search import ALPHA, Outcome
+from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Parameter
 from calib.evidence import VISIBLE
@@ -20,6 +20,8 @@ from calib.model.covariance import working_points
 from calib.poses import Poses
 
 POWER = 0.9
+ALPHA = 0.01
+"""Probability, over all candidates together, of a score test beyond the limit by chance."""
 
 
 @lru_cache(maxsize=256)

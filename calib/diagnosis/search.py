@@ -28,8 +28,6 @@ from calib.identification.noise_scales import noise_scales
 
 _MOST_FITS = 2  # of a selection, while the weights of poses follow from it
 _SETTLED = 0.1  # change of a weight that is not worth another
-ALPHA = 0.01
-"""Probability of a false entry, over all candidates together."""
 _MOST_PASSES = 2  # selections, while outliers are judged anew
 
 

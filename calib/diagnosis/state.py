@@ -80,7 +80,8 @@ class SelectionState:
     def curvature(self) -> Curvature:
         """Of the objective about the present variances."""
         model = self.problem.rows.model([m.block for m in self.members])
-        return Curvature(*replace(self.problem.variances, model=model).curvature(self.theta))
+        likelihood = RestrictedLikelihood(model, self.theta)
+        return Curvature(*replace(self.problem.variances, model=model).curvature(likelihood))
 
     def price(self, candidate: Candidate) -> float:
         """What a member must gain."""

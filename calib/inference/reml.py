@@ -121,9 +121,9 @@ class VarianceProblem:
         likelihood = RestrictedLikelihood(self.model, theta)
         return likelihood.value + penalty(self.model.design, self.prior, theta).value, likelihood
 
-    def curvature(self, theta: Array) -> tuple[Array, Array, Mask]:
+    def curvature(self, likelihood: RestrictedLikelihood) -> tuple[Array, Array, Mask]:
         """Gradient (t,) and average information (t, t) of the objective, and what may move (t,)."""
-        gradient, information = RestrictedLikelihood(self.model, theta).derivatives
+        theta, (gradient, information) = likelihood.theta, likelihood.derivatives
         known = penalty(self.model.design, self.prior, theta)
         curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
         gradient, information = gradient + known.slope, information + np.diag(curvature)
@@ -133,11 +133,7 @@ class VarianceProblem:
         """Newton steps with average information, until one promises less than ``settled``."""
         (found, likelihood), damping = self.at(theta), _DAMPING[0]
         for _ in range(steps):
-            gradient, information = likelihood.derivatives
-            known = penalty(self.model.design, self.prior, theta)
-            curvature = known.curvature + np.maximum(gradient, 0.0)  # as of log s^2 beside s^2
-            gradient, information = gradient + known.slope, information + np.diag(curvature)
-            inside = self._inside(theta, gradient)
+            gradient, information, inside = self.curvature(likelihood)
             while True:
                 step = _step(gradient, information, inside, damping)
                 trial = np.exp(np.clip(np.log(theta) + step, np.log(self.low), np.log(self.high)))

@@ -18,9 +18,8 @@ from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
-from calib.diagnosis.detection_limit import Detectable, detectable
+from calib.diagnosis.detection_limit import ALPHA, Detectable, detectable
 from calib.diagnosis.screen import Field, field
-from calib.diagnosis.search import ALPHA
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts

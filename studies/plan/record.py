@@ -118,8 +118,7 @@ class PlanRecord(Record):
 
 def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     """The record of what a plan can tell."""
-    from calib.diagnosis.detection_limit import POWER
-    from calib.diagnosis.search import ALPHA
+    from calib.diagnosis.detection_limit import ALPHA, POWER
     from calib.effects.protocol import LoadEffect
     from doe.ahead.information import SURE
 

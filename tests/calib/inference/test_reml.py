@@ -69,6 +69,18 @@ def test_no_variance_improves_the_penalised_likelihood(groups: str, prior: Prior
     assert np.abs(slope).max() < 5e-3
 
 
+@pytest.mark.parametrize("of_logarithm", [True, False])
+def test_the_slope_of_a_prior_is_that_of_its_value(of_logarithm: bool) -> None:
+    """Central differences by log variances."""
+    design = random_design("places", 3)
+    prior = Prior({"joint": 0.3}, instrument_freedom=5.0, of_logarithm=of_logarithm)
+    theta = np.linspace(0.2, 1.5, len(design.theta(reml(design))))
+    for j, slope in enumerate(penalty(design, prior, theta).slope):
+        step = np.exp(1e-5 * (np.arange(len(theta)) == j))
+        up, down = (penalty(design, prior, t).value for t in (theta * step, theta / step))
+        assert slope == pytest.approx((up - down) / 2e-5, abs=1e-6)
+
+
 @pytest.mark.parametrize("groups", list(GROUPS))
 def test_any_start_leads_to_the_same_variances(groups: str) -> None:
     design = random_design(groups, 5)

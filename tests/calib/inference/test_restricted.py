@@ -188,3 +188,13 @@ def test_work_grows_as_groups_and_not_as_their_square() -> None:
         return sum(a.size for a in held)
 
     assert numbers(80) == 2 * numbers(40)
+
+
+@pytest.mark.parametrize("groups", list(GROUPS))
+def test_turned_rows_and_the_rest_keep_all_products(groups: str) -> None:
+    """And the rest is as many rows as the turn says, of all instruments together."""
+    design = random_design(groups)
+    turned, rows = MixedModel.of(design).turned, design.columns
+    inside, outside = turned.inside(rows).reshape(-1, rows.shape[1]), turned.outside_rows(rows)
+    np.testing.assert_allclose(inside.T @ inside + outside.T @ outside, rows.T @ rows, atol=1e-10)
+    assert np.count_nonzero(outside.any(axis=1)) == turned.outside.sum()

@@ -21,7 +21,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
-from calib.diagnosis.search import JudgedCandidate, far_out
+from calib.diagnosis.search import far_out
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
@@ -195,8 +195,8 @@ def causes_of(
             doubt=doubt,
             values=after.values[own],
             std=std[own],
-            p=min(1.0, entry.score.p * asked),
-            share=_share_of(finding, entry),
+            p=min(1.0, entry.p * asked),
+            share=_share_of(finding, entry.candidate),
             evidence=evidence,
             standing=standing_of(named, evidence.probability, doubt, matters),
             far_out=far_out(after, named.candidate),
@@ -219,7 +219,8 @@ def _no_cause(finding: Finding, named: Named) -> bool:
     if is_weak(fit, candidate):
         return True
     std = finding.scale * fit.std_of(fit.model.amounts(candidate.effect))
-    return bool(_share_of(finding, named.entry) < _NO_SHARE and (std > candidate.limits).all())
+    share = _share_of(finding, named.entry.candidate)
+    return bool(share < _NO_SHARE and (std > candidate.limits).all())
 
 
 def _deviations(after: Fit, scale: float) -> Array:
@@ -261,7 +262,7 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
     ]
     for c in causes:
         if c.misshapen:
-            part = min(1.0, c.doubt.fall / max(c.named.entry.score.fall, 1e-9))
+            part = min(1.0, c.doubt.fall / max(c.named.entry.fall, 1e-9))
             share = c.share if c.displaced else part * c.share
             place = GapPlace(c.where, c.doubt.depends_on, share)
             if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
@@ -269,7 +270,7 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
     for entry in outcome.entries:
         if not entry.candidate.named:
             own = entry.candidate
-            found.append(GapPlace(own.where, own.depends_on, _share_of(finding, entry)))
+            found.append(GapPlace(own.where, own.depends_on, _share_of(finding, own)))
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
         noise, before = after.dof * after.variances.scale**2, outcome.before.cost
@@ -280,19 +281,9 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 
-def _share_of(finding: Finding, entry: JudgedCandidate) -> float:
-    """By how much the sum of squares would rise without it, over its excess before; NaN without one.
-
-    The noise left beside the estimated parameters is what it says, or less where less is left. Where
-    whole poses scatter, see :func:`~calib.diagnosis.gap.shares_beside_scatter`.
-    """
-    after = finding.after
-    if after.variances.any:
-        return float(
-            np.maximum(finding.shares_beside_scatter.get(entry.candidate.key, np.nan), 0.0)
-        )
-    excess = finding.outcome.before.cost - min(after.cost, after.dof * finding.scale**2)
-    return entry.fall / excess if excess > 0.0 else np.nan
+def _share_of(finding: Finding, candidate: Candidate) -> float:
+    """By how much the sum of squares would rise without it, over its excess before; NaN without one."""
+    return finding.shares.get(candidate.key, np.nan)
 
 
 def _scattering(finding: Finding) -> str:

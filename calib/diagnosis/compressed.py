@@ -121,6 +121,10 @@ class Products:
         """Products of some columns with all, shape (k, f)."""
         return np.asarray(self.rows[:, own].T @ self.rows)
 
+    def lengths(self, own: IntArray) -> Array:
+        """Lengths (k,) of columns (k,)."""
+        return np.asarray(np.linalg.norm(self.rows[:, own], axis=0))
+
     def squares(self, own: IntArray) -> Array:
         """Products (n, k, k) of columns (n, k) among themselves."""
         keys = [columns.tobytes() for columns in own]

@@ -132,6 +132,10 @@ class Conditional:
             H = H + (self.along @ self.gone.T) @ (self.gone @ self.E[:, own])
         return H
 
+    def crossed(self, own: IntArray) -> Array:
+        """Products (k, f) of columns (k,) with all, beside the set."""
+        return np.asarray(self.products.of(own) - self._along(own).T @ self.E)
+
     def squares(self, own: IntArray) -> Array:
         """Products (n, k, k) of candidates' columns (n, k) beside the set."""
         E = np.moveaxis(self._along(own.ravel()).reshape(-1, *own.shape), 0, 1)

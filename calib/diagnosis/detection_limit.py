@@ -8,16 +8,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.linear import linearised
-from calib.diagnosis.screen import Field
+from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Parameter
-from calib.evidence import VISIBLE
+from calib.inference.evidence import VISIBLE, visible_directions
 from calib.model.covariance import working_points
 from calib.poses import Poses
+
+_ROUNDS = 20  # of a fixed point that halves its error in each
 
 POWER = 0.9
 ALPHA = 0.01
@@ -42,16 +44,20 @@ def detection(limit: float, directions: int, noncentrality: Array | float) -> Ar
     return np.asarray(1.0 - chndtr(limit, directions, noncentrality))
 
 
-def entry_limit(directions: int, rows: int, asked: int, alpha: float) -> float:
-    """Score beyond which a cause is believed, of so many asked at readings with so many rows.
+def entry_limit(directions: int, choices: float, alpha: float) -> float:
+    """Score beyond which a cause is believed, of so many that are asked.
 
-    The stricter of a chi-square test at level alpha over all that are asked (Bonferroni), and of
-    Schwarz's price of the directions with twice the logarithm of the choice.
+    The stricter of a chi-square test at level alpha over all that are asked (Bonferroni), and of what
+    the selection asks: a score t in k directions gains ``t - k - k log(t / k)`` at the amplitude that
+    is best where all directions show alike, and must pay ``2 log(choices)``.
     """
     from scipy.special import chdtri
 
-    price = directions * np.log(rows) + 2.0 * np.log(asked)
-    return max(float(chdtri(directions, alpha / asked)), float(price))
+    k, price = directions, 2.0 * np.log(choices)
+    t = k + price
+    for _ in range(_ROUNDS):
+        t = k + price + k * np.log(t / k)
+    return max(float(chdtri(k, alpha / choices)), float(t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +82,21 @@ class Detectable:
         return detection(self.limit, self.directions, self.needed * np.asarray(times) ** 2)
 
 
-def detectable(field: Field, columns: IntArray, asked: int, alpha: float) -> Detectable:
-    """What readings would show of the cause with these columns, of so many asked."""
-    lengths, whole = np.linalg.norm(field.projected(columns), axis=0), field.lengths[columns]
-    share = lengths / np.where(whole > 0.0, whole, 1.0)
-    nowhere, visible = np.full(len(columns), np.inf), share > VISIBLE
-    directions = field.directions(columns).shape[1]
+def detectable(S: Array, lengths: Array, choices: float, alpha: float) -> Detectable:
+    """What readings would show of a cause of k columns, of so many that are asked.
+
+    S : ndarray, shape (k, k), products of its columns with everything modelled projected out
+    lengths : ndarray, shape (k,), of the columns before
+    """
+    left = np.sqrt(np.maximum(np.diag(S), 0.0))
+    share = left / np.where(lengths > 0.0, lengths, 1.0)
+    nowhere, visible = np.full(len(S), np.inf), share > VISIBLE
+    directions = int(visible_directions(S, lengths)[1].sum())
     if not directions or not visible.any():  # what is left of a combination alone is rounding
         return Detectable(0, share, nowhere, np.inf, np.inf)
-    limit = entry_limit(directions, field.rows, asked, alpha)
+    limit = entry_limit(directions, choices, alpha)
     needed = needed_beyond(limit, directions)
-    smallest = np.divide(np.sqrt(needed), lengths, out=nowhere, where=visible)
+    smallest = np.divide(np.sqrt(needed), left, out=nowhere, where=visible)
     return Detectable(directions, share, smallest, limit, needed)
 
 
@@ -136,12 +146,13 @@ def detection_limits(
     targets : Poses, and weights (t,); an effect that depends on more than joints and load, such as
         drift, is judged at the readings instead
     """
+    state = outcome.judged
     errors = [
-        _error(outcome, candidate)
-        for candidate in outcome.suspects
-        if candidate.named and not candidate.echo and candidate.key not in entered
+        _error(outcome, own)
+        for own in (*state.problem.fixed, *state.tuned)
+        if own.candidate.named and not own.candidate.echo and own.candidate.key not in entered
     ]
-    fit = outcome.view.fit
+    fit = outcome.fit
     by_joints = [e for e in errors if not e.candidate.effect.uses]
     others = [e for e in errors if e.candidate.effect.uses]
     poses = stage.data.poses
@@ -162,15 +173,18 @@ def detection_limits(
     )
 
 
-def _error(outcome: Outcome, candidate: Candidate) -> _HiddenError:
+def _error(outcome: Outcome, own: CandidateColumns) -> _HiddenError:
     """The parameter of a cause that is found best, against the size of such errors."""
-    columns, parameters = outcome.view.where[candidate.key], candidate.amounts
-    asked = len(outcome.suspects) * candidate.tried
-    sizes = detectable(outcome.view.complement, columns, asked, ALPHA).smallest.tolist()
-    number = min(range(len(sizes)), key=lambda k: sizes[k] / parameters[k].size)
-    size, parameter = sizes[number], parameters[number]
-    size = size if size < _NEVER * parameter.size else np.inf
-    rows = outcome.view.columns[:, columns[number]]
+    candidate, state = own.candidate, outcome.judged
+    beside, asked = state.conditional, state.problem.candidates
+    S, lengths = beside.squares(own.columns[None])[0], beside.products.lengths(own.columns)
+    choices = asked.asked * candidate.choices
+    sizes = detectable(S, lengths, choices, ALPHA).smallest.tolist()  # in plausible ones
+    number = int(np.argmin(sizes))
+    parameter = candidate.amounts[number]
+    size = sizes[number] * parameter.size if sizes[number] < _NEVER else np.inf
+    fit = outcome.fit
+    rows = fit.linear.columns(asked.rows_of(fit, candidate)[..., [number]])[:, 0]
     return _HiddenError(candidate, number, parameter, size, rows)
 
 

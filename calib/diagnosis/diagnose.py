@@ -17,7 +17,7 @@ from calib.diagnosis.causes import (
     verdict_of,
     weak_of,
 )
-from calib.diagnosis.cross_validation import BY_TIME, reselected
+from calib.diagnosis.cross_validation import BY_TIME, crossed
 from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
@@ -25,6 +25,7 @@ from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.search import search
+from calib.diagnosis.stability import stability
 from calib.diagnosis.stage import Stage
 from calib.identification.checks import check_counts
 from calib.identification.identify import identify
@@ -128,9 +129,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     suspects, missing = candidates(cell, stage.model, data)
     finding = finding_of(search(stage, suspects))
     stage, outcome = finding.stage, finding.outcome
-    anew = reselected(finding.linear, outcome, finding.named)
     targets, weights = targets_of(cell)
-    again = {} if anew is None else anew.again
+    again = stability(outcome.judged, finding.named) if finding.named else {}
     causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
@@ -139,10 +139,11 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
     gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
-    if anew is not None:
-        gap = replace(gap, crossed=(anew.before, anew.after))
-    if by_time and (over := reselected(finding.linear, outcome, finding.named, by_time=True)):
-        gap = replace(gap, over_time=(over.before, over.after))
+    gap = replace(
+        gap,
+        crossed=crossed(finding.linear, outcome),
+        over_time=crossed(finding.linear, outcome, by_time=True) if by_time else None,
+    )
     entered = {c.named.candidate.key for c in causes}
     weak = tuple(weak_of(finding))
     return Diagnosis(

@@ -7,15 +7,21 @@ cause. Rivals that explain about as much, and such imitations, make a class with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.search import JudgedCandidate, Outcome
+from calib.diagnosis.conditional import Conditional
+from calib.diagnosis.judged import CLOSE, JudgedCandidate
+from calib.diagnosis.regression import CandidateColumns
+from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.state import SelectionState
 from calib.effects.tuned import Tuned
+from calib.inference.evidence import visible_directions
 
 _EXACT = 2e-4  # of a signal that a twin may leave: columns are those of the fit, to first order
 _MORE = 3  # directions beyond those of a cause from which on anything can be imitated
@@ -38,39 +44,48 @@ class Imitation:
 
 def imitations(outcome: Outcome, entry: JudgedCandidate) -> list[Imitation]:
     """All causes by name beside an entry, the best imitation first."""
-    view = outcome.view
-    beside, where = view.without(entry.candidate), view.where
-    own = where[entry.candidate.key]
-    U, (_, Xr) = beside.directions(own), beside.products(own)
-    signal = U.T @ Xr
-    spread = max(beside.cost - float(signal @ signal), 0.0) / max(beside.dof - len(signal), 1)
-    noise = spread if beside.noise_refuted and spread > 0.0 else 1.0
-    active = {c.key for c in outcome.active}
+    state, own = outcome.judged, entry.member.own.columns
+    beside, _, _ = state.without(entry.member)
+    U = _directions(beside, own)
+    signal, crossed = U.T @ beside.z[own], U.T @ beside.crossed(own)
     found = []
-    for suspect in outcome.suspects:
-        if not suspect.named or suspect.key in active or suspect.is_like(entry.candidate):
-            continue
-        if suspect.echo not in ("", entry.candidate.key):
-            continue
-        if suspect.effect.contains(entry.candidate.effect.kind, entry.candidate.where):
-            continue  # the cause itself and more is no other name for it
-        V = beside.directions(where[suspect.key])
+    for suspect in _imitators(state, entry.candidate):
+        V = _directions(beside, suspect.columns)
         if V.shape[1] > U.shape[1] + _MORE:
             continue
-        crossed = V.T @ beside.crossed(where[suspect.key], own) @ U
-        imitated = crossed @ signal
-        left = float(signal @ signal - imitated @ imitated) / noise
+        across = crossed[:, suspect.columns] @ V
+        imitated = across.T @ signal
+        left = float(signal @ signal - imitated @ imitated)
         same = V.shape[1] == U.shape[1] > 0
-        worst = float(np.linalg.norm(crossed, -2)) if same else 0.0
+        worst = float(np.linalg.norm(across, -2)) if same else 0.0
         exact = 1.0 - worst**2 < _EXACT
-        found.append(Imitation(suspect, left, max(0, V.shape[1] - U.shape[1]), exact))
+        more = max(0, V.shape[1] - U.shape[1])
+        found.append(Imitation(suspect.candidate, left, more, exact))
     return sorted(found, key=lambda twin: (not twin.exact, twin.left))
+
+
+def _imitators(state: SelectionState, cause: Candidate) -> Iterator[CandidateColumns]:
+    """Causes by name that may be another name for one that was selected."""
+    active = {c.key for c in state.active}
+    for own in (*state.problem.fixed, *state.tuned):
+        c = own.candidate
+        if not c.named or c.key in active or c.is_like(cause) or c.echo not in ("", cause.key):
+            continue
+        if not c.effect.contains(
+            cause.effect.kind, cause.where
+        ):  # itself and more is no other name
+            yield own
+
+
+def _directions(beside: Conditional, own: IntArray) -> Array:
+    """``T``, shape (k, d), that makes columns (k,) orthonormal directions ``X T`` beside a set."""
+    T, seen = visible_directions(beside.squares(own[None])[0], beside.products.lengths(own))
+    return T[:, seen]
 
 
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
-CLOSE = 30.0  # gain below the best at which a rival is none
 SAME = 8.0
 """Difference of -2 log likelihood that tells nothing yet."""
 _MASS = 0.98  # of the likelihood that a class holds together
@@ -104,7 +119,7 @@ class Named:
     @property
     def curve_ratio(self) -> float:
         """Evidence of the best curve at its place over its own: above one, its form is not the best."""
-        own = dict(self.entry.rivals)[self.entry.candidate]
+        own = self.entry.gain
         where = self.entry.candidate.where
         free = [gain for c, gain in self.entry.rivals if not c.named and c.where == where]
         return max(free, default=0.0) / max(own, 1.0)
@@ -129,8 +144,8 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     """
     chosen = {id(entry): entry.candidate for entry in outcome.entries}
     found: list[Named] = []
-    direction = float(np.log(max(2, outcome.view.complement.rows)))
-    for entry in sorted(outcome.entries, key=lambda e: e.score.gain):
+    direction = float(np.log(max(2, outcome.fit.rows)))
+    for entry in sorted(outcome.entries, key=lambda e: e.gain):
         if not entry.candidate.named:
             continue
         rest = [c for key, c in chosen.items() if key != id(entry)]
@@ -144,7 +159,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         ordered = [(replace(c, echo="", line=1) if c.echo else c, price) for c, price in ordered]
         chosen[id(entry)] = ordered[0][0]
         found.append(Named(entry, _members(ordered, others, direction)))
-    found.sort(key=lambda named: -named.entry.score.gain)
+    found.sort(key=lambda named: -named.entry.gain)
     effects = [c.effect for c in chosen.values()]
     fit, poses = outcome.fit, stage.data.poses
     if effects != [c.effect for c in outcome.active]:

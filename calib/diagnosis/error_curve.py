@@ -21,10 +21,10 @@ from calib.diagnosis.curves import TwistCurve
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import PoseVariable, polyline, pose_variables
 from calib.diagnosis.prior import prior_rows
-from calib.diagnosis.screen import field
 from calib.diagnosis.stage import determined_by
 from calib.effects.drive import along_axis
 from calib.effects.protocol import PoseEffect, State, TwistEffect, displaced
+from calib.linear import orthonormal
 from calib.model import Model
 from calib.model.covariance import covariance
 from calib.poses import Poses
@@ -256,9 +256,11 @@ def _fitted(result: Diagnosis, candidate: Candidate, line: TwistCurve, h: Array)
     model = after.model.with_effects((*others, line))
     observation = replace(stage.observation(model, after.weight), prior=held)
     _, J = observation.flat(np.append(rest, h))
-    view = field(J[:, : len(rest)] @ seen, J[:, len(rest) :], np.zeros(len(J)))
-    lengths = np.where(view.lengths > 0.0, view.lengths, 1.0)
-    eigenvalues, V = np.linalg.eigh((view.X / lengths).T @ (view.X / lengths))
+    Q, X = orthonormal(J[:, : len(rest)] @ seen), J[:, len(rest) :]
+    lengths = np.linalg.norm(X, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    left = (X - Q @ (Q.T @ X)) / lengths
+    eigenvalues, V = np.linalg.eigh(left.T @ left)
     V = V[:, eigenvalues > _ABSORBED**2]
     span = block_diag(seen, V / lengths[:, None])
     projection = (V @ V.T) * lengths / lengths[:, None]

@@ -15,7 +15,7 @@ import numpy as np
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
-from calib.diagnosis.gap import shares_beside_scatter
+from calib.diagnosis.gap import shares_of
 from calib.diagnosis.search import Outcome, Search, restricted_to, selected, with_curves
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
@@ -65,20 +65,19 @@ def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple
 
     Of those that earn nothing the worse half, for what is left may then earn its place.
     """
-    if not active:
-        return []
-    crossed, idle = CrossValidation(stage, fit), []
+    by_time = {c.depends_on in BY_TIME for c in active}
+    crossed = {way: CrossValidation.of(stage, fit, way) for way in by_time | {False}}
+    idle: list[tuple[float, Candidate, Why]] = []
     for c in active:
-        place = [o.effect for o in with_curves(c, active)]
-        errors = crossed.ledger(place, c.depends_on in BY_TIME)
+        timed = c.depends_on in BY_TIME
+        errors = crossed[timed].errors([o.effect for o in with_curves(c, active)])
         if not errors.earns:
-            idle.append((c, errors))
-    idle.sort(key=lambda pair: pair[1].without - pair[1].with_it)
+            gained = errors.without - errors.with_it
+            idle.append((gained, c, "time" if timed else "configurations"))
     if idle:
-        worse = [c for c, _ in idle[: (len(idle) + 1) // 2]]
-        return [(c, "time" if c.depends_on in BY_TIME else "configurations") for c in worse]
-    together = crossed.ledger([c.effect for c in active], False)
-    if len(active) > 1 and not together.earns:
+        idle.sort(key=lambda one: one[0])
+        return [(c, why) for _, c, why in idle[: (len(idle) + 1) // 2]]
+    if len(active) > 1 and not crossed[False].errors([c.effect for c in active]).earns:
         return [(c, "together") for c in active]
     return []
 
@@ -120,9 +119,9 @@ class Finding(Search):
         return self.stage.data.take(~self.stage.dropped)
 
     @cached_property
-    def shares_beside_scatter(self) -> dict[str, float]:
-        """Share of each cause in the unmodelled error by its key, where whole poses scatter."""
-        return shares_beside_scatter(self.outcome, self.scale)
+    def shares(self) -> dict[str, float]:
+        """Share of each cause in the unmodelled error by its key."""
+        return shares_of(self.outcome, self.after, self.scale)
 
     @property
     def floor(self) -> float:
@@ -166,13 +165,12 @@ def finding_of(search: Search) -> Finding:
                 return believed(outcome, named, after)
         refused |= {c.key: Refused.of(c, why) for c, why in fresh}
         rest = [c for c in outcome.active if c.key not in refused]
-        lineup = outcome.lineup.without(refused)
+        asked = outcome.state.problem.candidates.without(refused)
         if again < _ASKED_AGAIN:
-            outcome = selected(linear, lineup, rest, outcome.before)
+            outcome = selected(linear, asked, rest, outcome)
         else:
-            outcome = restricted_to(linear, replace(outcome, lineup=lineup), rest)
-    view = replace(outcome.view, fit=outcome.before)
-    nothing = replace(outcome, active=(), view=view)
+            outcome = restricted_to(linear, outcome, rest, asked)
+    nothing = restricted_to(linear, outcome, (), outcome.state.problem.candidates)
     return believed(nothing, (), before)
 
 

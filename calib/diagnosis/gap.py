@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.search import Outcome
+from calib.diagnosis.search import Outcome, with_curves
 from calib.diagnosis.stage import Fit
 from calib.instruments import Camera
 from calib.linear import orthonormal
@@ -163,7 +163,7 @@ def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
 
     scale : float, actual over the standard deviation that the fit weighs by
     """
-    fit, active = outcome.view.fit, outcome.active
+    fit, active = outcome.fit, outcome.active
     if not active or not any(isinstance(i, Camera) for i in fit.model.instruments):
         return ()
     r, J = (rows[: fit.r.size] for rows in fit.linear.independent)
@@ -177,19 +177,36 @@ def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
     return tuple(SideShare(side, share) for side, share in found.items())
 
 
-def shares_beside_scatter(outcome: Outcome, scale: float) -> dict[str, float]:
-    """The share of each cause in the unmodelled error where whole poses scatter, by its key.
+def shares_of(outcome: Outcome, after: Fit, scale: float) -> dict[str, float]:
+    """The share of each cause in the unmodelled error, by its key.
 
-    Rows weighed by the scatter that was found show hardly anything of what was there before. In
-    standard deviations of the instrument alone, as in :func:`sides_of`, scatter is a part of what is
-    left.
+    It is the rise of the sum of squares without the cause, over what was there beyond noise. Where
+    whole poses scatter, rows weighed by it show hardly anything of what was there before: in standard
+    deviations of the instrument alone, as in :func:`sides_of`, scatter is a part of what is left.
+
+    after : Fit, in full; scale : as of :func:`sides_of`
     """
-    fit, active = outcome.view.fit, outcome.active
-    if not active:
+    fit, active = outcome.fit, outcome.active
+    if after.variances.any and active:
+        before = fit.without([c.effect for c in active])
+        base = orthonormal(stacked(before.J) @ before.span)
+        added = _added(fit, active, fit.r.ravel(), stacked(fit.J), base, scale)
+        return {key: max(share, 0.0) for key, share in added.items()}
+    excess = outcome.before.cost - min(after.cost, after.dof * scale**2)
+    if excess <= 0.0:
         return {}
-    before = fit.without([c.effect for c in active])
-    base = orthonormal(stacked(before.J) @ before.span)
-    return _added(fit, active, fit.r.ravel(), stacked(fit.J), base, scale)
+    cov = fit.by_instrument(fit.r, fit.J).covariance
+    return {c.key: _rise(fit, cov, with_curves(c, active)) / excess for c in active}
+
+
+def _rise(fit: Fit, cov: Array, gone: Sequence[Candidate]) -> float:
+    """By how much the sum of squares rises to first order where some causes are at nothing."""
+    own = np.concatenate([fit.model.amounts(c.effect) for c in gone])
+    std = np.sqrt(np.diag(cov)[own])
+    own = own[std > 0.0]  # the others are not determined
+    values, std = fit.values[own] / std[std > 0.0], std[std > 0.0]
+    correlation = cov[np.ix_(own, own)] / np.outer(std, std)
+    return float(values @ np.linalg.pinv(correlation, hermitian=True) @ values)
 
 
 def _added(

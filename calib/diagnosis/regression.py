@@ -11,12 +11,11 @@ import numpy as np
 from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.columns import CandidateSet
 from calib.diagnosis.compressed import CompressedColumns
-from calib.diagnosis.lineup import Lineup
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import ElasticEffect
 from calib.effects.tuned import Tuned
-from calib.evidence import cholesky_of
 from calib.identification.components import (
     LEAST_INSTRUMENT,
     arm_effects,
@@ -25,6 +24,7 @@ from calib.identification.components import (
     stated_effects,
 )
 from calib.inference import Design, Prior
+from calib.inference.evidence import cholesky_of
 from calib.inference.reml import VarianceProblem
 from calib.inference.restricted import MixedModel
 from calib.linear import LinearProblem, orthonormal
@@ -64,7 +64,7 @@ class RegressionProblem:
     """
 
     stage: Stage
-    lineup: Lineup
+    candidates: CandidateSet
     fit: Fit
     base: CompressedColumns
     rows: CompressedColumns
@@ -72,13 +72,13 @@ class RegressionProblem:
     variances: VarianceProblem
 
     @classmethod
-    def of(cls, stage: Stage, lineup: Lineup, fit: Fit) -> RegressionProblem:
+    def of(cls, stage: Stage, candidates: CandidateSet, fit: Fit) -> RegressionProblem:
         """Compress the columns at a fit without candidates."""
         design, prior = _design(stage, fit)
         rows = CompressedColumns.of(design)
         variances = VarianceProblem.of(MixedModel.of(design), prior)
-        found = cls(stage, lineup, fit, rows, rows, (), variances)
-        rows, fixed = found._appended([(c, lineup.rows_of(fit, c)) for c in lineup.fixed])
+        found = cls(stage, candidates, fit, rows, rows, (), variances)
+        rows, fixed = found._appended([(c, candidates.rows_of(fit, c)) for c in candidates.fixed])
         return replace(found, base=rows, rows=rows, fixed=fixed)
 
     @property
@@ -94,16 +94,18 @@ class RegressionProblem:
         return replace(self, rows=rows), found
 
     def scanned(
-        self, members: Sequence[tuple[Candidate, float]], theta: Array
+        self, members: Sequence[tuple[Candidate, float]], theta: Array, echoes: bool = False
     ) -> tuple[RegressionProblem, tuple[CandidateColumns, ...]]:
         """The problem with members' tunings, and the best of each grid beside them.
 
-        members : candidates with their amplitudes
+        members : candidates with their amplitudes; echoes : whether with other causes at these tunings
         """
         present, tunings = [c for c, _ in members], list[tuple[Candidate, Array]]()
-        if self.lineup.grids:
+        if self.candidates.grids:
             beside = self._linear(members, theta).complement
-            tunings = list(self.lineup.tunings(self.fit, beside, present))
+            tunings += self.candidates.tunings(self.fit, beside, present)
+        if echoes:
+            tunings += self.candidates.echoes(self.fit, present)
         rows, found = self._appended([*self._tuned(present), *tunings])
         return replace(self, rows=rows), found
 
@@ -111,7 +113,7 @@ class RegressionProblem:
         """Rows of members that have a tuning."""
         for c in members:
             if isinstance(c.effect, Tuned):
-                yield c, self.lineup.rows_of(self.fit, c)
+                yield c, self.candidates.rows_of(self.fit, c)
 
     def _linear(self, members: Sequence[tuple[Candidate, float]], theta: Array) -> LinearProblem:
         """The least-squares problem at variances theta."""
@@ -119,7 +121,7 @@ class RegressionProblem:
         flat = np.zeros((design.r.size, self.rows.response + 1))
         flat[design.live] = np.column_stack([design.response, design.columns])
         rows = flat.reshape(*design.r.shape, -1)
-        own = [self.lineup.rows_of(self.fit, c) @ root_of(c) for c, _ in members]
+        own = [self.candidates.rows_of(self.fit, c) @ root_of(c) for c, _ in members]
         J = np.concatenate([rows[..., 1:], *own], axis=-1)
         sizes = [np.full(X.shape[-1], size) for X, (_, size) in zip(own, members, strict=True)]
         known = np.concatenate([self.rows.precision, *(size**-2.0 for size in sizes)])

@@ -101,11 +101,11 @@ def _lacks_fit(finding: Finding) -> bool:
     kept = ~stage.dropped
     data, weights = stage.data.take(kept), stage.weights[kept]
     spread, repeats = replicate_spread(data, weights)
-    last = outcome.view.complement
-    rest = last.dof - repeats
+    last = outcome.fit.linear.complement
+    rest = last.rows - last.Q.shape[1] - repeats
     if repeats < REPLICATES or rest <= 0:
         return False
-    left = max(last.cost - spread, 0.0) / rest
+    left = max(float(last.left @ last.left) - spread, 0.0) / rest
     each = replicate_spreads(data, weights, data.poses.repeated)
     sums, dof = each[each[:, 1] > 0].T
     places = len(dof)

@@ -15,13 +15,12 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.lineup import FitView, Lineup, lineup
+from calib.diagnosis.columns import CandidateSet, candidate_set
+from calib.diagnosis.judged import JudgedCandidate, judged
 from calib.diagnosis.regression import RegressionProblem
-from calib.diagnosis.screen import Field, Score, ScoreRequest, scored
 from calib.diagnosis.selection import selection
 from calib.diagnosis.stage import Fit, Stage
-from calib.effects.protocol import ElasticEffect, LoadEffect
-from calib.effects.tuned import Tuned
+from calib.diagnosis.state import SelectionState
 from calib.errors import Unsolvable
 from calib.identification.noise_level import replicate_factor
 from calib.identification.noise_scales import noise_scales
@@ -32,130 +31,82 @@ _MOST_PASSES = 2  # selections, while outliers are judged anew
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedCandidate:
-    """A candidate that entered the model, judged with all others in place.
-
-    score : Score, its own; rivals : tuple of (Candidate, gain), all in its place, the best first
-    fall : float, by which it lowers the sum of squares, in variances of the instrument
-    """
-
-    candidate: Candidate
-    score: Score
-    fall: float
-    rivals: tuple[tuple[Candidate, float], ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Outcome:
     """Where a selection ended.
 
-    before : Fit, without all that entered; active : tuple of Candidate, what entered
-    view : FitView, of all suspects from the fit with that
-    lineup : Lineup, the same with all their tunings
+    before : Fit, without all that entered; fit : Fit, with it; state : SelectionState
     """
 
     before: Fit
-    active: tuple[Candidate, ...]
-    view: FitView
-    lineup: Lineup
+    fit: Fit
+    state: SelectionState
 
     @property
-    def fit(self) -> Fit:
-        """With all that entered."""
-        return self.view.fit
+    def active(self) -> tuple[Candidate, ...]:
+        """What entered."""
+        return self.state.active
+
+    @cached_property
+    def judged(self) -> SelectionState:
+        """The state with what could take the place of its members, at the best tunings."""
+        return self.state.scanned(echoes=True)
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
         """All candidates, those with a tuning at the best one."""
-        return self.view.suspects
+        state = self.judged
+        return tuple(c.candidate for c in (*state.problem.fixed, *state.tuned))
 
     @cached_property
     def entries(self) -> tuple[JudgedCandidate, ...]:
         """Every selected candidate with the candidates that could take its place."""
-        return tuple(_entry(self.view, c, self.active) for c in self.active)
+        return tuple(judged(self.judged))
 
 
 def selected(
-    stage: Stage, lineup: Lineup, active: Sequence[Candidate] = (), before: Fit | None = None
+    stage: Stage,
+    candidates: CandidateSet,
+    active: Sequence[Candidate] = (),
+    last: Outcome | None = None,
 ) -> Outcome:
     """Select candidates about fits whose weights follow from what is selected.
 
     stage : Stage, to first order; active : candidates to begin with
-    before : Fit, without any, where an earlier selection of the same stage has it
+    last : Outcome, of an earlier selection of the same stage
     """
-    before = stage.fit(()) if before is None else before
-    found = _numbered(active)
-    fit = stage.fit([c.effect for c in found], before) if found else before
+    before = stage.fit(()) if last is None else last.before
+    problem = None if last is None else last.state.problem
+    fit = stage.fit([c.effect for c in active], before) if active else before
     for _ in range(_MOST_FITS):
-        bare = fit.without([c.effect for c in found]) if found else fit
-        found = _numbered(selection(RegressionProblem.of(stage, lineup, bare), found))
-        last, fit = fit, stage.fit([c.effect for c in found], fit) if found else before
-        if np.allclose(fit.weight, last.weight, atol=_SETTLED):
+        if problem is None or not _weighs_alike(problem.fit, fit):
+            bare = fit.without([c.effect for c in active]) if active else fit
+            problem = RegressionProblem.of(stage, candidates, bare)
+        state = selection(replace(problem, candidates=candidates), active)
+        active = state.active
+        earlier, fit = fit, stage.fit([c.effect for c in active], fit) if active else before
+        if _weighs_alike(earlier, fit):
             break
-    return Outcome(before, found, lineup.seen_from(fit, found), lineup)
+    return Outcome(before, fit, state)
 
 
-def _numbered(active: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The same with causes of one kind at one place numbered from one."""
-    found: list[Candidate] = []
-    for c in active:
-        line = 1 + sum(other.is_like(c) for other in found)
-        tuned = isinstance(c.effect, Tuned) and c.line != line
-        found.append(replace(c, line=line) if tuned else c)
-    return tuple(found)
+def _weighs_alike(one: Fit, other: Fit) -> bool:
+    return bool(np.allclose(one.weight, other.weight, atol=_SETTLED))
 
 
-def restricted_to(stage: Stage, outcome: Outcome, rest: Sequence[Candidate]) -> Outcome:
+def restricted_to(
+    stage: Stage, outcome: Outcome, rest: Sequence[Candidate], candidates: CandidateSet
+) -> Outcome:
     """The outcome with a part of its members alone, no candidate tried again."""
-    fit = stage.fit([c.effect for c in rest], outcome.fit)
-    return replace(outcome, active=tuple(rest), view=outcome.lineup.seen_from(fit, rest))
-
-
-def _entry(view: FitView, member: Candidate, active: Sequence[Candidate]) -> JudgedCandidate:
-    rest = [c for c in active if c is not member]
-    stiff = isinstance(member.effect, ElasticEffect) and not anything_elastic((), view)
-    suspects = [
-        c
-        for c in view.suspects
-        if c is member
-        or (
-            not c.is_like(member)
-            and c.echo in ("", member.key)
-            and not (stiff and isinstance(c.effect, LoadEffect))
-        )
-    ]
-    taken = with_curves(member, active)
-    scores = linear_scores(view.without(*taken), view, suspects)
-    gains = [(c, scores[c.key].gain) for c in suspects if c not in rest]
-    gains.sort(key=lambda pair: -pair[1])
-    own = scores[member.key]
-    alone = own
-    if view.fit.mixing is not None:
-        bare = view.by_instrument
-        alone = linear_scores(bare.without(*taken), bare, [member])[member.key]
-    return JudgedCandidate(member, own, alone.fall, tuple(gains))
+    fit = stage.fit([c.effect for c in rest], outcome.fit) if rest else outcome.before
+    keys = {c.key for c in rest}
+    state = replace(outcome.state, problem=replace(outcome.state.problem, candidates=candidates))
+    kept = tuple(m for m in state.members if m.key in keys)
+    return Outcome(outcome.before, fit, state.with_members(kept))
 
 
 def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
     """A member and the curves that can do the same, which must not take the place of a named cause."""
     return [member, *(c for c in active if c.covers(member))]
-
-
-def anything_elastic(active: Sequence[Candidate], view: FitView) -> bool:
-    """Whether the user's model, or what is in, holds something elastic.
-
-    A load moves nothing else, though to first order about an arm that yields its columns stay.
-    """
-    asked = {id(c.effect) for c in view.suspects}
-    effects = [e for e in view.fit.model.effects if id(e) not in asked]
-    return any(isinstance(e, ElasticEffect) for e in (*effects, *(c.effect for c in active)))
-
-
-def linear_scores(beside: Field, view: FitView, suspects: Sequence[Candidate]) -> dict[str, Score]:
-    """Score of each suspect, those with a tuning counted, at the variances of the fit."""
-    asked = [ScoreRequest(view.where[c.key], c.spread, c.limits, c.eliminate) for c in suspects]
-    found = scored(beside, asked)
-    return {c.key: own.counted(c.choices) for c, own in zip(suspects, found, strict=True)}
 
 
 def plausible(stage: Stage, outcome: Outcome) -> Outcome:
@@ -164,7 +115,7 @@ def plausible(stage: Stage, outcome: Outcome) -> Outcome:
         rest = [c for c in outcome.active if not (c.named and far_out(outcome.fit, c))]
         if len(rest) == len(outcome.active):
             return outcome
-        outcome = restricted_to(stage, outcome, rest)
+        outcome = restricted_to(stage, outcome, rest, outcome.state.problem.candidates)
 
 
 def far_out(fit: Fit, candidate: Candidate) -> str:
@@ -209,7 +160,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     factor = replicate_factor(data, stated)
     stage = replace(stage, weights=stated / factor)
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
-    asked = lineup(linear, suspects)
+    asked = candidate_set(linear, suspects)
     outcome = selected(linear, asked)
     readout = stage.model.readout
     scales = _scales_of(stage, outcome.fit, factor)
@@ -237,7 +188,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         grids = asked.grids
         del linear, asked, outcome  # the largest arrays of all
         linear = stage.about(fit, [c.effect for c in suspects])
-        asked = lineup(linear, suspects, grids)
+        asked = candidate_set(linear, suspects, grids)
         outcome = selected(linear, asked, active)
     return Search(stage, linear, outcome, factor, statistic, limit)
 

@@ -15,9 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
 from calib.diagnosis.regression import RegressionProblem
@@ -42,7 +39,7 @@ _AT_ONCE = 8  # newcomers of one pass
 _PASSES = 40
 
 
-def selection(problem: RegressionProblem, active: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def selection(problem: RegressionProblem, active: Sequence[Candidate]) -> SelectionState:
     """Add, exchange and remove candidates until nothing lowers the objective.
 
     active : candidates to begin with
@@ -53,7 +50,7 @@ def selection(problem: RegressionProblem, active: Sequence[Candidate]) -> tuple[
         if better is None:
             break
         state = better
-    return tuple(m.candidate for m in state.members)
+    return state.numbered()
 
 
 def start(problem: RegressionProblem, active: Sequence[Candidate]) -> SelectionState:
@@ -102,26 +99,11 @@ def _lower(state: SelectionState, members: Members) -> Iterator[SelectionState]:
             yield found
 
 
-def _beside(state: SelectionState, member: SelectedEffect) -> tuple[Conditional, Members, Array]:
-    """Products without a member and curves that can do the same, and the others.
-
-    Such curves must not take the place of a cause by name. The last is the change (t,) of the gradient
-    by log variances without the member.
-    """
-    gone = [m for m in state.members if m is member or m.candidate.covers(member.candidate)]
-    rest = tuple(m for m in state.members if m not in gone)
-    beside = state.conditional.without(np.concatenate([m.own.columns for m in gone]))
-    change = np.zeros(len(state.theta))
-    if len(gone) == 1:
-        change = -beside.changes(member.own.columns[None], np.array([member.amplitude]))[0]
-    return beside, rest, change
-
-
 def _removed(state: SelectionState) -> frozenset[str]:
     """Key of the member that is worth least, where it is not worth its price."""
     worths = []
     for member in state.members:
-        beside, _, gone = _beside(state, member)
+        beside, _, gone = state.without(member)
         (alone, _), *_ = state.scores(beside, [member.own])
         alone -= float(state.curvature.promised(gone[None])[0])
         worths.append((alone, member))
@@ -133,7 +115,7 @@ def _exchanged(state: SelectionState) -> dict[str, SelectedEffect]:
     """What explains more in the place of members, those that lead most first."""
     found: dict[str, Scored] = {}
     for member in state.members:
-        beside, rest, gone = _beside(state, member)
+        beside, rest, gone = state.without(member)
         asked = [
             c
             for c in state.eligible(rest)

@@ -7,7 +7,7 @@ of anything else, each with a root mean square of about one; the score test asks
 there.
 
 A wrong shape is off by a part of itself: the coefficients of its modulation are a priori normal
-(:func:`calib.diagnosis.screen.weighted_test`).
+(:func:`calib.inference.evidence.weighted_test`).
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
-from calib.diagnosis.screen import Field, field, score, weighted_test
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Effect
-from calib.evidence import VISIBLE
+from calib.identification.noise_level import refuted
+from calib.inference.evidence import VISIBLE, score_test, weighted_test
+from calib.inference.tails import f_tail
+from calib.linear import Complement, orthonormal
 from calib.poses import Measurements, Poses
 
 _STILL = 1e-6  # scatter, over size, of what does not vary
@@ -158,18 +160,30 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class ShapeQuestion:
-    """What is asked of an effect: the columns of all modulations beside everything that is modelled.
+    """Columns of all modulations of an effect, beside everything that is modelled.
 
-    asked : tuple of Modulation; beside : Field, their columns one modulation after the other
+    asked : tuple of Modulation
+    S, z, lengths : ndarray, shapes (K, K), (K,) and (K,), products of their columns one modulation
+        after the other, with everything modelled projected out, and lengths before
     """
 
     asked: tuple[Modulation, ...]
-    complement: Field
+    S: Array
+    z: Array
+    lengths: Array
 
     @property
     def answer(self) -> tuple[Modulation, float, float]:
         """The modulation that speaks most against the effect, its p over all asked, and its fall."""
-        tests = [_modulated(self.complement, own) for own in self._columns]
+        tests = [
+            weighted_test(
+                self.S[np.ix_(own, own)],
+                self.z[own],
+                self.lengths[own],
+                _PART**2 * np.eye(len(own)),
+            )
+            for own in self._columns
+        ]
         counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
         first = int(np.argmin(counted))
         return self.asked[first], min(1.0, counted[first]), tests[first][1]
@@ -179,11 +193,12 @@ class ShapeQuestion:
 
         causes : int, among which the chance of a false doubt is shared
         """
-        found = [
-            (m.chance, _power(self.complement, own, m.chance * SHAPE_ALPHA / causes))
-            for m, own in zip(self.asked, self._columns, strict=True)
-            if m.depends_on.startswith("q:")
-        ]
+        found = []
+        for m, own in zip(self.asked, self._columns, strict=True):
+            if m.depends_on.startswith("q:"):
+                alpha = m.chance * SHAPE_ALPHA / causes
+                power = wave_power(self.S[np.ix_(own, own)], self.lengths[own], alpha)
+                found.append((m.chance, float(power)))
         chances, powers = np.array(found or [(1.0, 0.0)]).T
         return float(chances @ powers / chances.sum())
 
@@ -220,27 +235,25 @@ def form_matters(fit: Fit, effect: Effect, poses: Poses, floor: float) -> bool:
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
-    """All modulations of an effect in a fit; None where nothing varies with which it could."""
+    """All modulations of an effect in a fit; None where nothing varies with which it could.
+
+    Products are in variances of the noise, as the residual shows it where it contradicts that.
+    """
     asked = tuple(modulations(stage, fit, effect.where))
     if not asked:
         return None
-    X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
-    r, J = fit.linear.independent
-    return ShapeQuestion(asked, field(J, X, r, fit.linear.basis))
+    columns = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
+    rest = fit.linear.complement
+    X, noise = rest.of(columns), np.sqrt(_variance(rest))
+    return ShapeQuestion(
+        asked,
+        X.T @ X / noise**2,
+        X.T @ rest.left / noise**2,
+        np.asarray(np.linalg.norm(columns, axis=0)) / noise,
+    )
 
 
-def _modulated(rest: Field, columns: IntArray) -> tuple[float, float]:
-    """p and fall of one modulation."""
-    return weighted_test(rest, columns, _PART**2 * np.eye(len(columns)))
-
-
-def _power(rest: Field, columns: IntArray, alpha: float) -> float:
-    """Power at a level alpha against one wave of an angle, the first two columns, at any phase."""
-    S = rest.products(columns)[0]
-    return float(wave_power(S, rest.lengths[columns], alpha, rest.spread))
-
-
-def wave_power(S: Array, lengths: Array, alpha: float, spread: float = 1.0) -> Array:
+def wave_power(S: Array, lengths: Array, alpha: float) -> Array:
     """Power at a level alpha against one wave of an angle, at any phase, shape (...).
 
     S : ndarray, shape (..., c, c), products of the harmonics of an effect beside all that is modelled,
@@ -251,14 +264,14 @@ def wave_power(S: Array, lengths: Array, alpha: float, spread: float = 1.0) -> A
 
     d, vectors = np.linalg.eigh(_PART**2 * S)
     d = np.where(d > (VISIBLE * _PART * lengths.max()) ** 2, d, 0.0)
-    w = d / (spread + d)
+    w = d / (1.0 + d)
     total, squares = w.sum(axis=-1), (w**2).sum(axis=-1)
     seen = total > 0.0
     safe = np.where(seen, total, 1.0), np.where(seen, squares, 1.0)
     scale, dof = safe[1] / safe[0], safe[0] ** 2 / safe[1]
     phases = np.stack([np.cos(_PHASES), np.sin(_PHASES)])
     along = np.swapaxes(vectors[..., :2, :], -1, -2) @ phases
-    noncentral = ((w * d)[..., None] * along**2).sum(axis=-2) / (scale * spread)[..., None]
+    noncentral = ((w * d)[..., None] * along**2).sum(axis=-2) / scale[..., None]
     found = 1.0 - chndtr(chdtri(dof, alpha)[..., None], dof[..., None], noncentral)
     return np.where(seen, found.mean(axis=-1), 0.0)
 
@@ -267,11 +280,18 @@ def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> 
     """Whether the effect pays beside itself running wholly with the variable."""
     if not doubted.plain.shape[1]:
         return True
-    own, rest = fit.positions(effect), fit.without([effect])
-    instead = _times(stage, fit, effect, doubted.plain)
-    r, J = rest.linear.independent
-    alone = field(np.concatenate([J @ rest.span, instead], axis=1), J[:, own], r)
-    return score(alone, np.arange(len(own))).p < _SURE
+    own, rest = fit.positions(effect), fit.without([effect]).linear
+    instead, (r, J) = _times(stage, fit, effect, doubted.plain), rest.independent
+    alone = rest.beside(orthonormal(np.concatenate([J @ rest.span, instead], axis=1)), r)
+    X, lengths = alone.of(J[:, own]), np.linalg.norm(J[:, own], axis=0)
+    fall, k = score_test(X.T @ X, X.T @ alone.left, np.asarray(lengths))
+    return f_tail(float(fall) / _variance(alone) / max(int(k), 1), max(int(k), 1), np.inf) < _SURE
+
+
+def _variance(rest: Complement) -> float:
+    """Actual over stated variance of the noise where the residual contradicts that, else one."""
+    cost, freedom = float(rest.left @ rest.left), rest.rows - rest.Q.shape[1]
+    return cost / freedom if refuted(cost, freedom) else 1.0
 
 
 def _times(stage: Stage, fit: Fit, effect: Effect, functions: Array) -> Array:

@@ -19,11 +19,13 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.compressed import Block
 from calib.diagnosis.conditional import Conditional, Curvature, best_amplitude
 from calib.diagnosis.regression import CandidateColumns, RegressionProblem
-from calib.diagnosis.screen import CURVE_PRICE
 from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.tuned import Tuned
 from calib.inference.restricted import RestrictedLikelihood
 
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
+CURVE_PRICE = float(2.0 * np.log(10.0))
+"""What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
 _STEPS = 8  # of a search of variances
 _TURNS = 2  # of variances and amplitudes
 SETTLED = 0.2
@@ -83,10 +85,40 @@ class SelectionState:
         likelihood = RestrictedLikelihood(model, self.theta)
         return Curvature(*replace(self.problem.variances, model=model).curvature(likelihood))
 
+    @property
+    def active(self) -> tuple[Candidate, ...]:
+        """The members."""
+        return tuple(m.candidate for m in self.members)
+
     def price(self, candidate: Candidate) -> float:
         """What a member must gain."""
-        choices = self.problem.lineup.asked * candidate.choices
+        choices = self.problem.candidates.asked * candidate.choices
         return 2.0 * float(np.log(choices)) + (0.0 if candidate.named else CURVE_PRICE)
+
+    def numbered(self) -> SelectionState:
+        """The state with causes of one kind at one place numbered from one."""
+        found: list[SelectedEffect] = []
+        for m in self.members:
+            line = 1 + sum(o.candidate.is_like(m.candidate) for o in found)
+            tuned = isinstance(m.candidate.effect, Tuned) and m.candidate.line != line
+            own = replace(m.own, candidate=replace(m.candidate, line=line)) if tuned else m.own
+            found.append(replace(m, own=own))
+        return replace(self, members=tuple(found))
+
+    def without(self, member: SelectedEffect) -> tuple[Conditional, Members, Array]:
+        """Products without a member and curves that can do the same, and the other members.
+
+        Such curves must not take the place of a cause by name. The last is the change (t,) of the
+        gradient by log variances without the member.
+        """
+        gone = [m for m in self.members if m is member or m.candidate.covers(member.candidate)]
+        rest = tuple(m for m in self.members if m not in gone)
+        beside = self.conditional.without(np.concatenate([m.own.columns for m in gone]))
+        change = np.zeros(len(self.theta))
+        if len(gone) == 1:
+            own, amplitude = member.own.columns[None], np.array([member.amplitude])
+            change = -beside.changes(own, amplitude)[0]
+        return beside, rest, change
 
     def with_members(self, members: Members) -> SelectionState:
         """The state with other members, variances and amplitudes found anew."""
@@ -103,10 +135,13 @@ class SelectionState:
         objective = found.objective + sum(self.price(m.candidate) for m in last)
         return replace(self, members=last, theta=theta, objective=objective)
 
-    def scanned(self) -> SelectionState:
-        """The state with the tunings that are best beside its members."""
+    def scanned(self, echoes: bool = False) -> SelectionState:
+        """The state with the tunings that are best beside its members.
+
+        echoes : whether with what other causes would be at the members' tunings
+        """
         present = [(m.candidate, m.amplitude) for m in self.members]
-        problem, tuned = self.problem.scanned(present, self.theta)
+        problem, tuned = self.problem.scanned(present, self.theta, echoes)
         columns = {c.candidate.key: c for c in (*problem.fixed, *tuned)}
         members = tuple(replace(m, own=columns[m.key]) for m in self.members)
         return replace(self, problem=problem, tuned=tuned, members=members)
@@ -119,7 +154,7 @@ class SelectionState:
         return [
             c
             for c in (*self.problem.fixed, *self.tuned)
-            if c.candidate.key not in taken
+            if c.candidate.key not in taken | self.problem.candidates.closed
             and (c.candidate.named or not full)
             and not (stiff and isinstance(c.candidate.effect, LoadEffect))
         ]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.evidence import score_test
+from calib.inference.evidence import score_test
 from calib.linear import Complement
 
 _AT_ONCE = 400  # tunings: memory

@@ -70,16 +70,33 @@ class TurnedRows:
             found[index] = self.U[index] @ inside[cells]
         return found
 
-    def outside_rows(self, rows: Array) -> Array:
-        """Rows (N', w) that carry noise alone, of live rows (N, w): what turns leave of cells."""
-        found = [np.zeros((0, rows.shape[1]))]
+    @cached_property
+    def _still(self) -> tuple[Array, ...]:
+        """Orthonormal axes (B, n, l) of what turns leave of the rows of cells, as :attr:`members`."""
+        found = []
         for index in self.members:
             U = self.U[index]
             squares, V = np.linalg.eigh(np.eye(index.shape[1]) - U @ np.swapaxes(U, -1, -2))
             kept = np.flatnonzero((squares > 0.5).any(axis=0))  # each is zero or one
-            V = V[..., kept] * (squares[:, None, kept] > 0.5)
+            found.append(V[..., kept] * (squares[:, None, kept] > 0.5))
+        return tuple(found)
+
+    def outside_rows(self, rows: Array) -> Array:
+        """Rows (N', w) that carry noise alone, of live rows (N, w): what turns leave of cells."""
+        found = [np.zeros((0, rows.shape[1]))]
+        for index, V in zip(self.members, self._still, strict=True):
             found.append((np.swapaxes(V, -1, -2) @ rows[index]).reshape(-1, rows.shape[1]))
         return np.concatenate(found)
+
+    @property
+    def component_of_row(self) -> IntArray:
+        """Component of each independent row: k of every cell, then those that carry noise alone."""
+        inside = np.repeat(self.component, self.instrument.shape[1])
+        outside = [
+            np.repeat(self.component[cells], V.shape[-1])
+            for cells, V in zip(self.cells, self._still, strict=True)
+        ]
+        return np.concatenate([inside, *outside])
 
     def sums(self, of_cells: Array) -> Array:
         """Sums over the cells of each component, shape (C, ..), of an array (A, ..)."""

@@ -19,11 +19,12 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.detection_limit import ALPHA, Detectable, detectable
-from calib.diagnosis.screen import Field, field
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts
 from calib.identification.estimators import choose_directions
+from calib.inference.evidence import visible_directions
+from calib.linear import orthonormal
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
@@ -174,13 +175,16 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
 class CauseDetection:
     """The question which causes are found beside all that is modelled, from which size on.
 
-    causes : tuple of Candidate; columns : tuple of ndarray of int, of each in the field
-    field : Field, of their columns; limits : tuple of Detectable, of each cause
+    causes : tuple of Candidate; columns : tuple of ndarray of int, of each in ``X``
+    X, left : ndarray, shape (N, K), columns of all causes, and what is left of them beside the model
+    rows : int, that count; limits : tuple of Detectable, of each cause
     """
 
     causes: tuple[Candidate, ...]
     columns: tuple[IntArray, ...]
-    field: Field
+    X: Array
+    left: Array
+    rows: int
     limits: tuple[Detectable, ...]
 
     @classmethod
@@ -195,10 +199,13 @@ class CauseDetection:
         ends = np.cumsum([0, *map(len, at)])
         columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
         X = rows[:, np.concatenate([kept[:0], *at])]
-        own = field(rows[:, kept], X, np.zeros(len(rows)))
-        each = zip(columns, causes, strict=True)
-        limits = tuple(detectable(own, at, asked * cause.tried, ALPHA) for at, cause in each)
-        return cls(tuple(causes), columns, own, limits)
+        left = beside(rows[:, kept], X)
+        lengths, count = np.linalg.norm(X, axis=0), int(np.count_nonzero(rows.any(axis=1)))
+        limits = tuple(
+            detectable(left[:, at].T @ left[:, at], lengths[at], asked * cause.choices, ALPHA)
+            for at, cause in zip(columns, causes, strict=True)
+        )
+        return cls(tuple(causes), columns, X, left, count, limits)
 
     def told_apart(self) -> tuple[Likeness | None, Array]:
         """How alike those that can be seen are, and ``times`` of them, shape (E, E)."""
@@ -206,14 +213,20 @@ class CauseDetection:
         if not seen:
             return None, np.zeros((0, 0))
         at = np.concatenate([self.columns[i] for i in seen])
-        X, ends = self.field.projected(at), np.cumsum([0, *(len(self.columns[i]) for i in seen)])
+        X, ends = self.left[:, at], np.cumsum([0, *(len(self.columns[i]) for i in seen)])
         own = [np.arange(a, b) for a, b in pairwise(ends)]
         signals = [plausible(np.array([p.size for p in self.causes[i].amounts])) for i in seen]
-        alike = likeness(X.T @ X, self.field.lengths[at], own, signals)
+        alike = likeness(X.T @ X, np.linalg.norm(self.X[:, at], axis=0), own, signals)
         needed = np.array([self.limits[i].needed for i in seen])
-        times: Array = np.sqrt(alike.needed(self.field.rows) / needed[:, None])
+        times: Array = np.sqrt(alike.needed(self.rows) / needed[:, None])
         np.fill_diagonal(times, 0.0)
         return alike, times
+
+
+def beside(N: Array, X: Array) -> Array:
+    """Columns X (rows, K) with all of N (rows, p) projected out."""
+    Q = orthonormal(N)
+    return np.asarray(X - Q @ (Q.T @ X))
 
 
 _STILL_M = 1e-10  # largest movement of the markers by what moves nothing
@@ -292,10 +305,12 @@ def _imitators(found: PowerAnalysis, position: int) -> list[str]:
     own = [found.model.parameters[i].effect for i in found.kept]
     kinds, columns = list(dict.fromkeys(own)), found.detection.columns[position]
     N = found.forecast.known.independent[1][:, found.kept]
-    X = found.detection.field.columns[:, columns]
+    X = found.detection.X[:, columns]
+    lengths = np.linalg.norm(X, axis=0)
     needed = []
     for kind in kinds:
         others = N[:, [k != kind for k in own]]
-        if field(others, X, np.zeros(len(X))).directions(np.arange(len(columns))).shape[1]:
+        left = beside(others, X)
+        if visible_directions(left.T @ left, lengths)[1].any():
             needed.append(kind)
     return needed or kinds

@@ -38,7 +38,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.evidence import VISIBLE, visible_directions
+from calib.inference.evidence import VISIBLE, visible_directions
 from calib.sobol import Sobol
 from calib.solver import triangle
 

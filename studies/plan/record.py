@@ -170,7 +170,7 @@ def _look_alikes(found: PowerAnalysis) -> Iterator[LookAlike]:
         return
     rho, worst = found.alike.rho, found.alike.rho_worst
     needed = np.array([cause.needed for cause in found.seen])
-    chance = found.alike.preferred(needed, found.detection.field.rows)
+    chance = found.alike.preferred(needed, found.detection.rows)
     for i, j in found.pairs:
         cause, times = found.seen[i], float(found.times[i, j])
         main = cause.parameters[cause.lead]

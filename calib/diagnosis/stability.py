@@ -1,0 +1,97 @@
+"""Stability of names: in how many halves of the configurations a cause comes again.
+
+Each half is fitted to first order at the variances and amplitudes of the whole. A cause comes again
+where, beside all other members, one of its class explains the half better than any close rival does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.arrays import Array, IntArray, Mask
+from calib.diagnosis.conditional import best_amplitude
+from calib.diagnosis.equivalence import Named
+from calib.diagnosis.judged import CLOSE
+from calib.diagnosis.regression import CandidateColumns
+from calib.diagnosis.state import SelectionState
+
+_PAIRS = 5  # of halves
+_DIGITS = 1e-9  # of a product: what a half leaves open
+
+
+def stability(state: SelectionState, named: Sequence[Named]) -> dict[str, float]:
+    """Share of the halves in which each cause comes again, by the key of its entry.
+
+    state : with the tunings of rivals
+    """
+    products = state.conditional.products
+    rows, component = products.rows, products.columns.turned.component_of_row
+    again: dict[str, list[bool]] = {n.entry.candidate.key: [] for n in named}
+    for half in _halves(int(component.max()) + 1):
+        own = rows[half[component]]
+        for one in named:
+            again[one.entry.candidate.key].append(_returns(state, own, one))
+    return {key: float(np.mean(found)) for key, found in again.items()}
+
+
+def _halves(count: int) -> list[Mask]:
+    """Ten halves of so many configurations, in pairs that complete each other."""
+    rng = np.random.default_rng(0)
+    firsts = [rng.permutation(count) < count // 2 for _ in range(_PAIRS)]
+    return [half for first in firsts for half in (first, ~first)]
+
+
+def _returns(state: SelectionState, rows: Array, named: Named) -> bool:
+    """Whether one of the class is the best of all close rivals at some rows (N, f)."""
+    _, rest, _ = state.without(named.entry.member)
+    prior = [np.full(len(m.own.columns), m.amplitude**-2.0) for m in rest]
+    columns = state.problem.rows
+    held = np.concatenate([np.arange(columns.response), *(m.own.columns for m in rest)])
+    precision = np.concatenate([columns.precision, *prior])
+    close = _close(state, named)
+    asked = np.concatenate([c.columns for c in close])
+    S, z = _beside(rows, held, precision, asked, columns.response)
+    alike = {_name(c.key) for c, _ in named.members}
+    best, found, at = 0.0, False, 0
+    for c in close:
+        own = slice(at, at + len(c.columns))
+        at = own.stop
+        gain = _gain(S[own, own], z[own], c.amplitudes) - 2.0 * np.log(c.candidate.choices)
+        if gain > best:
+            best, found = gain, _name(c.candidate.key) in alike
+    return found
+
+
+def _close(state: SelectionState, named: Named) -> list[CandidateColumns]:
+    """The cause, its class, and all that explains nearly as much in its place."""
+    rivals = named.entry.rivals
+    keys = [named.entry.candidate.key, *(c.key for c, _ in named.members)]
+    keys += [c.key for c, gain in rivals if gain > rivals[0][1] - CLOSE and c.named]
+    every = {c.candidate.key: c for c in (*state.problem.fixed, *state.tuned)}
+    return [every[key] for key in dict.fromkeys(keys) if key in every]
+
+
+def _name(key: str) -> str:
+    """``effect:where``, whatever its number or the cause in whose place it stands."""
+    return key.partition(" ")[0]
+
+
+def _beside(
+    rows: Array, held: IntArray, precision: Array, asked: IntArray, response: int
+) -> tuple[Array, Array]:
+    """Products (k, k) of the columns asked, and (k,) with the response, beside those that are held."""
+    A, X = rows[:, held], rows[:, np.append(asked, response)]
+    length = np.linalg.norm(A, axis=0)
+    size = np.where(length > 0.0, length, 1.0)
+    B = (A / size).T @ (A / size) + np.diag(precision / size**2 + _DIGITS)
+    H = (A / size).T @ X
+    G = X.T @ X - H.T @ np.linalg.solve(B, H)
+    return G[:-1, :-1], G[:-1, -1]
+
+
+def _gain(S: Array, z: Array, amplitudes: Array) -> float:
+    d, axes = np.linalg.eigh(S)
+    gain, _ = best_amplitude(np.maximum(d, 0.0)[None], (axes.T @ z)[None], amplitudes[None])
+    return float(gain[0])

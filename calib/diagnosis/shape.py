@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -162,28 +163,36 @@ class Doubt:
 class ShapeQuestion:
     """Columns of all modulations of an effect, beside everything that is modelled.
 
-    asked : tuple of Modulation
-    S, z, lengths : ndarray, shapes (K, K), (K,) and (K,), products of their columns one modulation
-        after the other, with everything modelled projected out, and lengths before
+    asked : tuple of Modulation; X : ndarray, shape (N, K), columns of one after the other
+    rest : Complement, of everything that is modelled
     """
 
     asked: tuple[Modulation, ...]
-    S: Array
-    z: Array
-    lengths: Array
+    X: Array
+    rest: Complement
+
+    @cached_property
+    def _products(self) -> tuple[Array, Array, Array]:
+        """``S``, ``z`` and lengths of the columns, in the noise as the residual shows it."""
+        left, noise = self.rest.of(self.X), np.sqrt(_variance(self.rest))
+        lengths = np.linalg.norm(self.X, axis=0) / noise
+        return left.T @ left / noise**2, left.T @ self.rest.left / noise**2, lengths
+
+    def tested(self, number: int) -> tuple[float, float]:
+        """p and fall of one modulation."""
+        (S, z, lengths), own = self._products, self._columns[number]
+        prior = _PART**2 * np.eye(len(own))
+        return weighted_test(S[np.ix_(own, own)], z[own], lengths[own], prior)
+
+    def power_of(self, number: int, alpha: float) -> float:
+        """Power at a level alpha against one wave of an angle, at any phase."""
+        (S, _, lengths), own = self._products, self._columns[number]
+        return float(wave_power(S[np.ix_(own, own)], lengths[own], alpha))
 
     @property
     def answer(self) -> tuple[Modulation, float, float]:
         """The modulation that speaks most against the effect, its p over all asked, and its fall."""
-        tests = [
-            weighted_test(
-                self.S[np.ix_(own, own)],
-                self.z[own],
-                self.lengths[own],
-                _PART**2 * np.eye(len(own)),
-            )
-            for own in self._columns
-        ]
+        tests = [self.tested(k) for k in range(len(self.asked))]
         counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
         first = int(np.argmin(counted))
         return self.asked[first], min(1.0, counted[first]), tests[first][1]
@@ -193,12 +202,11 @@ class ShapeQuestion:
 
         causes : int, among which the chance of a false doubt is shared
         """
-        found = []
-        for m, own in zip(self.asked, self._columns, strict=True):
-            if m.depends_on.startswith("q:"):
-                alpha = m.chance * SHAPE_ALPHA / causes
-                power = wave_power(self.S[np.ix_(own, own)], self.lengths[own], alpha)
-                found.append((m.chance, float(power)))
+        found = [
+            (m.chance, self.power_of(k, m.chance * SHAPE_ALPHA / causes))
+            for k, m in enumerate(self.asked)
+            if m.depends_on.startswith("q:")
+        ]
         chances, powers = np.array(found or [(1.0, 0.0)]).T
         return float(chances @ powers / chances.sum())
 
@@ -235,22 +243,12 @@ def form_matters(fit: Fit, effect: Effect, poses: Poses, floor: float) -> bool:
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
-    """All modulations of an effect in a fit; None where nothing varies with which it could.
-
-    Products are in variances of the noise, as the residual shows it where it contradicts that.
-    """
+    """All modulations of an effect in a fit; None where nothing varies with which it could."""
     asked = tuple(modulations(stage, fit, effect.where))
     if not asked:
         return None
-    columns = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
-    rest = fit.linear.complement
-    X, noise = rest.of(columns), np.sqrt(_variance(rest))
-    return ShapeQuestion(
-        asked,
-        X.T @ X / noise**2,
-        X.T @ rest.left / noise**2,
-        np.asarray(np.linalg.norm(columns, axis=0)) / noise,
-    )
+    X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
+    return ShapeQuestion(asked, X, fit.linear.complement)
 
 
 def wave_power(S: Array, lengths: Array, alpha: float) -> Array:

@@ -10,7 +10,7 @@ import pytest
 
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.cross_validation import Alternative, CrossValidation, _folds
+from calib.diagnosis.cross_validation import CrossValidation
 from calib.diagnosis.stage import Stage
 from calib.instruments import KnownDistance, Socket
 from calib.poses import Measurements
@@ -26,7 +26,8 @@ def asked(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
 
 def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
     """3-D RMS of what is a length at folds predicted by refits without them, m."""
-    fold, data = _folds(stage.data.poses, by_time), stage.data
+    data = stage.data
+    fold = CrossValidation.of(stage, stage.fit(()), by_time).fold_of
     lengths = stage.model.readout.channels.lengths
     squares = 0.0
     for f in range(int(fold.max()) + 1):
@@ -45,13 +46,13 @@ def test_left_out_errors_are_those_of_refits(by_time: bool) -> None:
     wrong = next(c for c in suspects if c.key == "backlash:A5")  # of one parameter: no common size
     fit = stage.fit([right.effect, wrong.effect])
     both = predicted(stage, [right, wrong], by_time)
-    crossed = CrossValidation(stage, fit)
+    crossed = CrossValidation.of(stage, fit, by_time)
     for member, rest in ((right, wrong), (wrong, right)):
-        found = crossed.ledger([member.effect], by_time)
+        found = crossed.errors([member.effect])
         assert found.rms_with == pytest.approx(both, rel=0.02)
         assert found.rms_without == pytest.approx(predicted(stage, [rest], by_time), rel=0.02)
-    assert crossed.ledger([right.effect], by_time).earns
-    assert not crossed.ledger([wrong.effect], by_time).earns
+    assert crossed.errors([right.effect]).earns
+    assert not crossed.errors([wrong.effect]).earns
 
 
 def test_beside_a_camera_lengths_alone_are_told_in_mm(tmp_path: Path) -> None:
@@ -63,34 +64,11 @@ def test_beside_a_camera_lengths_alone_are_told_in_mm(tmp_path: Path) -> None:
     cell, data = kr270_day(tmp_path, setup, Truth(off), 24, effects='"base", "tool"')
     stage, suspects = asked(cell, data)
     right = next(c for c in suspects if c.key == "joint_offset:A3")
-    found = CrossValidation(stage, stage.fit([right.effect])).ledger([right.effect], False)
+    fit = stage.fit([right.effect])
+    found = CrossValidation.of(stage, fit, by_time=False).errors([right.effect])
     assert found.rms_without == pytest.approx(predicted(stage, [], False), rel=0.1)
     assert found.rms_with == pytest.approx(predicted(stage, [right], False), rel=0.05)
     assert found.rms_with < 1e-4 < found.rms_without < 3e-3
-
-
-def test_what_is_chosen_anew_is_chosen_without_the_fold() -> None:
-    """Against refits: in each fold the best of the choices by the other poses alone."""
-    cell, data, _ = measured("backlash:A3", [6e-5])
-    stage, suspects = asked(cell, data)
-    linear = stage.about(stage.fit([]), [c.effect for c in suspects])
-    offered = [c for c in suspects if c.key in ("backlash:A3", "backlash:A4", "backlash:A5")]
-    fit = linear.fit([offered[0].effect])
-    rows = [fit.observation.rows(linear.model.of(c.effect)) for c in offered]
-    choices = [
-        Alternative(c.key, X, np.full(X.shape[-1], 1e3)) for c, X in zip(offered, rows, strict=True)
-    ]
-    found = CrossValidation(linear, fit).ledger([offered[0].effect], False, choices)
-    fold = _folds(data.poses, by_time=False)
-    expected = 0.0
-    for f in range(int(fold.max()) + 1):
-        apart = replace(linear, dropped=fold == f)
-        fits = [apart.fit([c.effect]) for c in offered]
-        best = min(fits, key=lambda own: float((own.r**2).sum()))
-        off = linear.observation(best.model, fit.weight).linearise(best.values)[0]
-        expected += float((off[fold == f] ** 2).sum())
-    assert found.with_it == pytest.approx(expected, rel=1e-6)
-    assert found.again == 1.0
 
 
 @pytest.mark.parametrize("by_time", [pytest.param(False, marks=pytest.mark.long), True])
@@ -112,7 +90,8 @@ def test_known_distances_hold_the_arm_s_size(by_time: bool) -> None:
     cell = replace(cell, instruments=(sockets,), known_distances=tuple(pairs))
     stage, suspects = asked(cell, data)
     right = next(c for c in suspects if c.key == "transmission_harmonic:j3")
-    found = CrossValidation(stage, stage.fit([right.effect])).ledger([right.effect], by_time)
+    fit = stage.fit([right.effect])
+    found = CrossValidation.of(stage, fit, by_time).errors([right.effect])
     assert found.rms_with == pytest.approx(predicted(stage, [right], by_time), rel=0.02)
     assert found.rms_without == pytest.approx(predicted(stage, [], by_time), rel=0.02)
     assert found.rms_with > 1e-5

@@ -15,7 +15,9 @@ from calib.diagnosis.state import SelectionState
 def problem(found_lost_motion: Diagnosis) -> RegressionProblem:
     """Of the day on which the elbow has backlash, at the fit without candidates."""
     found = found_lost_motion
-    return RegressionProblem.of(found.linear, found.outcome.lineup, found.outcome.before)
+    return RegressionProblem.of(
+        found.linear, found.outcome.state.problem.candidates, found.outcome.before
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,6 @@ def test_no_member_is_better_left_out(passes: list[SelectionState]) -> None:
 def test_a_selection_that_goes_on_ends_where_it_was(
     problem: RegressionProblem, passes: list[SelectionState]
 ) -> None:
-    found = tuple(m.candidate for m in passes[-1].members)
-    again = selection(problem, found)
+    found = passes[-1].active
+    again = selection(problem, found).active
     assert {c.key for c in again} == {c.key for c in found}

@@ -13,7 +13,7 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from calib.diagnosis.shape import SHAPE_ALPHA, _modulated, _power, question, shape_doubt
+from calib.diagnosis.shape import SHAPE_ALPHA, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.model.build import context_of, place_effect
@@ -62,11 +62,11 @@ def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) 
     r, J = fit.linear.independent
     Q, R = np.linalg.qr(J @ fit.span)
     assert np.abs(np.diag(R)).min() > 0.0
-    doubted = 0
+    doubted, counted = 0, np.abs(J).sum(axis=1) > 0.0
     for _ in range(DRAWS):
-        r = size * rng.normal(size=len(r)) * (np.abs(J).sum(axis=1) > 0.0)
-        _, p, _ = replace(asked, complement=replace(asked.complement, r=r - Q @ (Q.T @ r))).answer
-        doubted += p < SHAPE_ALPHA
+        r = size * rng.normal(size=len(r)) * counted
+        rest = replace(asked.rest, left=r - Q @ (Q.T @ r))
+        doubted += replace(asked, rest=rest).answer[1] < SHAPE_ALPHA
     # At most 9 are expected; 17 or more come once in a hundred times.
     assert doubted <= 16
     assert SHAPE_ALPHA <= 0.03
@@ -78,18 +78,16 @@ def test_the_power_is_how_often_a_wrong_shape_is_doubted(name: str) -> None:
     asked, rng = question(*fitted(name)), np.random.default_rng(12)
     assert asked is not None
     k = next(i for i, m in enumerate(asked.asked) if m.depends_on == f"q:{name.split(':')[1]}")
-    counts = [m.centred.shape[1] for m in asked.asked]
-    own, alpha = sum(counts[:k]) + np.arange(counts[k]), asked.asked[k].chance * SHAPE_ALPHA
-    complement, Q = asked.complement, asked.complement.modelled
-    assert Q is not None
-    counted = complement.columns.any(axis=1)
-    doubted = 0
+    first, alpha = sum(m.centred.shape[1] for m in asked.asked[:k]), asked.asked[k].chance
+    alpha, Q, wave = alpha * SHAPE_ALPHA, asked.rest.Q, asked.X[:, first : first + 2]
+    counted, doubted = asked.X.any(axis=1), 0
     for _ in range(DRAWS):
         phase = rng.uniform(0.0, 2.0 * np.pi)
-        wave = 0.35 / np.sqrt(2.0) * np.array([np.cos(phase), np.sin(phase)])
-        r = rng.normal(size=len(counted)) * counted + complement.columns[:, own[:2]] @ wave
-        doubted += _modulated(replace(complement, r=r - Q @ (Q.T @ r)), own)[0] < alpha
-    assert doubted / DRAWS == pytest.approx(_power(complement, own, alpha), abs=0.08)
+        moved = wave @ (0.35 / np.sqrt(2.0) * np.array([np.cos(phase), np.sin(phase)]))
+        r = rng.normal(size=len(counted)) * counted + moved
+        rest = replace(asked.rest, left=r - Q @ (Q.T @ r))
+        doubted += replace(asked, rest=rest).tested(k)[0] < alpha
+    assert doubted / DRAWS == pytest.approx(asked.power_of(k, alpha), abs=0.08)
 
 
 def by_angle(poses: Poses) -> Array:

@@ -10,12 +10,14 @@ import pytest
 import calib
 from calib import Cell, Measurements, Poses
 from calib.identification import fit
+from calib.identification.noise_level import replicate_factor
 from calib.identification.outliers import next_outlier, wrongly_out
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
+from tests.calib.diagnosis.test_diagnose import measured
 from tests.doe.ahead.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -131,3 +133,13 @@ def test_beside_residuals_of_nothing_a_wrong_pose_stands_out() -> None:
     assert next_outlier(statistics, rows, every, 3e10, 6) == 0
     assert next_outlier(0.0 * statistics, rows, every, 0.0, 6) is None
     assert wrongly_out(statistics, rows, statistics == 0.0, 0.0, 6) is None
+
+
+def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:
+    cell, data, _ = measured("", [], seed=4, twice=12)
+    weights = np.broadcast_to(np.eye(3) / cell.noise.across, (*data.seen.shape, 3, 3))
+    assert replicate_factor(data, weights) == pytest.approx(1.0, abs=0.35)
+    assert replicate_factor(data, 1.6 * weights) == pytest.approx(1.6, rel=0.3)
+    points = data.points.copy()
+    points[3] += 50.0 * cell.noise.across
+    assert replicate_factor(replace(data, readings=points), weights) == pytest.approx(1.0, abs=0.35)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import calib
-from calib.diagnosis.screen import field, score
 from calib.diagnosis.stage import Stage
 from calib.effects.tuned import Tuned
 from calib.identification.scan import carried, falls, times
+from calib.inference.evidence import score_test
 from calib.model.build import context_of, place_effect
 from calib.scatter import Variances
 from tests.calib.diagnosis.test_diagnose import measured
@@ -45,11 +45,14 @@ def test_a_scan_is_the_score_of_every_tuning(name: str, scatters: bool) -> None:
     limits = np.array([p.limit for p in effect.amplitudes])
     found = falls(carried(fit.linear.complement, carrier), functions, limits)
     r, J = fit.linear.independent
+    N = J @ fit.span
     for fall, own in zip(found, functions, strict=True):
         rows = times(carrier, own)
         X = (rows if fit.mixing is None else fit.mixing(rows)).reshape(-1, rows.shape[-1])
-        one = score(field(J @ fit.span, X, r), np.arange(X.shape[1]), None, limits)
-        assert fall == pytest.approx(one.fall, rel=1e-6, abs=1e-9)
+        left = X - N @ np.linalg.lstsq(N, X, rcond=None)[0]
+        lengths = np.linalg.norm(X, axis=0)
+        expected, _ = score_test(left.T @ left, left.T @ r, lengths, limits)
+        assert fall == pytest.approx(float(expected), rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.long

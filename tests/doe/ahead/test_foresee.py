@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.diagnosis.screen import score
+from calib.inference.evidence import score_test
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
@@ -59,13 +59,12 @@ def test_a_smallest_size_is_found_nine_times_in_ten(found: PowerAnalysis) -> Non
     rng = np.random.default_rng(1)
     for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
         cause = next(s for s in found.seen if s.key == key)
-        field, own = found.detection.field, columns(found, key)
-        signal = field.X[:, own[cause.lead]] * cause.smallest[cause.lead]
-        hits = [
-            score(replace(field, r=signal + rng.normal(size=len(signal))), own).fall > cause.limit
-            for _ in range(400)
-        ]
-        assert np.mean(hits) == pytest.approx(0.9, abs=0.06), key
+        own = columns(found, key)
+        X, lengths = found.detection.left[:, own], np.linalg.norm(found.detection.X[:, own], axis=0)
+        signal = X[:, cause.lead] * cause.smallest[cause.lead]
+        draws = signal + rng.normal(size=(400, len(signal)))
+        falls = np.array([float(score_test(X.T @ X, X.T @ r, lengths)[0]) for r in draws])
+        assert np.mean(falls > cause.limit) == pytest.approx(0.9, abs=0.06), key
         assert cause.found(np.ones(1))[0] == pytest.approx(0.9)
 
 
@@ -170,7 +169,7 @@ def test_markers_out_of_sight_tell_nothing(cell: Cell, found: PowerAnalysis) -> 
     seen = found.data.seen.copy()
     seen[:, 1] = False
     part = foresee(cell, replace(found.data, seen=seen))
-    assert part.detection.field.rows == 2 * found.detection.field.rows // 3
+    assert part.detection.rows == 2 * found.detection.rows // 3
     whole = {s.key: s.smallest[s.lead] for s in found.seen}
     for cause in part.seen:
         assert cause.smallest[cause.lead] > 0.98 * whole[cause.key]

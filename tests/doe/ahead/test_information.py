@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.diagnosis.screen import Field, field
+from calib.inference.evidence import visible_directions
 from doe.ahead.accuracy import Accuracy
 from doe.ahead.forecast import Offer
 from doe.ahead.information import FREE, SURE, Information, likeness, plausible
@@ -26,7 +26,6 @@ X = np.column_stack(
 )
 CAUSES = [np.array([0]), np.array([1]), np.array([2]), np.array([0, 3, 4]), np.array([1, 4])]
 DRAWS = [plausible(np.ones(len(own))) for own in CAUSES]
-VIEW = field(N, X, np.zeros(ROWS))
 
 
 def gram(columns: Array) -> Array:
@@ -38,11 +37,17 @@ def gram(columns: Array) -> Array:
 ALIKE = likeness(gram(X), np.linalg.norm(X, axis=0), CAUSES, DRAWS)
 
 
-def simulated(view: Field, e: int, f: int, noncentrality: float, trials: int = 4000) -> float:
+def directions(left: Array, columns: Array) -> Array:
+    T, seen = visible_directions(left.T @ left, np.linalg.norm(columns, axis=0))
+    return np.asarray(left @ T[:, seen])
+
+
+def simulated(e: int, f: int, noncentrality: float, trials: int = 4000) -> float:
     """Share of trials in which cause e, which is there, has the better score less its price."""
     rng = np.random.default_rng(e + 10 * f)
-    own, other = (view.projected(c) @ view.directions(c) for c in (CAUSES[e], CAUSES[f]))
-    signal = view.X[:, CAUSES[e]] @ rng.normal(size=(len(CAUSES[e]), trials))
+    left = X - N @ np.linalg.lstsq(N, X, rcond=None)[0]
+    own, other = (directions(left[:, c], X[:, c]) for c in (CAUSES[e], CAUSES[f]))
+    signal = left[:, CAUSES[e]] @ rng.normal(size=(len(CAUSES[e]), trials))
     signal *= np.sqrt(noncentrality) / np.linalg.norm(signal, axis=0)
     r = signal + rng.normal(size=signal.shape)
 
@@ -56,7 +61,7 @@ def simulated(view: Field, e: int, f: int, noncentrality: float, trials: int = 4
 @pytest.mark.parametrize("noncentrality", [30.0, 80.0])
 def test_preference_is_that_of_simulated_choices(e: int, f: int, noncentrality: float) -> None:
     expected = ALIKE.preferred(np.full(len(CAUSES), noncentrality), ROWS)[e, f]
-    assert simulated(VIEW, e, f, noncentrality) == pytest.approx(expected, abs=0.03)
+    assert simulated(e, f, noncentrality) == pytest.approx(expected, abs=0.03)
 
 
 def test_what_is_left_is_that_of_least_squares() -> None:
@@ -79,7 +84,7 @@ def test_the_needed_size_is_told_apart_and_no_less() -> None:
     for e, f in ((0, 1), (3, 4), (3, 1)):
         chance = ALIKE.preferred(np.where(np.isfinite(needed), needed, 1.0), ROWS)[e, f]
         assert chance == pytest.approx(SURE, abs=1e-6)
-        assert simulated(VIEW, e, f, float(needed[e, f])) == pytest.approx(SURE, abs=0.02)
+        assert simulated(e, f, float(needed[e, f])) == pytest.approx(SURE, abs=0.02)
 
 
 def test_confounded_causes_are_never_told_apart() -> None:

@@ -17,9 +17,9 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
 from calib.diagnosis.judged import CLOSE, JudgedCandidate
 from calib.diagnosis.regression import CandidateColumns
-from calib.diagnosis.search import Outcome
+from calib.diagnosis.search import Outcome, fitted
 from calib.diagnosis.stage import Fit, Stage
-from calib.diagnosis.state import SelectionState
+from calib.diagnosis.state import SelectedEffect, SelectionState
 from calib.effects.tuned import Tuned
 from calib.inference.evidence import visible_directions
 
@@ -142,28 +142,30 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
 
     All are compared to first order, whatever else is modelled free to make room for them.
     """
-    chosen = {id(entry): entry.candidate for entry in outcome.entries}
+    state = outcome.judged
+    columns = {c.candidate.key: c for c in (*state.problem.fixed, *state.tuned)}
+    chosen = {id(entry): entry.member for entry in outcome.entries}
     found: list[Named] = []
     direction = float(np.log(max(2, outcome.fit.rows)))
     for entry in sorted(outcome.entries, key=lambda e: e.gain):
         if not entry.candidate.named:
             continue
-        rest = [c for key, c in chosen.items() if key != id(entry)]
+        rest = [m.candidate for key, m in chosen.items() if key != id(entry)]
         others = imitations(outcome, entry)
         prices = {c.key: -gain - 2.0 * float(np.log(c.twin_odds)) for c, gain in entry.rivals}
         rivals = [c for c in _close(entry, others) if c not in rest and c.key in prices]
         # What stands elsewhere already is another name here, and never the first.
         again = {c.key for c in rivals if c.echo and any(c.is_like(o) for o in rest)}
-        ordered = [(c, prices[c.key]) for c in rivals]
-        ordered.sort(key=lambda pair: (pair[0].key in again, pair[1]))
-        ordered = [(replace(c, echo="", line=1) if c.echo else c, price) for c, price in ordered]
-        chosen[id(entry)] = ordered[0][0]
+        rivals.sort(key=lambda c: (c.key in again, prices[c.key]))
+        ordered = [(replace(c, echo="", line=1) if c.echo else c, prices[c.key]) for c in rivals]
+        if rivals[0].key != entry.candidate.key:
+            own = replace(columns[rivals[0].key], candidate=ordered[0][0])
+            chosen[id(entry)] = SelectedEffect(own, 1.0)
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.gain)
-    effects = [c.effect for c in chosen.values()]
     fit, poses = outcome.fit, stage.data.poses
-    if effects != [c.effect for c in outcome.active]:
-        fit = stage.fit(effects, fit)
+    if any(chosen[id(entry)] is not entry.member for entry in outcome.entries):
+        fit = fitted(stage, state.with_members(tuple(chosen.values())), fit)
     for i, named in enumerate(found):
         (first, share), *further = named.members
         values, effect = fit.values[fit.positions(first.effect)], first.effect

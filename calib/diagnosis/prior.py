@@ -23,16 +23,7 @@ from calib.effects.tuned import Tuned
 from calib.instruments import Instrument, Tracker
 from calib.instruments.common_errors import CommonError
 from calib.model import Model
-from calib.model.covariance import covariance
 from calib.poses import Measurements, Poses
-from calib.solver import condensed
-
-_LEAST_FREE = 0.5  # coefficients that the data determine
-_LEAST = 1e-6  # of a plausible size
-_BEGIN = 0.1  # of a plausible size, from which an amplitude is searched for at least
-_ROUNDS = 30
-_SETTLED = 0.02
-_THE_SAME = 0.05  # change of an amplitude that is not worth another fit
 
 Amplitudes: TypeAlias = Mapping[Effect, float]
 """Size a priori of the parameters of a curve, or of a cause of several, in plausible sizes."""
@@ -86,39 +77,6 @@ def prior_rows(model: Model, amplitudes: Amplitudes) -> Array:
         limits[block.part] = np.inf
         rows.append(own)
     return np.concatenate([np.diag(1.0 / limits)[np.isfinite(limits)], *rows])
-
-
-def fitted_amplitudes(
-    model: Model, amplitudes: Amplitudes, J: Array, r: Array, span: Array
-) -> tuple[Amplitudes, bool]:
-    """Amplitudes that the coefficients show (MacKay, Neural Computation 4(3), 1992, fixed point).
-
-    J : ndarray, shape (N, p), r : ndarray, shape (N,), whitened data as a linear problem ``r = J v``
-    span : ndarray, shape (p, k), directions that are estimated
-    Besides whether that is what they were.
-    """
-    blocks = list(blocks_in(model))
-    if not blocks:
-        return {}, True
-    begun = np.array([amplitudes.get(block.effect, 1.0) for block in blocks])
-    # Nothing is a fixed point of its own, which beside other noise need not be one.
-    found = np.maximum(begun, _BEGIN)
-    rows = condensed(np.column_stack([J, r]))
-    J, r = rows[:, :-1], rows[:, -1]
-    for _ in range(_ROUNDS):
-        now = {block.effect: float(a) for block, a in zip(blocks, found, strict=True)}
-        cov = covariance(np.concatenate([J, prior_rows(model, now)]), span)
-        values, last, found = cov @ (J.T @ r), found, found.copy()
-        for i, block in enumerate(blocks):
-            own, V = block.inverse @ values[block.part], cov[block.part, block.part]
-            shown = np.abs(span[block.part]).sum(axis=1) > 0.0
-            left = float(np.trace(block.inverse @ V @ block.inverse.T)) / last[i] ** 2
-            free = max(np.count_nonzero(shown) - left, _LEAST_FREE)
-            found[i] = np.clip(np.sqrt(float(own @ own) / free), _LEAST, block.largest)
-        if np.allclose(found, last, rtol=_SETTLED):
-            break
-    shown_by = {block.effect: float(a) for block, a in zip(blocks, found, strict=True)}
-    return shown_by, bool(np.allclose(found, begun, rtol=_THE_SAME))
 
 
 @dataclass(frozen=True, eq=False)

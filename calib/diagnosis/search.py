@@ -18,7 +18,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.columns import CandidateSet, candidate_set
 from calib.diagnosis.judged import JudgedCandidate, judged
 from calib.diagnosis.regression import RegressionProblem
-from calib.diagnosis.selection import selection
+from calib.diagnosis.selection import selection, start
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.state import SelectionState
 from calib.errors import Unsolvable
@@ -74,19 +74,35 @@ def selected(
     stage : Stage, to first order; active : candidates to begin with
     last : Outcome, of an earlier selection of the same stage
     """
-    before = stage.fit(()) if last is None else last.before
-    problem = None if last is None else last.state.problem
-    fit = stage.fit([c.effect for c in active], before) if active else before
+    if last is None:
+        before, problem = _without_any(stage, candidates)
+        fit = before
+    else:
+        before, problem, fit = last.before, last.state.problem, last.fit
     for _ in range(_MOST_FITS):
-        if problem is None or not _weighs_alike(problem.fit, fit):
-            bare = fit.without([c.effect for c in active]) if active else fit
-            problem = RegressionProblem.of(stage, candidates, bare)
+        if not _weighs_alike(problem.fit, fit):
+            problem = RegressionProblem.of(stage, candidates, stage.weighted((), fit.weight))
         state = selection(replace(problem, candidates=candidates), active)
-        active = state.active
-        earlier, fit = fit, stage.fit([c.effect for c in active], fit) if active else before
-        if _weighs_alike(earlier, fit):
+        active, fit = state.active, fitted(stage, state, fit)
+        if _weighs_alike(problem.fit, fit):
             break
     return Outcome(before, fit, state)
+
+
+def _without_any(stage: Stage, candidates: CandidateSet) -> tuple[Fit, RegressionProblem]:
+    """The fit without candidates, under the variances that it shows, and the problem about it."""
+    fit = stage.fit(())
+    problem = RegressionProblem.of(stage, candidates, fit)
+    return fitted(stage, start(problem, ()), fit), problem
+
+
+def fitted(stage: Stage, state: SelectionState, like: Fit) -> Fit:
+    """The fit with the members of a state, at their amplitudes and the variances beside them.
+
+    like : Fit, with whose weights of poses the search for these begins
+    """
+    effects = [c.effect for c in state.active]
+    return stage.fit(effects, like, state.amplitudes, state.variances)
 
 
 def _weighs_alike(one: Fit, other: Fit) -> bool:
@@ -97,11 +113,10 @@ def restricted_to(
     stage: Stage, outcome: Outcome, rest: Sequence[Candidate], candidates: CandidateSet
 ) -> Outcome:
     """The outcome with a part of its members alone, no candidate tried again."""
-    fit = stage.fit([c.effect for c in rest], outcome.fit) if rest else outcome.before
     keys = {c.key for c in rest}
     state = replace(outcome.state, problem=replace(outcome.state.problem, candidates=candidates))
-    kept = tuple(m for m in state.members if m.key in keys)
-    return Outcome(outcome.before, fit, state.with_members(kept))
+    state = state.with_members(tuple(m for m in state.members if m.key in keys))
+    return Outcome(outcome.before, fitted(stage, state, outcome.fit), state)
 
 
 def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:

@@ -9,10 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
 from calib.diagnosis.linear import LinearModel, linearised
-from calib.diagnosis.prior import Amplitudes, curves_in, fitted_amplitudes, prior_rows
+from calib.diagnosis.prior import Amplitudes, curves_in, prior_rows
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
 from calib.identification.components import variance_components
@@ -29,8 +29,6 @@ from calib.solver import least_squares, levenberg_marquardt
 _HUBER = 2.0  # median lengths of a pose's residual beyond which it counts less
 _ROUNDS = 4
 _SETTLED = 0.05
-_TURNS = 2  # with levels of noise that follow from the fit
-_ALIKE = 0.2  # of the noise, that moves no curve
 _ABSURD = 1e9  # times a plausible size, or what it was to first order
 _MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
 
@@ -43,9 +41,10 @@ class Fit:
         levels of noise once they are found
     values : ndarray, shape (p,); span : ndarray, shape (p, k)
     weight : ndarray, shape (m,), of each pose, one where it counts in full
-    amplitudes : dict, curve -> size of its coefficients a priori
+    amplitudes : dict, block -> size of its coefficients a priori
     r : ndarray, shape (m, rows), J : ndarray, shape (m, rows, p), whitened and weighted
-    levels : VarianceEstimate or None, how the readings err beside the instrument
+    variances : Variances, of instrument and scatter
+    levels : VarianceEstimate or None, where they were estimated about this fit
     """
 
     observation: Points
@@ -56,6 +55,7 @@ class Fit:
     r: Array
     J: Array
     converged: bool
+    variances: Variances
     levels: VarianceEstimate | None = None
 
     @property
@@ -90,12 +90,6 @@ class Fit:
     def dof(self) -> int:
         """Degrees of freedom of the residuals."""
         return self.rows - self.spent
-
-    @property
-    def variances(self) -> Variances:
-        """Of what scatters; those of the instrument alone where nothing was asked."""
-        none = Variances.none(self.model.robot.dof)
-        return none if self.levels is None else self.levels.variances
 
     @cached_property
     def linear(self) -> LinearProblem:
@@ -181,36 +175,50 @@ class Stage:
         weights = self.weights * (weight * ~self.dropped)[:, None, None, None]
         return Points(model, self.data, weights)
 
-    def fit(self, effects: Sequence[Effect], like: Fit | None = None) -> Fit:
+    def fit(
+        self,
+        effects: Sequence[Effect],
+        like: Fit | None = None,
+        amplitudes: Amplitudes | None = None,
+        variances: Variances | None = None,
+    ) -> Fit:
         """Fit from the nominal values: a fit without the effects may have wandered.
 
-        like : Fit, of nearly the same effects, with whose weights, amplitudes and levels of noise the
-            search begins
-        Weights of poses, amplitudes of curves and levels of noise follow from the fit, and it from
-        them.
+        like : Fit, with whose weights the search for those of poses begins
+        amplitudes : dict, block -> size of its coefficients a priori; one by default
+        variances : Variances, under which the fit stands; those of the instrument as stated by default
         """
+        weight = None if like is None else like.weight
+        fit = self.weighted(effects, weight, amplitudes, variances)
+        for _ in range(_ROUNDS if self.robust else 0):
+            length = np.sqrt(self.statistics(fit))
+            weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
+            if np.allclose(weight, fit.weight, atol=_SETTLED):
+                break
+            fit = self._fitted(
+                fit.model, fit.values, fit.span, weight, fit.amplitudes, fit.variances
+            )
+        return fit
+
+    def weighted(
+        self,
+        effects: Sequence[Effect],
+        weight: Array | None = None,
+        amplitudes: Amplitudes | None = None,
+        variances: Variances | None = None,
+    ) -> Fit:
+        """The same with given weights of poses, shape (m,), one by default."""
         model, values = self.model.extended(self.start, effects)
         full = np.ones(len(self.data))
         span = determined_by(self.observation(model, full), values)
-        if like is None:
-            fit = self._fitted(model, values, span, full, {})
-        else:
-            fit = self._fitted(model, values, span, like.weight, like.amplitudes, like)
-        for _ in range(_TURNS):
-            fit = self._settled(fit)
-            prior_weight, fit = fit.prior_weight, self._under_levels(fit)
-            held = fit.model.prior_rows or any(curves_in(fit.model))
-            if not held or abs(fit.prior_weight - prior_weight) <= _ALIKE * prior_weight:
-                break
-        return fit
-
-    def along(self, fit: Fit) -> Fit:
-        """The same fit once more, along the directions that it has now."""
-        found = self._fitted(fit.model, fit.values, fit.span, fit.weight, fit.amplitudes, fit)
-        return self._under_levels(found)
+        weight = full if weight is None or not self.robust else weight
+        variances = variances or Variances.none(self.model.robot.dof)
+        return self._fitted(model, values, span, weight, amplitudes or {}, variances)
 
     def exact(self, fit: Fit) -> Fit:
-        """A fit to first order, gone on with in full: same directions, weights and amplitudes.
+        """A fit to first order, gone on with in full, and the variances about it.
+
+        Directions, weights and amplitudes stay.
 
         Raises Unsolvable where its values are no arm's.
         """
@@ -218,13 +226,13 @@ class Stage:
             return fit
         model = fit.model.exact
         span = self._with_tunings(model, fit)
-        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit)
+        full = self._fitted(model, fit.values, span, fit.weight, fit.amplitudes, fit.variances)
         small = np.abs(full.values) <= _ABSURD * np.maximum(model.sizes, np.abs(fit.values))
         if not (small.all() and np.isfinite(full.r).all() and np.isfinite(full.J).all()):
             raise Unsolvable
         # A payload moves nothing where nothing that was found is elastic.
         moving = (full.J @ span).any(axis=tuple(range(full.J.ndim - 1)))
-        return self._under_levels(replace(full, span=span[:, moving]))
+        return self._with_levels(replace(full, span=span[:, moving]))
 
     def _with_tunings(self, model: Model, fit: Fit) -> Array:
         """Directions (p, k) of a fit, and of the tunings that its amplitudes make visible."""
@@ -243,21 +251,6 @@ class Stage:
         whole = linearised(fit.model, fit.values, self.data.poses, suspects, read)
         return replace(self, model=whole.with_effects(self.model.effects))
 
-    def _settled(self, fit: Fit) -> Fit:
-        """The fit with weights of poses and amplitudes of curves that follow from it."""
-        for _ in range(_ROUNDS):
-            weight = np.ones(len(self.data))
-            if self.robust:
-                length = np.sqrt(self.statistics(fit))
-                weight = huber_weights(length, float(np.median(length[~self.dropped])), _HUBER)
-            J = stacked(fit.J) / fit.prior_weight
-            r = fit.r.ravel() / fit.prior_weight + J @ fit.moving
-            amplitudes, same = fitted_amplitudes(fit.model, fit.amplitudes, J, r, fit.span)
-            if same and np.allclose(weight, fit.weight, atol=_SETTLED):
-                break
-            fit = self._fitted(fit.model, fit.values, fit.span, weight, amplitudes, fit)
-        return fit
-
     def _fitted(
         self,
         model: Model,
@@ -265,12 +258,12 @@ class Stage:
         span: Array,
         weight: Array,
         amplitudes: Amplitudes,
-        like: Fit | None = None,
+        variances: Variances,
     ) -> Fit:
-        """A fit from a start (p,) on, under the levels of noise of another."""
-        observation = replace(self.observation(model, weight), prior=prior_rows(model, amplitudes))
-        if like is not None:
-            observation = replace(observation, prior_weight=like.prior_weight)
+        """A fit from a start (p,) on."""
+        prior = prior_rows(model, amplitudes)
+        observation = replace(self.observation(model, weight), prior=prior)
+        observation = self._under(observation, variances)
         if isinstance(model, LinearModel):
             r, J = observation.flat(start)
             step = span @ least_squares(r, J @ span)
@@ -280,23 +273,23 @@ class Stage:
             found = levenberg_marquardt(observation.flat, start, span, _MOST_ITERATIONS)
             values, converged = found.values, bool(found.converged)
             r, J = observation.linearise(values)
-        levels = None if like is None else like.levels
-        return Fit(observation, values, span, weight, amplitudes, r, J, converged, levels)
+        return Fit(observation, values, span, weight, amplitudes, r, J, converged, variances)
 
-    def _under_levels(self, fit: Fit) -> Fit:
-        """The fit under the levels of noise that its residual shows."""
-        weighted = fit.observation.rows(self.scatter.levers)
-        robot = self.model.robot
-        levels = variance_components(
-            self.scatter, weighted, fit.linear, robot, self.arm, fit.levels
-        )
-        scatter, prior_weight = self.scatter.at(levels.variances), 1.0
-        if levels.variances.any:
-            prior_weight = scatter.typical(weighted)
-        elif fit.model.prior_rows:
-            prior_weight = levels.variances.scale
-        under = replace(fit.observation, scatter=scatter, prior_weight=prior_weight)
-        return replace(fit, levels=levels, observation=under)
+    def _under(self, observation: Points, variances: Variances) -> Points:
+        """An observation under variances: what is known of sizes weighs as noisy rows do."""
+        scatter, prior_weight = self.scatter.at(variances), 1.0
+        if variances.any:
+            prior_weight = scatter.typical(observation.rows(self.scatter.levers))
+        elif observation.model.prior_rows:
+            prior_weight = variances.scale
+        return replace(observation, scatter=scatter, prior_weight=prior_weight)
+
+    def _with_levels(self, fit: Fit) -> Fit:
+        """The fit under the variances that its residual shows."""
+        rows = fit.observation.rows(self.scatter.levers)
+        found = variance_components(self.scatter, rows, fit.linear, self.model.robot, self.arm)
+        observation = self._under(fit.observation, found.variances)
+        return replace(fit, levels=found, variances=found.variances, observation=observation)
 
     def statistics(self, fit: Fit) -> Array:
         """Mean square of every pose's residual over its predicted variance, in full weight, (m,)."""

@@ -19,9 +19,11 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.compressed import Block
 from calib.diagnosis.conditional import Conditional, Curvature, best_amplitude
 from calib.diagnosis.regression import CandidateColumns, RegressionProblem
-from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
+from calib.identification.components import as_variances
 from calib.inference.restricted import RestrictedLikelihood
+from calib.scatter import Variances
 
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 CURVE_PRICE = float(2.0 * np.log(10.0))
@@ -89,6 +91,18 @@ class SelectionState:
     def active(self) -> tuple[Candidate, ...]:
         """The members."""
         return tuple(m.candidate for m in self.members)
+
+    @property
+    def amplitudes(self) -> dict[Effect, float]:
+        """Amplitude of each member."""
+        return {m.candidate.effect: m.amplitude for m in self.members}
+
+    @property
+    def variances(self) -> Variances:
+        """Those beside the members, of instrument and scatter."""
+        design, stage = self.problem.rows.design, self.problem.stage
+        found = design.variances(self.theta)
+        return as_variances(stage.scatter.joints, design, found, stage.arm)
 
     def price(self, candidate: Candidate) -> float:
         """What a member must gain."""

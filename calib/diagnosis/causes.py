@@ -30,9 +30,10 @@ from calib.effects.timed import Timed
 from calib.model.covariance import determined
 from calib.poses import Poses
 
-VerdictName = Literal["no_gap", "explained", "ambiguous", "unknown"]
+VerdictName = Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
 Standing = Literal["established", "likely", "one_of"]
 
+_EVEN = 0.5  # probability below which a cause is no more than a possibility
 _SURE = 0.9  # probability from which on a cause is taken for certain
 _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
 _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
@@ -139,6 +140,11 @@ class Cause:
         return tuple((c, self.evidence.probability * share) for c, share in self.named.members)
 
     @property
+    def likely(self) -> bool:
+        """Whether it, or one of its class, is there as likely as not."""
+        return self.evidence.probability >= _EVEN
+
+    @property
     def misshapen(self) -> bool:
         """Whether the cause is there in another form than the catalogue's."""
         return self.doubt.stands
@@ -242,13 +248,16 @@ def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -
     return "established" if in_form and probability * named.lead >= _SURE else "likely"
 
 
-def verdict_of(standings: Sequence[Standing], rest: Rest) -> VerdictName:
-    """The verdict of a diagnosis."""
-    if not rest.closed:
-        return "unknown"
+def verdict_of(standings: Sequence[Standing], found: bool, rest: Rest) -> VerdictName:
+    """The verdict of a diagnosis.
+
+    standings : of the causes that are as likely as not, or more; found : whether anything was found
+    """
     if not standings:
-        return "no_gap"
-    return "explained" if all(s == "established" for s in standings) else "ambiguous"
+        return "unknown" if found or not rest.closed else "no_gap"
+    if all(s == "established" for s in standings):
+        return "explained" if rest.closed else "partly"
+    return "ambiguous" if rest.closed or "established" in standings else "unknown"
 
 
 def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapPlace, ...]:

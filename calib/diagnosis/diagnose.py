@@ -45,6 +45,7 @@ _MOST = 5  # places that a summary names
 class Diagnosis(Result, Finding):
     """Result of :func:`diagnose`: what was found, and what follows from it.
 
+    causes, possible : tuple of Cause, those as likely as not or more, and the others: all are fitted
     sides : tuple of SideShare, of camera, board and arm, empty without a camera
     rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out
@@ -56,6 +57,7 @@ class Diagnosis(Result, Finding):
 
     verdict: VerdictName
     causes: tuple[Cause, ...]
+    possible: tuple[Cause, ...]
     sides: tuple[SideShare, ...]
     rest: Rest
     located: tuple[GapPlace, ...]
@@ -71,6 +73,11 @@ class Diagnosis(Result, Finding):
     def data(self) -> Measurements:
         """The measurements that were diagnosed, those that were left out included."""
         return self.stage.data
+
+    @property
+    def fitted_causes(self) -> tuple[Cause, ...]:
+        """All causes by name that the model was fitted with."""
+        return self.causes + self.possible
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:
@@ -134,7 +141,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
     rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
-    concluded = verdict_of([c.standing for c in causes], rest)
+    shown = tuple(c for c in causes if not c.displaced)
+    likely = tuple(c for c in shown if c.likely)
+    concluded = verdict_of([c.standing for c in likely], bool(causes), rest)
     places = located(finding, causes, not rest.closed)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
@@ -149,7 +158,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     return Diagnosis(
         **fields_of(replace(finding, refused=finding.refused + weak)),
         verdict=concluded,
-        causes=tuple(c for c in causes if not c.displaced),
+        causes=likely,
+        possible=tuple(c for c in shown if not c.likely),
         sides=sides_of(outcome, finding.scale),
         rest=rest,
         located=places if concluded != "no_gap" else (),

@@ -83,6 +83,7 @@ def _directions(beside: Conditional, own: IntArray) -> Array:
     return T[:, seen]
 
 
+_FAINT = 0.1  # of the best gain: what shows less is no rival
 _TRIED = 5  # close rivals that are looked at
 _ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
@@ -177,11 +178,13 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
 
 def _close(entry: JudgedCandidate, others: Sequence[Imitation]) -> list[Candidate]:
     """The entry, what explains nearly as much in its place, and what moves the readings as it does."""
-    least = max(0.0, entry.rivals[0][1] - CLOSE)
+    best, gains = entry.rivals[0][1], dict(entry.rivals)
+    least = max(0.0, best - CLOSE)
     rivals = [c for c, gain in entry.rivals if c.named and gain > least][:_TRIED]
     alike = [t.candidate for t in others if t.exact]
     alike += [t.candidate for t in others if t.left < SAME and not t.exact][:_ALIKE]
-    return list(dict.fromkeys([entry.candidate, *rivals, *alike]))
+    seen = [c for c in (*rivals, *alike) if gains.get(c, 0.0) > _FAINT * best]
+    return list(dict.fromkeys([entry.candidate, *seen]))
 
 
 def _members(

@@ -165,8 +165,9 @@ def _diagnosed(result: Diagnosis) -> Estimate:
     """The model with all causes that have a name; what is merely located is model discrepancy."""
     fit, scale, stage = result.after, result.scale, result.stage
     if any(not e.candidate.named for e in result.outcome.entries):
-        named = [cause.named.candidate.effect for cause in result.causes]
-        fit = stage.exact(result.linear.fit(named, fit))
+        named = [cause.named.candidate.effect for cause in result.fitted_causes]
+        like = result.outcome.fit
+        fit = stage.exact(result.linear.fit(named, like, fit.amplitudes, like.variances))
         # From the residual, where that refutes the stated deviation.
         scale = float(np.sqrt(fit.cost / fit.dof)) if refuted(fit.cost, fit.dof) else 1.0
     levels, cov, kept = fit.levels, fit.covariance * scale**2, ~stage.dropped
@@ -194,7 +195,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
 
 def _doubts_of_causes(result: Diagnosis) -> Iterator[str]:
     """Which causes stand for others, too, and which place of the gap has no cause."""
-    for cause in result.causes:
+    for cause in result.fitted_causes:
         first, *others = [f"{c.effect.kind}:{c.where}" for c, _ in cause.named.members]
         if others:
             also = " or ".join(others)

@@ -22,7 +22,7 @@ _NEXT = {
     "alike": "correct for any of them: they act alike here",
     "confirm": "measure more poses to confirm the causes",
     "rose": "first find what differs between held-out and fitted poses: day, load, joint range",
-    "structure": "check these places on the arm: no cause in the catalogue acts like this",
+    "structure": "check the places below: no cause in the catalogue acts like this",
     "form": "more poses would check the exact form of the causes",
     "too_large": "check that all loads, moves and times are in the table, then visit some poses again",
 }
@@ -61,9 +61,9 @@ def _verdict_alone(record: DiagnoseRecord) -> str:
     if not record.effects:
         return _somewhere(record)
     rest = record.rest
-    more = "the rest has no cause in the catalogue"
+    more = "something systematic remains"
     if rest.kind == "too_large":
-        more = "too much remains"
+        more = "more remains than an arm scatters by"
     elif _form_alone(record):
         more = "the exact form may differ"
     return fitting((f"{own}; {more}." for own in _found(record.effects)), room)
@@ -85,10 +85,8 @@ def _no_gap(record: DiagnoseRecord) -> str:
 
 def _found(effects: Sequence[FoundCause]) -> Iterator[str]:
     """The causes after what they are."""
-    unlikely = all(effect.unlikely for effect in effects)
-    one, some = (
-        ("Possible cause", "possible causes") if unlikely else ("Cause found", "causes found")
-    )
+    sure = any(effect.standing == "established" or effect.one_of for effect in effects)
+    one, some = ("Cause found", "causes found") if sure else ("Probable cause", "probable causes")
     lead = one if len(effects) == 1 else f"{len(effects)} {some}"
     yield from (f"{lead}: {own}" for own in _causes(effects))
     yield lead
@@ -224,8 +222,7 @@ def rest_words(record: DiagnoseRecord) -> Iterator[str]:
 def standing_words(effect: FoundCause) -> str:
     """How sure a cause is, and its share."""
     several = f"one of {len(effect.alike)}" if len(effect.alike) > 1 else "probable"
-    sure = "possible" if effect.unlikely else _SURE.get(effect.standing, "")
-    how = several if effect.one_of else sure
+    how = several if effect.one_of else _SURE.get(effect.standing, "")
     said = f"{how} (probability {doc.PROBABILITY(effect.probability)})"
     if effect.share_of_gap is None and effect.decided_by:
         return f"{said}; the geometry that was fitted stands for it"
@@ -244,7 +241,7 @@ def _situation(record: DiagnoseRecord) -> str:
     """What the advice depends on, a key of ``_NEXT``."""
     if record.gap.heldout_rose:
         return "rose"
-    if record.verdict == "unknown":
+    if record.verdict in ("unknown", "partly"):
         large = record.rest.kind == "too_large"
         return "form" if _form_alone(record) else "too_large" if large else "structure"
     if record.verdict == "ambiguous":

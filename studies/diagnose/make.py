@@ -112,6 +112,7 @@ def diagnose_record(
             **noise_fields(noise, found.after.levels, found.stage.scatter, model, footprint),
         ),
         effects=[_effect(cause, spectra, tip) for cause in found.causes],
+        possible=[_effect(cause, spectra, tip) for cause in found.possible],
         located=LocatedPlace.from_each(found.located, where=where(found.located)),
         gap=GapEntry.from_result(found.gap, model.readout.channels.shown),
         could_not_see=DetectionLimitEntry.from_each(found.hidden, where=where(found.hidden)),
@@ -249,7 +250,7 @@ class DiagnosisShown(NamedTuple):
 @one_blas_thread
 def shown(found: Diagnosis) -> DiagnosisShown:
     """Fit the model again with one more effect each time, and a free curve in place of each."""
-    all_found = [(cause.share, cause.named.candidate) for cause in found.causes]
+    all_found = [(cause.share, cause.named.candidate) for cause in found.fitted_causes]
     shares = {(place.where, place.depends_on): place.share for place in found.located}
     for entry in found.outcome.entries:
         own = entry.candidate
@@ -268,8 +269,11 @@ def shown(found: Diagnosis) -> DiagnosisShown:
 def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
     stage = found.stage
     data = stage.data.take(~stage.dropped) if found.heldout is None else found.heldout
-    fits = [found.before]
-    fits += [found.linear.fit([c.effect for c in added[:n]]) for n in range(1, len(added))]
+    fits, like, sizes = [found.before], found.outcome.fit, found.after.amplitudes
+    fits += [
+        found.linear.fit([c.effect for c in added[:n]], like, sizes, like.variances)
+        for n in range(1, len(added))
+    ]
     fits += [found.after] if added else []
     shown = found.before.model.readout.channels.shown
     return ErrorSteps(

@@ -29,7 +29,6 @@ from studies.record import (
     Record,
 )
 
-_EVEN = 0.5
 _LOUD = 4.0  # times the stated noise that no instrument exceeds by itself
 Row = tuple[Maybe, ...]
 
@@ -76,7 +75,7 @@ class FoundCause(LikelyCause):
     far_out : what of it is larger than such errors usually are, None where nothing is
     standing : how sure it is
     decided_by : what would tell it from the others, beyond further poses
-    chosen_again : share of the folds without which it, or one of its class, is chosen again
+    chosen_again : share of ten halves of the configurations in which it, or one of its class, returns
     curve_ratio : evidence of the best curve at its place over its own
     """
 
@@ -98,12 +97,6 @@ class FoundCause(LikelyCause):
     def one_of(self) -> bool:
         """Whether these data do not tell it from others."""
         return self.standing == "one_of"
-
-    @property
-    def unlikely(self) -> bool:
-        """Whether neither it nor what may stand in its place is as likely as not."""
-        each = [one.probability for one in self.alike or (self,)]
-        return None not in each and sum(filter(None, each)) < _EVEN
 
     @property
     def names(self) -> str:
@@ -258,9 +251,10 @@ class DiagnoseRecord(Record):
     """Where the gap lies, what causes it, and how far it shrinks."""
 
     command: Literal["diagnose"] = "diagnose"
-    verdict: Literal["no_gap", "explained", "ambiguous", "unknown"]
+    verdict: Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
     noise: DiagnoseNoise
     effects: tuple[FoundCause, ...]
+    possible: tuple[FoundCause, ...] = ()
     rest: RestEntry
     sides: tuple[SideEntry, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]

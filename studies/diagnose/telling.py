@@ -55,6 +55,9 @@ def _parts(record: DiagnoseRecord) -> Iterator[doc.Part]:
     yield from (doc.Figure(partial(error_curve, curve)) for curve in record.curves)
     yield doc.Detail((doc.Table(_LINES, list(_lines(record)), "Spectrum lines of joints"),))
     yield doc.Table(_LOCATED, list(_located(record)), caption="Where the unmodelled error is")
+    if record.possible:
+        yield doc.Sentence("Fitted, and less likely than not to be the cause:")
+        yield doc.Table(_POSSIBLE, list(_possible(record)), "Possible causes")
     if record.refused:
         yield doc.Sentence("Found, but not sure enough to be named:")
         yield doc.Table(_REFUSED, list(_refused(record.refused)), "Causes not named")
@@ -139,7 +142,7 @@ _LOCATED = doc.heads(
 
 def _located(record: DiagnoseRecord) -> Iterator[tuple[str, str, float | None, str]]:
     """Places, each with the cause that is named for it."""
-    left = list(record.effects)
+    left = [*record.effects, *record.possible]
     for place in record.located:
         key = place.where, place.share_of_gap
         own = next((e for e in left if (e.where, e.share_of_gap) == key), None)
@@ -147,6 +150,16 @@ def _located(record: DiagnoseRecord) -> Iterator[tuple[str, str, float | None, s
             left.remove(own)
         cause = "unknown" if own is None else own.effect
         yield place.where, place.depends_on, place.share_of_gap, cause
+
+
+_POSSIBLE = doc.heads("cause", Shown("probability", doc.PROBABILITY))
+
+
+def _possible(record: DiagnoseRecord) -> Iterator[tuple[str, float | None]]:
+    """Each with how likely it, or one of its class, is."""
+    for effect in record.possible:
+        each = [one.probability for one in effect.alike or (effect,)]
+        yield effect.names, sum(p for p in each if p is not None)
 
 
 _REFUSED = doc.heads("cause", "why")

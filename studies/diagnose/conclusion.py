@@ -134,7 +134,7 @@ def _unsure(effects: Sequence[FoundCause]) -> Iterator[str]:
         return
     likely = [effect.key for effect in effects if effect.standing != "established"]
     if len(likely) == len(effects):
-        yield from (f"{form}. It is probable, not confirmed." for form in forms)
+        yield from (f"{form}; not confirmed." for form in forms)
         return
     yield f"{forms[0]}. {_and(likely)}: probable, not confirmed."
     yield from (f"{form}. Not all are confirmed." for form in forms)

@@ -36,7 +36,7 @@ def sealed_names(folder: Path) -> Iterator[Named]:
         answer = json.loads(path.read_text(encoding="utf-8"))
         key = json.loads((folder / "keys" / path.name).read_text(encoding="utf-8"))
         places = [(p["where"], p["depends_on"]) for p in answer["located"]]
-        for effect in answer["effects"]:
+        for effect in (*answer["effects"], *answer.get("possible", ())):
             listed = any(is_listed(effect, truth) for truth in key["effects"])
             right = listed or is_true(effect, key["effects"], key["outside"])
             yield _evidence(effect, places), right

@@ -258,7 +258,7 @@ def judge(key: dict[str, Any], answer: dict[str, Any] | None) -> Judgement:
         exact=bool(main) and _exactly(main, truths, effects),
         found=bool(main) and all(any(is_listed(e, t) for e in effects) for t in main),
         located=located,
-        unknown_located=located and (verdict == "unknown" or (held and not wrong)),
+        unknown_located=located and (verdict in ("unknown", "partly") or (held and not wrong)),
         misnamed=verdict == "explained"
         and any((e.get("probability") or 0.0) > CONFIDENT for e in wrong),
         sure_wrong=bool(sure),
@@ -299,7 +299,8 @@ def _silent(key: dict[str, Any], answer: dict[str, Any]) -> bool:
     effects, places = answer.get("effects") or [], answer.get("located") or []
     rippled = {truth["where"] for truth in background}
     return (
-        answer.get("verdict") in ("unknown", *(("explained", "ambiguous") if effects else ()))
+        answer.get("verdict")
+        in ("unknown", *(("explained", "partly", "ambiguous") if effects else ()))
         and all(is_true(effect, background, None) for effect in effects)
         and all(p.get("depends_on") == "pose" or p.get("where") in rippled for p in places)
     )

@@ -103,9 +103,9 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
         ({"verdict": "unknown", "effects": []}, "Unmodelled error at A3, which depends on approach:A3"),
         ({"verdict": "unknown", "effects": [], "located": []}, "neither its place nor its cause"),
         ({"gap": ROSE}, "Cause found: backlash:A3. The error at held-out poses did not fall."),
-        ({"verdict": "unknown"}, "backlash:A3; the rest has no cause in the catalogue."),
+        ({"verdict": "partly"}, "Cause found: backlash:A3; something systematic remains."),
         (
-            {"verdict": "unknown", "rest": rest(0.0, "structure", "model", "assumed")},
+            {"verdict": "partly", "rest": rest(0.0, "structure", "model", "assumed")},
             "backlash:A3; the exact form may differ.",
         ),
         (
@@ -133,11 +133,15 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
         ),
         (
             {"verdict": "ambiguous", "effects": [effect("backlash", "A3", [], standing="likely")]},
-            "Cause found: backlash:A3. It is probable, not confirmed.",
+            "Probable cause: backlash:A3; not confirmed.",
         ),
         (
-            {"verdict": "unknown", "rest": rest(0.31, "too_large", "model", "measured")},
-            "backlash:A3; too much remains.",
+            {
+                "verdict": "unknown",
+                "effects": [effect("backlash", "A3", [], standing="likely")],
+                "rest": rest(0.31, "too_large", "model", "measured"),
+            },
+            "Probable cause: backlash:A3; more remains than an arm scatters by.",
         ),
         (
             {"verdict": "no_gap", "effects": [], "rest": rest(0.017, "scatter", "arm", "measured")},

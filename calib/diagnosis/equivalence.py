@@ -45,7 +45,7 @@ class Imitation:
 def imitations(outcome: Outcome, entry: JudgedCandidate) -> list[Imitation]:
     """All causes by name beside an entry, the best imitation first."""
     state, own = outcome.judged, entry.member.own.columns
-    beside, _, _ = state.without(entry.member)
+    beside, _ = state.without(entry.member)
     U = _directions(beside, own)
     signal, crossed = U.T @ beside.z[own], U.T @ beside.crossed(own)
     found = []

@@ -48,7 +48,7 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
     """
     choice = 2.0 * float(np.log(state.problem.candidates.asked))  # the same for all
     for member in state.members:
-        beside, rest, _ = state.without(member)
+        beside, rest = state.without(member)
         asked = [
             c
             for c in state.eligible(rest)

@@ -103,8 +103,9 @@ def _removed(state: SelectionState) -> frozenset[str]:
     """Key of the member that is worth least, where it is not worth its price."""
     worths = []
     for member in state.members:
-        beside, _, gone = state.without(member)
+        beside, _ = state.without(member)
         (alone, _), *_ = state.scores(beside, [member.own])
+        gone = state.slope_without(member, beside)
         alone -= float(state.curvature.promised(gone[None])[0])
         worths.append((alone, member))
     worth, worst = min(worths, key=lambda pair: pair[0], default=(0.0, None))
@@ -115,7 +116,7 @@ def _exchanged(state: SelectionState) -> dict[str, SelectedEffect]:
     """What explains more in the place of members, those that lead most first."""
     found: dict[str, Scored] = {}
     for member in state.members:
-        beside, rest, gone = state.without(member)
+        beside, rest = state.without(member)
         asked = [
             c
             for c in state.eligible(rest)
@@ -125,7 +126,7 @@ def _exchanged(state: SelectionState) -> dict[str, SelectedEffect]:
         ]
         (own, _), *_ = state.scores(beside, [member.own])
         near = [s for s in state.scores(beside, asked) if s[0] > own - _NEAR][:_JUDGED]
-        for gain, best in state.answered(beside, near, gone)[:1]:
+        for gain, best in state.answered(beside, near, state.slope_without(member, beside))[:1]:
             if gain > own + _LEAD:
                 found[member.key] = gain - own, best
     ordered = sorted(found.items(), key=lambda pair: -pair[1][0])

@@ -27,12 +27,18 @@ def stability(state: SelectionState, named: Sequence[Named]) -> dict[str, float]
     state : with the tunings of rivals
     """
     products = state.conditional.products
-    rows, component = products.rows, products.columns.turned.component_of_row
-    again: dict[str, list[bool]] = {n.entry.candidate.key: [] for n in named}
+    columns, component = products.columns, products.columns.turned.component_of_row
+    close = [_close(state, one) for one in named]
+    every = (*(m.own for m in state.members), *(c for own in close for c in own))
+    used = np.unique(np.concatenate([np.arange(columns.response + 1), *(c.columns for c in every)]))
+    place = np.zeros(len(columns), dtype=np.int_)
+    place[used] = np.arange(len(used))
+    again: dict[str, list[bool]] = {one.entry.candidate.key: [] for one in named}
     for half in _halves(int(component.max()) + 1):
-        own = rows[half[component]]
-        for one in named:
-            again[one.entry.candidate.key].append(_returns(state, own, one))
+        rows = products.rows[half[component]][:, used]
+        G = rows.T @ rows
+        for one, rivals in zip(named, close, strict=True):
+            again[one.entry.candidate.key].append(_returns(state, G, place, one, rivals))
     return {key: float(np.mean(found)) for key, found in again.items()}
 
 
@@ -43,19 +49,27 @@ def _halves(count: int) -> list[Mask]:
     return [half for first in firsts for half in (first, ~first)]
 
 
-def _returns(state: SelectionState, rows: Array, named: Named) -> bool:
-    """Whether one of the class is the best of all close rivals at some rows (N, f)."""
-    _, rest, _ = state.without(named.entry.member)
-    prior = [np.full(len(m.own.columns), m.amplitude**-2.0) for m in rest]
+def _returns(
+    state: SelectionState,
+    G: Array,
+    place: IntArray,
+    named: Named,
+    rivals: Sequence[CandidateColumns],
+) -> bool:
+    """Whether one of the class is the best of all close rivals.
+
+    G : ndarray, shape (u, u), products of the columns that are used; place : where each stands there
+    """
+    _, rest = state.without(named.entry.member)
     columns = state.problem.rows
     held = np.concatenate([np.arange(columns.response), *(m.own.columns for m in rest)])
+    prior = [np.full(len(m.own.columns), m.amplitude**-2.0) for m in rest]
     precision = np.concatenate([columns.precision, *prior])
-    close = _close(state, named)
-    asked = np.concatenate([c.columns for c in close])
-    S, z = _beside(rows, held, precision, asked, columns.response)
+    asked = np.concatenate([c.columns for c in rivals])
+    S, z = _beside(G, place[held], precision, place[np.append(asked, columns.response)])
     alike = {_name(c.key) for c, _ in named.members}
     best, found, at = 0.0, False, 0
-    for c in close:
+    for c in rivals:
         own = slice(at, at + len(c.columns))
         at = own.stop
         gain = _gain(S[own, own], z[own], c.amplitudes) - 2.0 * np.log(c.candidate.choices)
@@ -78,17 +92,14 @@ def _name(key: str) -> str:
     return key.partition(" ")[0]
 
 
-def _beside(
-    rows: Array, held: IntArray, precision: Array, asked: IntArray, response: int
-) -> tuple[Array, Array]:
-    """Products (k, k) of the columns asked, and (k,) with the response, beside those that are held."""
-    A, X = rows[:, held], rows[:, np.append(asked, response)]
-    length = np.linalg.norm(A, axis=0)
+def _beside(G: Array, held: IntArray, precision: Array, asked: IntArray) -> tuple[Array, Array]:
+    """Products (k, k) of the columns asked, and (k,) with the last of them, beside those held."""
+    length = np.sqrt(np.diag(G)[held])
     size = np.where(length > 0.0, length, 1.0)
-    B = (A / size).T @ (A / size) + np.diag(precision / size**2 + _DIGITS)
-    H = (A / size).T @ X
-    G = X.T @ X - H.T @ np.linalg.solve(B, H)
-    return G[:-1, :-1], G[:-1, -1]
+    B = G[np.ix_(held, held)] / np.outer(size, size) + np.diag(precision / size**2 + _DIGITS)
+    H = G[np.ix_(held, asked)] / size[:, None]
+    left = G[np.ix_(asked, asked)] - H.T @ np.linalg.solve(B, H)
+    return left[:-1, :-1], left[:-1, -1]
 
 
 def _gain(S: Array, z: Array, amplitudes: Array) -> float:

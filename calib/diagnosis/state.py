@@ -119,20 +119,21 @@ class SelectionState:
             found.append(replace(m, own=own))
         return replace(self, members=tuple(found))
 
-    def without(self, member: SelectedEffect) -> tuple[Conditional, Members, Array]:
+    def without(self, member: SelectedEffect) -> tuple[Conditional, Members]:
         """Products without a member and curves that can do the same, and the other members.
 
-        Such curves must not take the place of a cause by name. The last is the change (t,) of the
-        gradient by log variances without the member.
+        Such curves must not take the place of a cause by name.
         """
         gone = [m for m in self.members if m is member or m.candidate.covers(member.candidate)]
         rest = tuple(m for m in self.members if m not in gone)
-        beside = self.conditional.without(np.concatenate([m.own.columns for m in gone]))
-        change = np.zeros(len(self.theta))
-        if len(gone) == 1:
-            own, amplitude = member.own.columns[None], np.array([member.amplitude])
-            change = -beside.changes(own, amplitude)[0]
-        return beside, rest, change
+        return self.conditional.without(np.concatenate([m.own.columns for m in gone])), rest
+
+    def slope_without(self, member: SelectedEffect, beside: Conditional) -> Array:
+        """Change (t,) of the gradient by log variances without a member; none where curves go too."""
+        if any(m.candidate.covers(member.candidate) for m in self.members):
+            return np.zeros(len(self.theta))
+        own, amplitude = member.own.columns[None], np.array([member.amplitude])
+        return np.asarray(-beside.changes(own, amplitude)[0])
 
     def with_members(self, members: Members) -> SelectionState:
         """The state with other members, variances and amplitudes found anew."""

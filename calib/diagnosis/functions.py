@@ -5,7 +5,7 @@ anything is measured, so that an error found in some poses can be predicted at o
 
 A function of a variable v is a sum of basis functions; its coefficients are a priori normal with the
 covariance ``exp(-distance / length)`` of an Ornstein-Uhlenbeck process, which takes a step as readily
-as a slope. How large the function is, the data say (:mod:`calib.diagnosis.screen`).
+as a slope. How large the function is, the data say.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Gap:
     closed_ci95 : bootstrap over configurations, or over blocks of time where effects of time were found
     heldout_rose : whether the held-out error is not smaller with what was found, None where nothing was
     crossed : (before, after) at fitted configurations that are left out in turn, all that was found
-        chosen anew without them; None where nothing was
+        fitted anew without them; None where nothing was
     over_time : the same at blocks of time, where something depends on time
     """
 

@@ -19,19 +19,13 @@ from calib.arrays import Array
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import (
-    REPLICATES,
-    NoiseLevel,
-    replicate_spread,
-    replicate_spreads,
-)
+from calib.identification.noise_level import NoiseLevel
 from calib.poses import Measurements
 from calib.scatter.owner import Owner
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]
 
-_LEFT_OVER = 0.001  # the scatter of a few repeats is a weak witness
 _NO_LARGER = 1.25  # times the repeatability: both are estimates
 _COORDINATES = 3  # of the tip that an approach shows
 _BROKEN = 10.0  # times the worst data sheet: whatever does so is not how an arm repeats
@@ -84,49 +78,7 @@ def _has_place(finding: Finding, left_out: int) -> bool:
     scatters = bool(after.variances.configuration.any())
     no_help = any(r.why == "configurations" for r in finding.refused)
     in_vain = no_help and not (finding.outcome.active or scatters)
-    return curves or not blunders or in_vain or _lacks_fit(finding)
-
-
-def _lacks_fit(finding: Finding) -> bool:
-    """Whether the residual exceeds the scatter of repeated readings: lack of fit, by an F test.
-
-    Where poses err together, that counts as scatter, and is judged by its size. Where repeated readings
-    scatter here more than there, as images do, the places count and not the readings: Student's t.
-    """
-    from scipy.special import fdtrc, stdtr
-
-    stage, outcome, after = finding.stage, finding.outcome, finding.after
-    if after.mixing is not None:
-        return False
-    kept = ~stage.dropped
-    data, weights = stage.data.take(kept), stage.weights[kept]
-    spread, repeats = replicate_spread(data, weights)
-    last = outcome.fit.linear.complement
-    rest = last.rows - last.Q.shape[1] - repeats
-    if repeats < REPLICATES or rest <= 0:
-        return False
-    left = max(float(last.left @ last.left) - spread, 0.0) / rest
-    each = replicate_spreads(data, weights, data.poses.repeated)
-    sums, dof = each[each[:, 1] > 0].T
-    places = len(dof)
-    if places > 1 and _unlike(sums, dof):
-        squares = sums / dof
-        t = (left - squares.mean()) / (squares.std(ddof=1) / np.sqrt(places))
-        return bool(stdtr(places - 1, -t) < _LEFT_OVER)
-    return bool(fdtrc(rest, repeats, left / (spread / repeats)) < _LEFT_OVER)
-
-
-def _unlike(sums: Array, dof: Array) -> bool:
-    """Whether sums of squares (k,) are of different variances: Bartlett's test."""
-    from scipy.special import chdtrc
-
-    k, total = len(dof), dof.sum()
-    if not sums.all():
-        return False
-    pooled = np.log(sums.sum() / total)
-    fall = total * pooled - (dof * np.log(sums / dof)).sum()
-    small = 1.0 + ((1.0 / dof).sum() - 1.0 / total) / (3.0 * (k - 1))
-    return bool(chdtrc(k - 1, fall / small) < _LEFT_OVER)
+    return curves or not blunders or in_vain
 
 
 def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:

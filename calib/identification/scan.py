@@ -11,7 +11,7 @@ orthonormal basis of everything modelled and r the residual,
 the last over groups g of poses whose readings err together, ``W^T W = I - sum_g G G^T``.
 
 The score ``z^T (S + L^-2)^-1 z``, L the largest believable amplitudes, is that of
-:mod:`calib.diagnosis.screen`: nothing is interpolated.
+:func:`calib.inference.evidence.score_test`: nothing is interpolated.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ _crossed = partial(From, own_unit=True)
 class GapEntry(Entry):
     """RMS errors before and after.
 
-    crossvalidated : each tenth of the configurations by the others, names chosen anew without it
+    crossvalidated : each tenth of the configurations by the others
     over_time : each quarter of the session by the others, likewise
 
     unit : of all of them, mm but where no reading is a length

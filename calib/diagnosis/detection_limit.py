@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -26,12 +25,11 @@ ALPHA = 0.01
 """Probability, over all candidates together, of a score test beyond the limit by chance."""
 
 
-@lru_cache(maxsize=256)
 def needed_beyond(limit: float, directions: int, power: float = POWER) -> float:
     """Noncentrality at which a score in so many directions exceeds a limit with this probability."""
-    from scipy.optimize import brentq
+    from scipy.special import chndtrinc
 
-    return float(brentq(lambda x: float(detection(limit, directions, x)) - power, 1e-6, 1e6))
+    return float(chndtrinc(limit, directions, 1.0 - power))
 
 
 def detection(limit: float, directions: int, noncentrality: Array | float) -> Array:

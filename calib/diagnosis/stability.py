@@ -60,7 +60,7 @@ def _returns(
 
     G : ndarray, shape (u, u), products of the columns that are used; place : where each stands there
     """
-    _, rest = state.without(named.entry.member)
+    rest = state.rest(named.entry.member)
     columns = state.problem.rows
     held = np.concatenate([np.arange(columns.response), *(m.own.columns for m in rest)])
     prior = [np.full(len(m.own.columns), m.amplitude**-2.0) for m in rest]

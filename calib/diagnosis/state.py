@@ -124,9 +124,14 @@ class SelectionState:
 
         Such curves must not take the place of a cause by name.
         """
-        gone = [m for m in self.members if m is member or m.candidate.covers(member.candidate)]
-        rest = tuple(m for m in self.members if m not in gone)
-        return self.conditional.without(np.concatenate([m.own.columns for m in gone])), rest
+        rest = self.rest(member)
+        gone = np.concatenate([m.own.columns for m in self.members if m not in rest])
+        return self.conditional.without(gone), rest
+
+    def rest(self, member: SelectedEffect) -> Members:
+        """The members without one and curves that can do the same."""
+        named = member.candidate
+        return tuple(m for m in self.members if not (m is member or m.candidate.covers(named)))
 
     def slope_without(self, member: SelectedEffect, beside: Conditional) -> Array:
         """Change (t,) of the gradient by log variances without a member; none where curves go too."""

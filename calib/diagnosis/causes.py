@@ -22,6 +22,7 @@ from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, Refused, is_weak
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.search import far_out
+from calib.diagnosis.serial import SmoothRun
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
@@ -260,10 +261,12 @@ def verdict_of(standings: Sequence[Standing], found: bool, rest: Rest) -> Verdic
     return "ambiguous" if rest.closed or "established" in standings else "unknown"
 
 
-def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapPlace, ...]:
+def located(
+    finding: Finding, causes: Sequence[Cause], left: bool, run: SmoothRun | None
+) -> tuple[GapPlace, ...]:
     """Where the gap lies and on what it depends, largest share first.
 
-    left : whether more remains than such an arm scatters by
+    left : whether more remains than such an arm scatters by; run : of what passes for scatter
     """
     outcome, after = finding.outcome, finding.after
     found = [
@@ -286,7 +289,8 @@ def located(finding: Finding, causes: Sequence[Cause], left: bool) -> tuple[GapP
         share = np.nan
         if not found and before > noise:
             share = max(after.cost - noise, 0.0) / (before - noise)
-        found.append(GapPlace(_scattering(finding), "pose", share))
+        where, by = (run.where, run.depends_on) if run else (_scattering(finding), "pose")
+        found.append(GapPlace(where, by, share))
     return tuple(sorted(found, key=lambda place: -np.nan_to_num(place.share)))
 
 

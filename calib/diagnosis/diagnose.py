@@ -25,6 +25,7 @@ from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.search import search
+from calib.diagnosis.serial import smooth_run
 from calib.diagnosis.stability import stability
 from calib.diagnosis.stage import Stage
 from calib.identification.checks import check_counts
@@ -140,11 +141,13 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     again = stability(outcome.judged, finding.named) if finding.named else {}
     causes = tuple(causes_of(finding, len(suspects), targets, again))
     outlier = stage.dropped & ~waiting
-    rest = rest_of(finding, any(c.misshapen for c in causes), int(outlier.sum()), heldout)
+    run = smooth_run(stage, finding.after)
+    smooth = run is not None or any(c.misshapen for c in causes)
+    rest = rest_of(finding, smooth, int(outlier.sum()), heldout)
     shown = tuple(c for c in causes if not c.displaced)
     likely = tuple(c for c in shown if c.likely)
     concluded = verdict_of([c.standing for c in likely], bool(causes), rest)
-    places = located(finding, causes, not rest.closed)
+    places = located(finding, causes, not rest.closed, run)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
     gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)

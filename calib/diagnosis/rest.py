@@ -53,14 +53,15 @@ class Rest:
 
 
 def rest_of(
-    finding: Finding, misshapen: bool, left_out: int, heldout: Measurements | None = None
+    finding: Finding, smooth: bool, left_out: int, heldout: Measurements | None = None
 ) -> Rest:
     """Size and kind of the error that remains beside all causes found.
 
-    misshapen : whether a cause is there in another form; left_out : poses that count as blunders
+    smooth : whether a cause is there in another form, or what passes for scatter runs with something
+    left_out : poses that count as blunders
     heldout : what these err by beyond all that is expected remains as well
     """
-    structure = misshapen or _has_place(finding, left_out)
+    structure = smooth or _has_place(finding, left_out)
     rest = _judged(finding, structure)
     if heldout is None:
         return rest

@@ -68,21 +68,23 @@ def selected(
     candidates: CandidateSet,
     active: Sequence[Candidate] = (),
     last: Outcome | None = None,
+    thorough: bool = True,
 ) -> Outcome:
     """Select candidates about fits whose weights follow from what is selected.
 
     stage : Stage, to first order; active : candidates to begin with
     last : Outcome, of an earlier selection of the same stage
+    thorough : whether all moves are tried, and weights followed: what comes first need not be final
     """
     if last is None:
         before, problem = _without_any(stage, candidates)
         fit = before
     else:
         before, problem, fit = last.before, last.state.problem, last.fit
-    for _ in range(_MOST_FITS):
+    for _ in range(_MOST_FITS if thorough else 1):
         if not _weighs_alike(problem.fit, fit):
             problem = RegressionProblem.of(stage, candidates, stage.weighted((), fit.weight))
-        state = selection(replace(problem, candidates=candidates), active)
+        state = selection(replace(problem, candidates=candidates), active, thorough)
         active, fit = state.active, fitted(stage, state, fit)
         if _weighs_alike(problem.fit, fit):
             break
@@ -176,7 +178,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
     stage = replace(stage, weights=stated / factor)
     linear = stage.about(stage.fit(()), [c.effect for c in suspects])
     asked = candidate_set(linear, suspects)
-    outcome = selected(linear, asked)
+    outcome = selected(linear, asked, thorough=False)
     readout = stage.model.readout
     scales = _scales_of(stage, outcome.fit, factor)
     if scales:
@@ -186,7 +188,7 @@ def search(stage: Stage, suspects: Sequence[Candidate]) -> Search:
         stage = replace(stage, model=model, weights=stated / factor)
         known = replace(linear.model, noise_scales=scales)
         linear = replace(linear, weights=stage.weights, model=known)
-        outcome = selected(linear, asked)
+        outcome = selected(linear, asked, outcome.active, thorough=False)
     statistic, limit = np.zeros(len(data)), np.inf
     for _ in range(_MOST_PASSES):
         try:

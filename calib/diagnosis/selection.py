@@ -39,14 +39,16 @@ _AT_ONCE = 8  # newcomers of one pass
 _PASSES = 40
 
 
-def selection(problem: RegressionProblem, active: Sequence[Candidate]) -> SelectionState:
+def selection(
+    problem: RegressionProblem, active: Sequence[Candidate], thorough: bool = True
+) -> SelectionState:
     """Add, exchange and remove candidates until nothing lowers the objective.
 
-    active : candidates to begin with
+    active : candidates to begin with; thorough : whether with exchanges and what scatter may hide
     """
     state = start(problem, active)
     for _ in range(_PASSES):
-        better = next(lower_states(state.scanned()), None)
+        better = next(lower_states(state.scanned(), thorough), None)
         if better is None:
             break
         state = better
@@ -64,7 +66,7 @@ def start(problem: RegressionProblem, active: Sequence[Candidate]) -> SelectionS
     return state.with_members(members) if members else state
 
 
-def lower_states(state: SelectionState) -> Iterator[SelectionState]:
+def lower_states(state: SelectionState, thorough: bool = True) -> Iterator[SelectionState]:
     """States of a lower objective: by newcomers, else by exchanges, by what scatter may hide."""
     gain, entering = _newcomers(state)
     leaving = frozenset[str]() if gain > _MUCH else _removed(state)
@@ -76,6 +78,8 @@ def lower_states(state: SelectionState) -> Iterator[SelectionState]:
     ]
     for gone, new in dict.fromkeys(m for m in moves if m[0] or m[1]):
         yield from _lower(state, (*(m for m in state.members if m.key not in gone), *new))
+    if not thorough:
+        return
     places = _exchanged(state)
     for chosen in dict.fromkeys((tuple(places), tuple(places)[:1])):
         if chosen:

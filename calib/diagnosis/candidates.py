@@ -19,8 +19,6 @@ from calib.model import Model
 from calib.model.build import context_of, place_effect, placed_effects
 from calib.poses import Measurements
 
-MANY = 6
-"""Parameters of a cause: more are a family, of one size."""
 EXCLUDED = "excluded by the cell"
 """Why a cause is not asked that the user knows the robot not to have."""
 
@@ -85,11 +83,6 @@ class Candidate:
         """Whether it is a curve at the place of a cause by name, over what that depends on."""
         alike = self.where == other.where and self.depends_on == other.depends_on
         return alike and other.named and not self.named
-
-    @property
-    def eliminate(self) -> bool:
-        """Whether it is a family of parameters of which those count that pay."""
-        return self.named and len(self.amounts) > MANY
 
     @cached_property
     def limits(self) -> Array:

@@ -14,11 +14,12 @@ from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
-from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
+from calib.instruments.board_table import BoardTable, BodyTable
 from calib.instruments.protocol import WORLD, KeysTable
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
+from calib.keys import MM
 
 _LARGEST_BOARD = 50.0  # m
 
@@ -123,7 +124,7 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
     if table.instrument is not None:
         return (table.instrument.tracker("instrument", None),)
     cell = CellParts(
-        links=tuple(table.on_of(name) for name in table.markers_mm),
+        links=tuple(own.on for own in table.markers_mm.values()),
         parts={**bodies.parts, **bodies.seats},
         read_as_poses={name: own.on for name, own in table.bodies.items()},
         boards={name: (table.boards[name], *shape) for name, shape in bodies.shapes.items()},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from calib.files.values import BoardTable
+from calib.instruments.board_table import BoardTable
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.protocol import TIP, WORLD
 

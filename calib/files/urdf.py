@@ -17,7 +17,8 @@ from calib.arm.robot import Place, Robot, weights_of
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.read import fault_of_name, read_xml
+from calib.files.read import read_xml
+from calib.keys import fault_of_name
 
 _LARGEST_NUMBER = 1e9  # in SI units
 _ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding

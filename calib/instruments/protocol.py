@@ -29,7 +29,8 @@ import numpy as np
 from pydantic import model_validator
 
 from calib.arrays import Array, IntArray, Mask
-from calib.files.values import BoardTable, Name, RidingTable
+from calib.instruments.board_table import BoardTable, RidingTable
+from calib.keys import Name
 
 WORLD, TIP = "world", "tip"
 """Where things stand that ride on no link, and what a cell calls the robot's last one."""
@@ -304,6 +305,7 @@ class KeysTable(RidingTable, ABC):
     rides: ClassVar[bool] = True
     kind: str
     on: Name = WORLD
+    """where it is fixed: world, tip, or a link of the robot"""
 
     @model_validator(mode="after")
     def _rides(self) -> Self:

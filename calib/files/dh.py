@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.arm.dh import DhTable, robot_of_dh
-from calib.arm.robot import Convention, Robot
+from calib.arm.robot import Convention, Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS
@@ -56,7 +57,8 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 
     Raises InputError.
     """
-    return robot_of_dh(read_dh(path, convention), path.stem, base, tip)
+    robot = robot_of_dh(read_dh(path, convention), path.stem, base, tip)
+    return replace(robot, source=Source("dh", (path,), convention))
 
 
 def dh_text(table: DhTable) -> str:

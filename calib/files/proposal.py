@@ -132,7 +132,7 @@ def _lacks(robot: Robot) -> Iterator[str]:
     def named(chosen: Mask) -> str:
         return ", ".join(np.array(robot.joints)[chosen])
 
-    if open_ended := named(np.isinf(robot.limits).any(axis=1)):
+    if open_ended := named(np.asarray(np.isinf(robot.limits).any(axis=1))):
         planned = "poses are planned within +-180 deg (+-1 m)"
         remedy = "give them in [robot.limits_deg] (or limits_mm)"
         yield f"no limits of {open_ended} in the {source}: {planned}; {remedy}"

@@ -13,7 +13,6 @@ from calib.arm.robot import FORMS, Capsule, Form
 from calib.arrays import Array
 from calib.cell.cell import Repeatability
 from calib.cell.planned import Load, Pace, Planned
-from calib.files.looking import check_boards
 from calib.instruments import KINDS
 from calib.instruments.board_table import BoardTable, BodyTable, RidingTable
 from calib.instruments.camera_table import CameraTable
@@ -393,9 +392,46 @@ class CellFile(TomlTable):
         ]
         if self.markers_mm and "markers" not in read.values() and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        check_boards(self.cameras, self.boards, reading)
+        self._check_boards(reading)
         named = [*self.markers_mm, *self.bodies, *self.boards, *self.carried]
         for name in named:
             if named.count(name) > 1:
                 raise ValueError(f"{name!r} names two things; rename one")
         return self
+
+    def _check_boards(self, reading: list[str]) -> None:
+        """Each camera sees something, and each board is seen.
+
+        reading : cameras that read markers
+        """
+        seen = set[str]()
+        for name, camera in self.cameras.items():
+            for one in camera.boards or ():
+                if one not in self.boards or self.boards[one].on == camera.on:
+                    fault = "rides with it" if one in self.boards else "is none of [boards]"
+                    raise ValueError(f"has camera {name}, whose board {one} {fault}; take it out")
+            own = camera.seen(self.boards)
+            if not own and name not in reading:
+                raise ValueError(
+                    f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
+                    "on = 'tip', or [markers_mm]"
+                    if camera.on == WORLD
+                    else f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
+                    "[boards.NAME] with on = 'world', or on another link"
+                )
+            if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
+                raise ValueError(
+                    f"has camera {name}, that sees boards in the world and on other links; name some "
+                    "of one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
+                )
+            seen |= own.keys()
+        for name, board in self.boards.items():
+            if name not in seen:
+                other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
+                raise ValueError(
+                    f"has board {name} on {_named(board.on)} and no camera {other} that sees it"
+                )
+
+
+def _named(on: str) -> str:
+    return f"the {on}" if on in (TIP, WORLD) else on

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib.arm.robot import Place, Robot, Source, weights_of
-from calib.arm.se3 import so3_about, transform, transformed
+from calib.arm.robot import Robot, Source, weights_of
+from calib.arm.se3 import inverse, transform, transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_xml
-from calib.files.shapes import SHAPES, Span, shapes_of, spanned
+from calib.files.shapes import SHAPES, shapes_of, spanned
 
 _SHOWN = 12  # names that a message lists
 _MOST = 10_000  # copies of a body: a robot has none, and a slip of the keys would fill the memory
 _HINGE, _SLIDE = 3, 2  # mjtJoint; the module is imported where it is needed
-_JOINT_OF_TENDON, _SITE, _MESH = 1, 6, 7  # mjtWrap, mjtObj, mjtGeom
+_JOINT_OF_TENDON, _SITE = 1, 6  # mjtWrap, mjtObj
 _GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 _CONSTRAINTS = ("connect", "weld", "joint", "tendon")
 
@@ -42,22 +41,33 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     joints = [int(j) for b in chain for j in np.flatnonzero(model.jnt_bodyid == b)]
     if not joints:
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
-    read = [_joint(path, model, j) for j in joints]
+    names, limits, efforts = zip(*(_joint(path, model, j) for j in joints), strict=True)
+    carrier = _carriers(model, first, chain, joints)
+    _refuse_coupled(path, model, chain, set(carrier) - {first})
+    unread: list[str] = []
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-        arm = _walked(model, first, chain, joints)
-        _refuse_coupled(path, model, chain, set(arm.bodies) - {first})
-        hung = [*arm.joints, *(_tip(model, arm, end) for end in (*others, tip))]
-        weights = [
-            (arm.bodies[b], float(model.body_mass[b]), model.body_ipos[b])
-            for b in arm.bodies
-            if b != first
+        data = _at_zero(model, joints)
+        bodies = [int(b) for b in model.jnt_bodyid[joints]]
+        frames = [_frame(data.xmat[first], data.xpos[first])]
+        frames += [
+            _frame(data.xmat[b], data.xanchor[j]) for b, j in zip(bodies, joints, strict=True)
         ]
-        masses, coms = weights_of(len(joints), weights)
-    origins = np.array([T for _, T in hung])
+        back = [inverse(T) for T in frames]
+        parents = [
+            n if n and bodies[n - 1] == b else carrier[int(model.body_parentid[b])]
+            for n, b in enumerate(bodies)
+        ]
+        tips = [_tip(model, data, end) for end in (*others, tip)]
+        parents += [carrier[b] for b, _ in tips]
+        hung = zip(parents, [*frames[1:], *(T for _, T in tips)], strict=True)
+        origins = np.array([back[k] @ T for k, T in hung])
+        masses, coms = weights_of(
+            len(joints),
+            (((k, back[k]), float(model.body_mass[b]), data.xipos[b]) for b, k in carrier.items()),
+        )
     if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
         raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
-    names, limits, efforts = zip(*read, strict=True)
-    unread: list[str] = []
+    spans = (((k, back[k]), own, wide) for k, own, wide in _spans(model, data, carrier, unread))
     return Robot(
         name=name,
         base=base,
@@ -65,15 +75,17 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
         joints=names,
         prismatic=model.jnt_type[joints] == _SLIDE,
         origins=origins,
-        axes=model.jnt_axis[joints],
+        axes=np.array(
+            [T[:3, :3].T @ data.xaxis[j] for T, j in zip(frames[1:], joints, strict=True)]
+        ),
         limits=np.array(limits),
         efforts=np.array(efforts),
         masses=masses,
         coms=coms,
-        shapes=shapes_of(names, _spans(model, arm, unread), unread),
+        shapes=shapes_of(names, spans, unread),
         source=Source("mjcf", files),
         others=tuple(others),
-        parents=tuple(k for k, _ in hung),
+        parents=tuple(parents),
     )
 
 
@@ -172,48 +184,43 @@ def _chain(path: Path, model: Any, first: int, tips: Sequence[str]) -> list[int]
     return [*chain]
 
 
-@dataclass(frozen=True, eq=False)
-class _Arm:
-    """Where every body of the arm is, and each joint of the chain at zero reading."""
-
-    bodies: dict[int, Place]
-    joints: list[Place]
-
-
-def _walked(model: Any, first: int, chain: Sequence[int], joints: Sequence[int]) -> _Arm:
-    """A joint moves by ``E(q - ref)`` about or along its axis through its anchor, in its body's frame.
+def _carriers(
+    model: Any, first: int, chain: Sequence[int], joints: Sequence[int]
+) -> dict[int, int]:
+    """Number of the joint of the chain that carries each body of the arm, 0 before the first one.
 
     Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
-
-    first : the base, 0 for the world; joints : those of the chain's bodies
     """
-    bodies: dict[int, Place] = {first: (0, np.eye(4))}
-    frames: dict[int, Place] = {}
-    for i in range(1, model.nbody):  # parents come first
-        parent = int(model.body_parentid[i])
-        if i == first or parent not in bodies or (i not in chain and parent == 0):
-            continue
-        k, T = bodies[parent]
-        T = T @ _placed(model.body_pos[i], model.body_quat[i])
-        for j in np.flatnonzero(model.jnt_bodyid == i).tolist() if i in chain else ():
-            anchor, axis = model.jnt_pos[j], model.jnt_axis[j]
-            ref = float(model.qpos0[model.jnt_qposadr[j]])
-            if model.jnt_type[j] == _SLIDE:
-                frames[j] = k, T @ _shifted(anchor - ref * axis)
-            else:
-                frames[j] = k, T @ transform(so3_about(axis, np.array(-ref)), anchor)
-            k, T = joints.index(j) + 1, _shifted(-anchor)
-        bodies[i] = k, T
-    return _Arm(bodies, [frames[j] for j in joints])
+    found, last = {first: 0}, {int(model.jnt_bodyid[j]): n for n, j in enumerate(joints, 1)}
+    for body in range(1, model.nbody):  # parents come first
+        parent = int(model.body_parentid[body])
+        if body != first and parent in found and (body in chain or parent != 0):
+            found[body] = last.get(body, found[parent])
+    return found
 
 
-def _tip(model: Any, arm: _Arm, name: str) -> Place:
-    """Where a body, or else a site, hangs on the joint before it."""
+def _at_zero(model: Any, joints: Sequence[int]) -> Any:
+    """Where MuJoCo has everything when the chain's joints read zero, all others as they are drawn."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[joints]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def _frame(matrix: Array, position: Array) -> Array:
+    """The frame (4, 4) at a position (3,), m, of a matrix (9,)."""
+    return transform(matrix.reshape(3, 3), position)
+
+
+def _tip(model: Any, data: Any, name: str) -> tuple[int, Array]:
+    """The body that is a tip, or else has a site of that name, and its frame in the world."""
     if name in _names(model, "body"):
-        return arm.bodies[int(model.body(name).id)]
-    site = model.site(name)
-    k, T = arm.bodies[int(model.site_bodyid[site.id])]
-    return k, T @ _placed(site.pos, site.quat)
+        body = int(model.body(name).id)
+        return body, _frame(data.xmat[body], data.xpos[body])
+    site = int(model.site(name).id)
+    return int(model.site_bodyid[site]), _frame(data.site_xmat[site], data.site_xpos[site])
 
 
 def _joint(path: Path, model: Any, j: int) -> tuple[str, tuple[float, float], float]:
@@ -245,23 +252,16 @@ def _refuse_coupled(path: Path, model: Any, chain: list[int], links: set[int]) -
     for i in np.flatnonzero(model.eq_active0):
         kind = dict(enumerate(_CONSTRAINTS)).get(int(model.eq_type[i]), "constraint")
         ends = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+        if kind == "tendon":
+            ends = [j for tendon in ends for j in _pulled(model, tendon)]
+        of, body_of = "body", np.arange(model.nbody)
         if kind in ("joint", "tendon"):
-            ends = [j for t in ends for j in _pulled(model, t)] if kind == "tendon" else ends
-            held = {
-                f"joint {model.joint(j).name!r}": int(model.jnt_bodyid[j]) for j in ends if j >= 0
-            }
-            hit = [what for what, body in held.items() if body in chain]
-        else:
-            of = "site" if model.eq_objtype[i] == _SITE else "body"
-            held = {
-                f"{of} {getattr(model, of)(e).name!r}": int(model.site_bodyid[e])
-                if of == "site"
-                else e
-                for e in ends
-            }
-            free = branches & set(held.values())
-            hit = [] if free else [what for what, body in held.items() if body in links]
-        if hit:
+            of, body_of = "joint", model.jnt_bodyid
+        elif model.eq_objtype[i] == _SITE:
+            of, body_of = "site", model.site_bodyid
+        held = {f"{of} {getattr(model, of)(e).name!r}": int(body_of[e]) for e in ends if e >= 0}
+        hit = [what for what, body in held.items() if body in (chain if of == "joint" else links)]
+        if hit and (of == "joint" or not branches & set(held.values())):
             remedy = "closed loops and coupled joints are not supported"
             remedy += '; remove it or set active="false"'
             what = f"constrains {' and '.join(sorted(hit))}"
@@ -275,34 +275,28 @@ def _pulled(model: Any, tendon: int) -> list[int]:
     return [int(j) for j in model.wrap_objid[own][model.wrap_type[own] == _JOINT_OF_TENDON]]
 
 
-def _spans(model: Any, arm: _Arm, unread: list[str]) -> Iterator[Span]:
-    """Geoms of the arm; one that touches nothing is a picture, one without an end is named."""
+def _spans(
+    model: Any, data: Any, carrier: dict[int, int], unread: list[str]
+) -> Iterator[tuple[int, Array, float]]:
+    """Geoms of the arm: their joint, points in the world and a radius about these.
+
+    One that touches nothing is a picture, one without an end is named.
+    """
     for g in np.flatnonzero((model.geom_contype | model.geom_conaffinity) != 0).tolist():
         body, kind = int(model.geom_bodyid[g]), _GEOMS[model.geom_type[g]]
-        if body == 0 or body not in arm.bodies:  # what the world holds is none of the arm's
+        if body == 0 or body not in carrier:  # what the world holds is none of the arm's
             continue
-        size = np.array(model.geom_size[g])
-        if model.geom_type[g] == _MESH:
-            mesh = model.mesh(int(model.geom_dataid[g]))
-            begin, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
-            size = np.array(model.mesh_vert[begin : begin + count], dtype=float)
         if kind not in SHAPES:
             unread.append(f"{model.body(body).name} ({kind} has no end)")
             continue
+        size = np.array(model.geom_size[g])
+        if kind == "mesh":
+            mesh = model.mesh(int(model.geom_dataid[g]))
+            begin, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
+            size = np.array(model.mesh_vert[begin : begin + count], dtype=float)
         points, radius = spanned(kind, size)
-        T = _placed(model.geom_pos[g], model.geom_quat[g])
-        yield arm.bodies[body], transformed(T, points), radius
-
-
-def _placed(position: Array, quaternion: Array) -> Array:
-    """The frame (4, 4) at a position (3,), m, turned by a quaternion (w, x, y, z)."""
-    import mujoco
-
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, quaternion)
-    return transform(R.reshape(3, 3), position)
-
-
-def _shifted(translation: Array) -> Array:
-    """The frame (4, 4) at a translation (3,), m, not turned."""
-    return transform(np.eye(3), translation)
+        yield (
+            carrier[body],
+            transformed(_frame(data.geom_xmat[g], data.geom_xpos[g]), points),
+            radius,
+        )

@@ -70,7 +70,7 @@ def load_cell(path: str | Path) -> Cell:
         known_distances=known_distances(path, table),
         bodies=bodies.parts,
         seats=bodies.seats,
-        tolerance=tolerance and tolerance.tolerance_mm * MM,
+        tolerance=tolerance and tolerance.tolerance_mm,
         size_prior=table.model.size_prior,
         about=table.report,
     )

@@ -18,7 +18,6 @@ from calib.instruments.board_table import BoardTable, BodyTable
 from calib.instruments.protocol import WORLD, KeysTable
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
-from calib.keys import MM
 
 _LARGEST_BOARD = 50.0  # m
 _CORNERS = corners_of(np.eye(3), np.zeros(3))
@@ -121,7 +120,6 @@ def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:
     """Those of the cell. Raises InputError where one is not between two sockets or two markers."""
     sockets = [name for name, own in table.instruments.items() if own.kind == "socket"]
     on = {name: table.link_of(name) for name in table.markers_mm}
-    found = []
     for number, own in enumerate(table.known_distances):
         (a, b), where = own.between, f"known_distances.{number}.between"
         if a in on and b in on and on[a] != on[b]:
@@ -131,5 +129,4 @@ def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:
             what = f"{a!r} and {b!r} are not two sockets or two markers of the cell"
             known = ", ".join([*sorted(sockets), *on][:12])
             raise InputError(path, where, what, f"those are {known}")
-        found.append(KnownDistance((a, b), own.mm * MM, own.sigma_mm * MM))
-    return tuple(found)
+    return tuple(table.known_distances)

@@ -13,7 +13,7 @@ from calib.arm.robot import FORMS, Capsule, Form
 from calib.arrays import Array
 from calib.cell.cell import Repeatability
 from calib.cell.planned import Load, Pace, Planned
-from calib.instruments import KINDS
+from calib.instruments import KINDS, KnownDistance
 from calib.instruments.board_table import BoardTable, BodyTable, RidingTable
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.points import TrackerTable
@@ -217,17 +217,6 @@ Marker = Annotated[
 ]
 
 
-class KnownDistanceTable(TomlTable):
-    """A length that is known."""
-
-    between: tuple[Name, Name]
-    """their names"""
-    mm: Positive
-    """the distance"""
-    sigma_mm: Positive
-    """its standard deviation"""
-
-
 class DiagnosisTable(TomlTable):
     """What a diagnosis need not ask."""
 
@@ -238,7 +227,7 @@ class DiagnosisTable(TomlTable):
 class AcceptanceTable(TomlTable):
     """What passes."""
 
-    tolerance_mm: Positive
+    tolerance_mm: Annotated[Positive, times(MM)]
     """largest distance allowed between a held-out point and its prediction: pass or fail"""
 
 
@@ -302,7 +291,7 @@ class CellFile(TomlTable):
     instrument: TrackerTable | None = None
     instruments: dict[Name, AnyInstrument] = {}
     """several instruments, or other kinds; rows of the table name theirs"""
-    known_distances: list[KnownDistanceTable] = []
+    known_distances: list[KnownDistance] = []
     """known distances between two sockets or two markers"""
     gravity: GravityTable = GravityTable()
     payload: PayloadTable = PayloadTable()

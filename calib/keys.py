@@ -21,8 +21,9 @@ MM, URAD, DEG = 1e-3, 1e-6, math.pi / 180.0
 SMALLEST = 1e-9
 _LARGEST = 1e9  # in any unit
 _LONGEST_NAME = 100  # characters
-STRICT = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-"""Of a table: it has no unknown keys, and says what its keys mean."""
+_HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
+STRICT = ConfigDict(extra="forbid")
+"""Of a table: it has no unknown keys."""
 
 
 class TomlTable(BaseModel):
@@ -79,6 +80,13 @@ def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]
     return vector
 
 
+def _mass(kilograms: float) -> float:
+    if kilograms > _HEAVIEST:
+        grams = f"; if these are grams, write {kilograms / 1e3:g}"
+        raise ValueError(f"no arm carries so many kilograms{grams}")
+    return kilograms
+
+
 def times(scale: float) -> Any:
     """Of a number in another unit: SI."""
     return AfterValidator(lambda value: value * scale)
@@ -99,6 +107,7 @@ class Written:
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_plausible)]
 Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
 NotNegative = Annotated[Number, Field(ge=0)]
+Mass = Annotated[NotNegative, AfterValidator(_mass)]
 Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, AfterValidator(plain)]
@@ -106,21 +115,12 @@ Vector = tuple[Number, Number, Number]
 Row = tuple[Number, Number, Number, Number, Number, Number]
 Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 Direction = Annotated[Vector, AfterValidator(_direction)]
+Metres = Annotated[Number, times(MM)]
+PositiveMetres = Annotated[Positive, times(MM)]
+NotNegativeMetres = Annotated[NotNegative, times(MM)]
+"""Written in mm."""
 Point = Annotated[Array, Written(Vector, lambda point: np.array(point) * MM)]
 """Shape (3,), m, written in mm."""
-
-
-_HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
-
-
-def _mass(kilograms: float) -> float:
-    if kilograms > _HEAVIEST:
-        grams = f"; if these are grams, write {kilograms / 1e3:g}"
-        raise ValueError(f"no arm carries so many kilograms{grams}")
-    return kilograms
-
-
-Mass = Annotated[NotNegative, AfterValidator(_mass)]
 
 
 def form_of(value: Any) -> str:

@@ -21,11 +21,14 @@ from calib.keys import (
     Direction,
     Flag,
     Mass,
+    Metres,
     Name,
     NotNegative,
+    NotNegativeMetres,
     Number,
     Point,
     Positive,
+    PositiveMetres,
     Vector,
     Written,
     key,
@@ -119,7 +122,7 @@ class Ball:
     __pydantic_config__ = STRICT
     centre: Annotated[Point, key("center_mm")]
     """box, sphere: centre, in the base's frame"""
-    radius: Annotated[Positive, times(MM), key("radius_mm")]
+    radius: Annotated[PositiveMetres, key("radius_mm")]
     """sphere: radius"""
     type: Literal["sphere"] = "sphere"
     """its form"""
@@ -189,11 +192,9 @@ class Planned:
     """number of repeat visits at the end (posecal explain design)"""
     obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], _bodies), key("obstacle")] = ()
     """bodies that the arm must not touch (posecal explain constraints)"""
-    floor: Annotated[
-        Annotated[Number, times(MM), BeforeValidator(_no_switch)] | None, key("floor_mm")
-    ] = None
+    floor: Annotated[Annotated[Metres, BeforeValidator(_no_switch)] | None, key("floor_mm")] = None
     """height of the floor or table in the base's frame (posecal explain constraints)"""
-    margin: Annotated[NotNegative, times(MM), key("margin_mm")] = 0.0
+    margin: Annotated[NotNegativeMetres, key("margin_mm")] = 0.0
     """distance that the arm keeps of floor and obstacles, at the poses and between them"""
 
 

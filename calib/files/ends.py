@@ -41,16 +41,6 @@ class Node:
         return self
 
 
-@dataclass(frozen=True)
-class Ends:
-    """Names of base and tip, of every joint that moves, and what a reader should know of the choice."""
-
-    base: str
-    tip: str
-    moving: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
 def urdf_tree(urdf: Urdf) -> Node:
     """The first link of the longest row. Raises InputError where links hang in a circle."""
     nodes = {e.get("name", ""): Node(e.get("name", "")) for e in urdf.root.findall("link")}
@@ -81,33 +71,31 @@ def mjcf_tree(model: Any) -> Node:
     return nodes[0].measured()
 
 
-def ends_of(path: Path, root: Node) -> Ends:
-    """Follow the longest row of joints, past a head or wheels, up to a hand.
+def ends_of(path: Path, root: Node) -> tuple[str, str, tuple[str, ...]]:
+    """Base and tip, and what a reader should know of the choice.
 
-    Where several rows part, those with no more joints than the way to them are fingers. Of one row the
-    joints from the first one that opens a gripper on are left out.
+    Follow the longest row of joints, past a head or wheels, up to a hand. Where several rows part,
+    those with no more joints than the way to them are fingers. Of one row the joints from the first
+    one that opens a gripper on are left out.
 
     Raises InputError where no joint moves.
     """
-    row: list[Node] = []
-    before, notes, node, taken = [root], [], root, 0
-    while moving := [child for child in node.children if child.longest]:
-        chosen = max(moving, key=lambda child: child.longest)
-        if len(moving) > 1 and chosen.longest <= taken:
+    way, start, taken, notes = [root], 0, 0, list[str]()
+    while moving := [child for child in way[-1].children if child.longest]:
+        chosen, *others = sorted(moving, key=lambda child: -child.longest)
+        if others and chosen.longest <= taken:
             break
-        if rivals := [c for c in moving if c.longest == chosen.longest and c is not chosen]:
+        rivals = [_first_moving(own) for own in others if own.longest == chosen.longest]
+        if rivals:
             notes.append(
-                f"arms of one length part at {node.name!r}: took that of {_first_moving(chosen)}, "
-                f"not of {', '.join(map(_first_moving, rivals))}; --tip takes another; one --tip "
-                "for each arm takes all"
+                f"arms of one length part at {way[-1].name!r}: took that of {_first_moving(chosen)}, "
+                f"not of {', '.join(rivals)}; --tip takes another; one --tip for each arm takes all"
             )
-        if len(moving) > 1 and not row:
-            before = [node]
-        node, taken = chosen, taken + len(chosen.joints)
-        if node.joints:
-            row.append(node)
-        elif not row:
-            before.append(node)
+        if others and not taken:
+            start = len(way) - 1
+        way.append(chosen)
+        taken += len(chosen.joints)
+    row = [node for node in way if node.joints]
     if not row:
         raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
     arm = _without_gripper(row)
@@ -115,12 +103,11 @@ def ends_of(path: Path, root: Node) -> Ends:
         names = ", ".join(joint for own in gripping for joint in own.joints)
         within = f". To include it: --tip {gripping[-1].name}" if gripping[-1].name else ""
         notes.append(f"{names} moves a gripper and is left out{within}")
-    every = tuple(joint for own in root.all() for joint in own.joints)
-    return Ends(_base(before), _tip(path, arm[-1]), every, tuple(notes))
+    return _base(way[start : way.index(row[0])]), _tip(path, arm[-1]), tuple(notes)
 
 
 def _first_moving(node: Node) -> str:
-    return next(n.joints[0] for n in node.all() if n.joints) or "?"
+    return next(own.joints[0] for own in node.all() if own.joints) or "?"
 
 
 def _without_gripper(row: list[Node]) -> list[Node]:

@@ -84,9 +84,9 @@ def propose(
         root = read_xml(path, "URDF or MJCF")
         form = _form_of(path, root)
         tree = mjcf_tree(compiled(path)[2]) if form == "mjcf" else urdf_tree(Urdf(path, root))
-        ends = ends_of(path, tree)
-        notes, moving = () if tip else ends.notes, ends.moving
-        base, tip = base or ends.base, tip or ends.tip
+        moving = tuple(joint for own in tree.all() for joint in own.joints)
+        first, last, chosen = ends_of(path, tree)
+        base, tip, notes = base or first, tip or last, () if tip else chosen
     robot = load_robot(form, path, base, tip, convention, others)
     held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
     notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)

@@ -25,9 +25,11 @@ from calib.keys import (
     Mass,
     Name,
     NotNegative,
+    NotNegativeMetres,
     Number,
     Point,
     Positive,
+    PositiveMetres,
     Range,
     TomlTable,
     Vector,
@@ -98,7 +100,7 @@ class RobotTable(TomlTable):
     """first link; its frame is that of gravity, obstacles and the instrument's position"""
     tip: str = ""
     """last link; its frame is that of markers, payload and load"""
-    repeatability_mm: Annotated[NotNegative, times(MM)] | None = None
+    repeatability_mm: NotNegativeMetres | None = None
     """repeatability of the arm, from visit to visit: one standard deviation of one coordinate of the
     tip"""
     repeatability_urad: Annotated[NotNegative, times(URAD)] | None = None
@@ -227,7 +229,7 @@ class DiagnosisTable(TomlTable):
 class AcceptanceTable(TomlTable):
     """What passes."""
 
-    tolerance_mm: Annotated[Positive, times(MM)]
+    tolerance_mm: PositiveMetres
     """largest distance allowed between a held-out point and its prediction: pass or fail"""
 
 

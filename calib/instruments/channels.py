@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.protocol import Instrument, Number
-from calib.keys import MM, STRICT, Name, Positive, key, times
+from calib.keys import STRICT, Name, PositiveMetres, key
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class KnownDistance:
     __pydantic_config__ = STRICT
     between: tuple[Name, Name]
     """their names"""
-    length: Annotated[Positive, times(MM), key("mm")]
+    length: Annotated[PositiveMetres, key("mm")]
     """the distance"""
-    sigma: Annotated[Positive, times(MM), key("sigma_mm")]
+    sigma: Annotated[PositiveMetres, key("sigma_mm")]
     """its standard deviation"""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import inspect
+import itertools
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from calib.errors import InputError
@@ -86,22 +90,59 @@ def rows(table: str) -> list[tuple[str, str, str]]:
     ]
 
 
+@cache
 def keys() -> dict[str, Key]:
     """Every key of the cell. ``NAME`` is the user's; ``[]`` an entry of a list of tables."""
     from calib.files.schema import CellFile
 
     schema = CellFile.model_json_schema()
     found: dict[str, Key] = {}
-    for path, form, meaning in _keys(schema, schema["$defs"], "", ""):
+    known = {"CellFile": schema, **schema["$defs"]}
+    told = _told_below(sys.modules)
+    for name, table in known.items():
+        for key, own_key in table.get("properties", {}).items():
+            own_key["description"] = _inherited(told, name, key)
+    for path, form, meaning in _keys(schema, known, "", ""):
         own = found.setdefault(_COMMON.sub("instrument.common.KEY.", path), Key({}, {}))
         own.forms[form] = None
         if meaning:
-            own.meanings[" ".join(meaning.split())] = None
+            own.meanings[meaning] = None
     for path, own in found.items():  # those of kind points stand under [instrument]
         tracker = found.get(path.replace("instruments.NAME", "instrument"), own)
         for meaning in tracker.meanings.keys() & own.meanings if tracker is not own else ():
             del own.meanings[meaning]
     return {path: own for path, own in found.items() if not path.startswith(_TOLD)}
+
+
+_WITH_TABLES = ("calib.files.schema", "calib.cell.planned", "calib.instruments.")
+
+
+def _told_below(modules: Mapping[str, ModuleType]) -> dict[str, dict[str, str]]:
+    """By class, what stands below each field, by its key; of its bases by ``""``.
+
+    pydantic would read it at every start, for a tenth of a second.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for module in [own for name, own in modules.items() if name.startswith(_WITH_TABLES)]:
+        for table in ast.parse(inspect.getsource(module)).body:
+            if isinstance(table, ast.ClassDef):
+                own = found[table.name] = {"": " ".join(map(ast.unparse, table.bases))}
+                for field, below in itertools.pairwise(table.body):
+                    if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+                        named = re.search(r"key\('(\w+)'\)", ast.unparse(field.annotation))
+                        text = ast.literal_eval(below.value)
+                        own[named[1] if named else ast.unparse(field.target)] = " ".join(
+                            text.split()
+                        )
+    return found
+
+
+def _inherited(told: dict[str, dict[str, str]], table: str, key: str) -> str:
+    """What a table says of a key, or else its bases."""
+    own = told.get(table, {"": ""})
+    return own.get(key) or next(
+        filter(None, (_inherited(told, b, key) for b in own[""].split())), ""
+    )
 
 
 def _keys(

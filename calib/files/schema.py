@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from datetime import date, time
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
@@ -384,10 +385,9 @@ class CellFile(TomlTable):
         if self.markers_mm and "markers" not in read.values() and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
         self._check_boards(reading)
-        named = [*self.markers_mm, *self.bodies, *self.boards, *self.carried]
-        for name in named:
-            if named.count(name) > 1:
-                raise ValueError(f"{name!r} names two things; rename one")
+        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
+        for name in (own for own, count in named.items() if count > 1):
+            raise ValueError(f"{name!r} names two things; rename one")
         return self
 
     def _check_boards(self, reading: list[str]) -> None:

@@ -47,24 +47,14 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     unread: list[str] = []
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
         data = _at_zero(model, joints)
-        bodies = [int(b) for b in model.jnt_bodyid[joints]]
-        frames = [_frame(data.xmat[first], data.xpos[first])]
-        frames += [
-            _frame(data.xmat[b], data.xanchor[j]) for b, j in zip(bodies, joints, strict=True)
-        ]
+        frames = _frames(model, data, first, joints)
         back = [inverse(T) for T in frames]
-        parents = [
-            n if n and bodies[n - 1] == b else carrier[int(model.body_parentid[b])]
-            for n, b in enumerate(bodies)
-        ]
         tips = [_tip(model, data, end) for end in (*others, tip)]
-        parents += [carrier[b] for b, _ in tips]
+        parents = [*_parents(model, carrier, joints), *(carrier[body] for body, _ in tips)]
         hung = zip(parents, [*frames[1:], *(T for _, T in tips)], strict=True)
         origins = np.array([back[k] @ T for k, T in hung])
-        masses, coms = weights_of(
-            len(joints),
-            (((k, back[k]), float(model.body_mass[b]), data.xipos[b]) for b, k in carrier.items()),
-        )
+        weights = (((k, back[k]), model.body_mass[b], data.xipos[b]) for b, k in carrier.items())
+        masses, coms = weights_of(len(joints), weights)
     if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
         raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
     spans = (((k, back[k]), own, wide) for k, own, wide in _spans(model, data, carrier, unread))
@@ -76,7 +66,7 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
         prismatic=model.jnt_type[joints] == _SLIDE,
         origins=origins,
         axes=np.array(
-            [T[:3, :3].T @ data.xaxis[j] for T, j in zip(frames[1:], joints, strict=True)]
+            [own[:3, :3] @ data.xaxis[j] for own, j in zip(back[1:], joints, strict=True)]
         ),
         limits=np.array(limits),
         efforts=np.array(efforts),
@@ -207,6 +197,21 @@ def _at_zero(model: Any, joints: Sequence[int]) -> Any:
     data.qpos[model.jnt_qposadr[joints]] = 0.0
     mujoco.mj_kinematics(model, data)
     return data
+
+
+def _frames(model: Any, data: Any, first: int, joints: Sequence[int]) -> list[Array]:
+    """Those of the base and of each joint: the axes of its body, at its anchor; in the world."""
+    found = [_frame(data.xmat[first], data.xpos[first])]
+    return found + [_frame(data.xmat[model.jnt_bodyid[j]], data.xanchor[j]) for j in joints]
+
+
+def _parents(model: Any, carrier: dict[int, int], joints: Sequence[int]) -> list[int]:
+    """Number of the joint that carries each joint: the one before it on its body, or its parent's."""
+    bodies = [int(model.jnt_bodyid[j]) for j in joints]
+    return [
+        n if n and bodies[n - 1] == body else carrier[int(model.body_parentid[body])]
+        for n, body in enumerate(bodies)
+    ]
 
 
 def _frame(matrix: Array, position: Array) -> Array:

@@ -171,7 +171,7 @@ def _no_switch(value: object) -> object:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Defaults of a design; SI."""
+    """Defaults of a design, in m and s; below each field stands what its key holds."""
 
     __pydantic_config__ = STRICT
     poses: Count | None = None

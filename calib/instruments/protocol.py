@@ -11,7 +11,7 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     columns             how a row stands in a table
     numbers             what it says of an error, by which figures are grouped
     position            where the picture shows it, and lines of sight end
-    a KeysTable         its keys in a cell, and the instrument that they make
+    a KeysTable         its keys in a cell, below each what it means, and the instrument that they make
 
 and one entry in ``calib.instruments.KINDS``.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -83,36 +83,31 @@ class AskedLevels:
         return AskedLevels(self.per_level, self.count, values, self.separation / DEG * MM)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, match_args=False)
 class Box:
-    """T_base_box : ndarray, shape (4, 4); half : ndarray, shape (3,), m, half its size."""
-
-    T_base_box: Array
-    half: Array
-
-
-@dataclass(frozen=True, eq=False)
-class BoxTable:
-    """A box as a cell has it: its place and its orientation apart."""
+    """centre, half : ndarray, shape (3,), m, half its size; rpy : ndarray, shape (3,), rad."""
 
     __pydantic_config__ = STRICT
-    type: Literal["box"]
-    """its form"""
+    __match_args__ = ("T_base_box", "half")
     centre: Annotated[Point, key("center_mm")]
     """box, sphere: centre, in the base's frame"""
-    size: Annotated[
+    half: Annotated[
         Array,
-        Written(tuple[Positive, Positive, Positive], lambda edges: np.array(edges) * MM),
+        Written(tuple[Positive, Positive, Positive], lambda edges: np.array(edges) * (0.5 * MM)),
         key("size_mm"),
     ]
     """box: lengths of its edges"""
-    rpy: Annotated[Vector, key("rpy_deg")] = (0.0, 0.0, 0.0)
+    rpy: Annotated[Array, Written(Vector, np.radians), key("rpy_deg")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
     """box: orientation"""
+    type: Literal["box"] = "box"
+    """its form"""
 
     @property
-    def box(self) -> Box:
-        """The body."""
-        return Box(from_xyz_rpy(self.centre, np.radians(self.rpy)), 0.5 * self.size)
+    def T_base_box(self) -> Array:
+        """Where it stands, shape (4, 4), m."""
+        return from_xyz_rpy(self.centre, self.rpy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +138,7 @@ class HalfSpace:
 
 Body: TypeAlias = Box | Ball | HalfSpace
 """What stands still around the arm, in the base frame."""
-_Obstacle = Annotated[BoxTable | Ball | HalfSpace, Field(discriminator="type")]
-
-
-def _bodies(obstacles: list[Any]) -> tuple[Body, ...]:
-    return tuple(own.box if isinstance(own, BoxTable) else own for own in obstacles)
+_Obstacle = Annotated[Body, Field(discriminator="type")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +181,7 @@ class Planned:
     """whether a pose may be chosen twice"""
     reapproaches: Count | None = None
     """number of repeat visits at the end (posecal explain design)"""
-    obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], _bodies), key("obstacle")] = ()
+    obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], tuple), key("obstacle")] = ()
     """bodies that the arm must not touch (posecal explain constraints)"""
     floor: Annotated[Annotated[Metres, BeforeValidator(_no_switch)] | None, key("floor_mm")] = None
     """height of the floor or table in the base's frame (posecal explain constraints)"""

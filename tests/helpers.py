@@ -8,16 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from calib import Cell
 from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp, transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
+from calib.cell.planned import Planned
 from calib.diagnosis.stage import Stage
 from calib.effects import EFFECTS, Context
 from calib.files.cell import planned, with_targets
-from calib.files.schema import DesignTable
 from calib.files.write_tables import measurements_csv
 from calib.identification.start import initial_values, whitening
 from calib.instruments import Instrument, Tracker
@@ -33,7 +34,7 @@ GRAVITY = np.array([0.0, 0.0, -9.80665])
 
 def designed(cell: Cell, targets: Path | None = None, **table: object) -> Cell:
     """The cell with another [design] table, as a file would give it, and targets of another file."""
-    design = planned(cell.path, cell.robot, DesignTable.model_validate(table))
+    design = planned(cell.path, cell.robot, TypeAdapter(Planned).validate_python(table))
     return with_targets(
         replace(cell, design=design), None if targets is None else str(targets.resolve())
     )

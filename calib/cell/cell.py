@@ -12,21 +12,10 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.planned import Pace, Planned
+from calib.cell.planned import Load, Pace, Planned
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
-
-
-@dataclass(frozen=True)
-class Load:
-    """The load of a plan, hung on the tip: mass [kg], point in the tip frame [m], largest tilt of
-    the tip's x axis from the horizontal [rad].
-    """
-
-    mass: float
-    com: tuple[float, float, float]
-    max_tilt: float = np.pi / 2
 
 
 @dataclass(frozen=True)

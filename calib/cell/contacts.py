@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arm.kinematics import Frames, forward
+from calib.arm.kinematics import forward
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
@@ -56,13 +56,12 @@ def touched(cell: Cell, q: Array) -> IntArray:
     contacts = contacts_of(cell)
     if not contacts:
         return np.full(len(q), -1)
-    missed = np.stack([_distance(cell, contact, q) for contact in contacts], axis=1)
-    return np.where(missed.min(axis=1) <= TOUCHES, missed.argmin(axis=1), -1)
-
-
-def _distance(cell: Cell, contact: Contact, q: Array) -> Array:
-    points = _points(cell, contact, forward(cell.robot, q))
-    return np.asarray(np.linalg.norm(contact.missed(points), axis=1))
+    frames, missed = forward(cell.robot, q), []
+    for own in contacts:
+        tip, marker = cell.marker_frames[own.marker], cell.markers[own.marker]
+        points = rotate(frames.R[:, tip], marker) + frames.o[:, tip]
+        missed.append(np.linalg.norm(own.missed(points), axis=1))
+    return np.where(np.min(missed, axis=0) <= TOUCHES, np.argmin(missed, axis=0), -1)
 
 
 def with_sites(cell: Cell, poses: Poses) -> Poses:
@@ -71,8 +70,3 @@ def with_sites(cell: Cell, poses: Poses) -> Poses:
         return poses
     names = np.array([*(contact.site for contact in contacts_of(cell)), ""])
     return replace(poses, site=names[touched(cell, poses.q)])
-
-
-def _points(cell: Cell, contact: Contact, frames: Frames) -> Array:
-    frame = cell.marker_frames[contact.marker]
-    return rotate(frames.R[:, frame], cell.markers[contact.marker]) + frames.o[:, frame]

@@ -1,57 +1,144 @@
-"""What a cell says of the plans to be made: the [design] table, in SI."""
+"""What a cell says of the plans to be made: the [design], [timing] and [load] tables, in SI."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
+from calib.instruments.protocol import TIP
+from calib.keys import (
+    DEG,
+    MM,
+    STRICT,
+    Count,
+    Direction,
+    Flag,
+    Mass,
+    Metres,
+    Name,
+    NotNegative,
+    NotNegativeMetres,
+    Number,
+    Point,
+    Positive,
+    PositiveMetres,
+    Vector,
+    Written,
+    key,
+    times,
+)
 from calib.poses import Poses
+
+
+@dataclass(frozen=True)
+class Load:
+    """The load of a plan: mass [kg], place [m], largest tilt [rad], and the link on which it hangs."""
+
+    __pydantic_config__ = STRICT
+    mass: Annotated[Mass, key("mass_kg")]
+    """test load, hung on for the second reading of each pose of a plan; measured data contain it as
+    wrench"""
+    com: Annotated[
+        tuple[float, float, float],
+        Written(Vector, lambda point: tuple(x * MM for x in point)),
+        key("com_mm"),
+    ]
+    """where it hangs, in the frame of its link"""
+    max_tilt: Annotated[Number, Field(ge=0, le=90), times(DEG), key("max_tilt_deg")] = np.pi / 2
+    """largest angle between the x axis of that link and the horizontal"""
+    on: Name = TIP
+    """link on which it hangs, and measured wrenches act, where that is not the tip"""
 
 
 @dataclass(frozen=True, eq=False)
 class AskedLevels:
-    """Levels of one joint at which the poses of a plan are to stand: given values, or how many.
+    """Levels of one joint [rad or m] at which the poses of a plan stand: given values, or how many.
 
-    per_level : int, poses at each level; count : int, levels to choose, or None where they are given
-    values : ndarray, shape (count,), rad or m, or None where they are to be chosen
-    separation : float, rad or m, least distance of two chosen levels
+    values : ndarray, shape (count,); None where they are to be chosen
     """
 
-    per_level: int
-    count: int | None = None
-    values: Array | None = None
-    separation: float = 0.0
+    __pydantic_config__ = STRICT
+    per_level: Annotated[Count, key("poses_per_level")]
+    """poses at each level"""
+    count: Count | None = None
+    """number of levels; their angles are chosen"""
+    values: Annotated[
+        Annotated[Array, Written(list[Number], lambda given: np.sort(given) * DEG)] | None,
+        key("values_deg"),
+    ] = None
+    """given levels"""
+    separation: Annotated[NotNegative, times(DEG), key("min_separation_deg")] = 0.0
+    """smallest distance between chosen levels"""
+
+    def in_millimetres(self) -> AskedLevels:
+        """The same of a joint that slides, of which ``_deg`` stands for millimetres."""
+        values = None if self.values is None else self.values / DEG * MM
+        return AskedLevels(self.per_level, self.count, values, self.separation / DEG * MM)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, match_args=False)
 class Box:
-    """T_base_box : ndarray, shape (4, 4); half : ndarray, shape (3,), m, half its size."""
+    """centre, half : ndarray, shape (3,), m, half its size; rpy : ndarray, shape (3,), rad."""
 
-    T_base_box: Array
-    half: Array
+    __pydantic_config__ = STRICT
+    __match_args__ = ("T_base_box", "half")
+    centre: Annotated[Point, key("center_mm")]
+    """box, sphere: centre, in the base's frame"""
+    half: Annotated[
+        Array,
+        Written(tuple[Positive, Positive, Positive], lambda edges: np.array(edges) * (0.5 * MM)),
+        key("size_mm"),
+    ]
+    """box: lengths of its edges"""
+    rpy: Annotated[Array, Written(Vector, np.radians), key("rpy_deg")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
+    """box: orientation"""
+    type: Literal["box"] = "box"
+    """its form"""
+
+    @property
+    def T_base_box(self) -> Array:
+        """Where it stands, shape (4, 4), m."""
+        return from_xyz_rpy(self.centre, self.rpy)
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
     """centre : ndarray, shape (3,), m; radius : float, m."""
 
-    centre: Array
-    radius: float
+    __pydantic_config__ = STRICT
+    centre: Annotated[Point, key("center_mm")]
+    """box, sphere: centre, in the base's frame"""
+    radius: Annotated[PositiveMetres, key("radius_mm")]
+    """sphere: radius"""
+    type: Literal["sphere"] = "sphere"
+    """its form"""
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
     """All that lies beyond the plane through a point (3,), m, on the side of its normal (3,)."""
 
-    point: Array
-    normal: Array
+    __pydantic_config__ = STRICT
+    point: Annotated[Point, key("point_mm")]
+    """halfspace: a point of its plane"""
+    normal: Annotated[Array, Written(Direction, np.array)]
+    """halfspace: direction to the forbidden side"""
+    type: Literal["halfspace"] = "halfspace"
+    """its form"""
 
 
 Body: TypeAlias = Box | Ball | HalfSpace
 """What stands still around the arm, in the base frame."""
+_Obstacle = Annotated[Body, Field(discriminator="type")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,44 +153,55 @@ class Targets:
     weights: Array
 
 
+def _no_switch(value: object) -> object:
+    """Refuse the value that said that there is no floor: none is assumed."""
+    if value is False:
+        raise ValueError("takes a height; leave it out where there is no floor")
+    return value
+
+
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Defaults of a design.
+    """Defaults of a design, in m and s; below each field stands what its key holds."""
 
-    poses : int or None, how many; levels : dict, joint -> AskedLevels; targets : Targets or None
-    targets_after : float or None, s after the last reading at which the arm comes to them; None where
-        nobody says, which counts as the end of the day
-    repeats : bool, whether a pose may be measured more than once
-    reapproaches : int or None, poses that are visited again
-    obstacles : tuple of Body, in the order of the file
-    floor : float or None, m, height above which the arm keeps; None where there is none
-    margin : float, m, distance that the arm keeps of floor and obstacles
-    """
-
-    poses: int | None = None
-    levels: Mapping[str, AskedLevels] = field(default_factory=dict)
-    targets: Targets | None = None
-    targets_after: float | None = None
-    repeats: bool = False
-    reapproaches: int | None = None
-    obstacles: tuple[Body, ...] = ()
-    floor: float | None = None
-    margin: float = 0.0
+    __pydantic_config__ = STRICT
+    poses: Count | None = None
+    """number of poses"""
+    levels: Annotated[Mapping[str, AskedLevels], Written(dict[str, AskedLevels], dict)] = field(
+        default_factory=dict
+    )
+    """angles of one joint that poses of a plan share"""
+    targets: Annotated[Targets | None, Written(str, str)] = None  # a name until they are read
+    """table of target poses (posecal explain targets)"""
+    targets_after: Annotated[
+        Annotated[NotNegative, times(3600.0)] | None, key("targets_after_h")
+    ] = None
+    """hours from the last reading to the work at the targets; no figure depends on it yet"""
+    repeats: Flag = False
+    """whether a pose may be chosen twice"""
+    reapproaches: Count | None = None
+    """number of repeat visits at the end (posecal explain design)"""
+    obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], tuple), key("obstacle")] = ()
+    """bodies that the arm must not touch (posecal explain constraints)"""
+    floor: Annotated[Annotated[Metres, BeforeValidator(_no_switch)] | None, key("floor_mm")] = None
+    """height of the floor or table in the base's frame (posecal explain constraints)"""
+    margin: Annotated[NotNegativeMetres, key("margin_mm")] = 0.0
+    """distance that the arm keeps of floor and obstacles, at the poses and between them"""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How long a day takes: the [timing] table.
+    """How long a day takes; s, and speed as a share."""
 
-    speed : float, share of the joints' speeds and accelerations at which the arm goes from pose to pose
-    settle : float, s, that it waits there; reading : s, that one reading takes
-    load : float, s, that hanging the load, or taking it off, takes
-    """
-
-    speed: float = 0.1
-    settle: float = 2.0
-    reading: float = 10.0
-    load: float = 120.0
+    __pydantic_config__ = STRICT
+    speed: Annotated[Positive, Field(le=100), times(0.01), key("speed_percent")] = 0.1
+    """share of the joints' largest speeds and accelerations at which the arm goes from pose to pose"""
+    settle: Annotated[NotNegative, key("settle_s")] = 2.0
+    """wait at each pose before it is read"""
+    reading: Annotated[NotNegative, key("read_s")] = 10.0
+    """time of one reading"""
+    load: Annotated[NotNegative, times(60.0), key("load_change_min")] = 120.0
+    """time to hang the load, or to take it off"""
 
     def standing(self, loaded: bool) -> float:
         """Time at a pose [s]; loaded : whether it is also read with the load, hung there."""

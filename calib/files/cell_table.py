@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from calib.errors import InputError
 from calib.files.read import ORDER, read_text
@@ -56,33 +56,25 @@ def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
         return CellFile.model_validate(raw)
     except ValidationError as error:
         # A misspelt key is both unknown and missing: the unknown one is what the user sees.
-        problems = sorted(
-            error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden"
-        )
+        problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] not in _UNKNOWN)
         first = problems[0]
         keys = _keys(first["loc"])
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InputError(path, ".".join(keys), _plain(first, keys) + more) from None
 
 
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_NAMED = ("markers_mm", "instruments", "bodies", "boards")  # below these stand the user's own names
+_TAGS = {*KINDS, "number", "polar", "mpe", "plain", "table", "box", "sphere", "halfspace"}
+
+
 def _keys(location: tuple[int | str, ...]) -> list[str]:
-    """Keys of the file; a union's tag (number, position, box ..) stands in the location alone."""
-    named = (
-        "markers_mm",
-        "instruments",
-        "bodies",
-        "boards",
-    )  # below these, keys are the user's own names
+    """Keys of the file; which of several forms it is (number, box ..) stands in the location alone."""
     return [
         str(key)
         for before, key in zip((None, *location), location, strict=False)
-        if key != "[key]" and (key not in _TAGS or before in named)
+        if before in _NAMED or not (key in _TAGS or "[" in str(key) or key == "IntrinsicsStd")
     ]
-
-
-_TAGS = frozenset(KINDS) | frozenset(
-    ("number", "polar", "mpe", "plain", "table", "box", "sphere", "halfspace")
-)
 
 
 _INSTEAD = {
@@ -95,6 +87,7 @@ _PLAINLY = {
     "list_type": "should be a list in brackets",
     "dict_type": "should be a table of its own",
     "model_type": "should be a table of its own",
+    "dataclass_type": "should be a table of its own",
     "too_short": "has no entry; at least one is needed",
 }
 
@@ -117,24 +110,22 @@ _STRUCK = {
 
 
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
-    kind = problem["type"]
+    kind, tag = problem["type"], problem.get("ctx", {})
     if kind == "missing" and keys[-1].isdigit():
         return "is missing: the list has too few numbers"
     if kind == "missing":
         return "is missing; add it, as in the cell that `posecal demo` writes"
-    if kind == "extra_forbidden":
+    if kind in _UNKNOWN:
         struck = _STRUCK.get(f"{keys[0]}.{keys[-1]}", _STRUCK.get(keys[-1]))
         if struck:
             return f"is not a known key; {struck}"
-        close = difflib.get_close_matches(keys[-1], _known_keys(CellFile), n=1)
+        close = difflib.get_close_matches(keys[-1], _known_keys(), n=1)
         return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        of = problem.get("ctx", {}).get("discriminator", "type").strip("'")
+        of = tag.get("discriminator", "type").strip("'")
         known = "box, sphere or halfspace" if of == "type" else ", ".join(sorted(KINDS))
-        known = _INSTEAD.get(str(problem.get("ctx", {}).get("tag")), known)
-        return (
-            f"{'has no known' if kind == 'union_tag_invalid' else 'lacks its'} {of}; write {known}"
-        )
+        lacks = "has no known" if kind == "union_tag_invalid" else "lacks its"
+        return f"{lacks} {of}; write {_INSTEAD.get(str(tag.get('tag')), known)}"
     if kind in _PLAINLY:
         return _PLAINLY[kind]
     text = str(problem["msg"]).removeprefix("Value error, ")
@@ -143,18 +134,7 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
     return text + (f", found {value!r}" if isinstance(value, str | int | float) else "")
 
 
-def _known_keys(model: type[BaseModel]) -> set[str]:
-    keys: set[str] = set()
-    for name, entry in model.model_fields.items():
-        keys.add(entry.alias or name)
-        for below in _models(entry.annotation):
-            keys |= _known_keys(below)
-    return keys
-
-
-def _models(annotation: object) -> Iterator[type[BaseModel]]:
-    """Tables that a key may hold, by themselves or in lists, dictionaries and unions."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in get_args(annotation):
-        yield from _models(part)
+def _known_keys() -> set[str]:
+    schema = CellFile.model_json_schema()
+    tables = (schema, *schema["$defs"].values())
+    return {key for table in tables for key in table.get("properties", ())}

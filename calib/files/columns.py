@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,6 +75,28 @@ class JointColumn:
         return (q - self.offset) / self.factor / self.scale
 
 
+def titles(name: str, units: Mapping[str, float]) -> dict[str, float]:
+    """Columns that may hold a number, ``name_unit``, and SI per unit."""
+    return {f"{name}_{unit}" if unit else name: scale for unit, scale in units.items()}
+
+
+def column_of(
+    path: Path, columns: Sequence[str], name: str, units: Mapping[str, float], whose: str
+) -> str | None:
+    """The column of a number; None where there is none. Raises InputError for no unit, and for two."""
+    present = [title for title in titles(name, units) if title in columns]
+    if len(present) > 1:
+        raise InputError(path, "line 1", f"{whose} stands in two units", "keep one")
+    if not present and name in columns:
+        remedy = f"name it {' or '.join(titles(name, units))}"
+        raise InputError(path, "line 1", f"column {name!r} has no unit", remedy)
+    return present[0] if present else None
+
+
+def _units(slides: bool) -> dict[str, float]:
+    return LENGTHS if slides else ANGLES
+
+
 def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn | None]:
     """Where each joint is told. Raises InputError where a column is missing or has no unit.
 
@@ -83,47 +105,32 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Jo
     """
     found: list[JointColumn | None] = []
     for sources in robot.sources:
-        named = [_column_of(path, source, columns) for source in sources]
-        own = next((column for column in named if column is not None), None)
+        own: JointColumn | None = None
+        for source in sources[::-1]:  # its own column comes before its master's
+            units = _units(source.slides)
+            column = column_of(path, columns, source.master, units, f"joint {source.master}")
+            if column is not None:
+                scale = titles(source.master, units)[column]
+                own = JointColumn(column, scale, source.factor, source.offset)
         if own is None and sources[0].joint not in robot.undriven:
-            joint, *masters = sources
-            _refuse_other_unit(path, joint, columns)
-            missing = f"no column for joint {joint.joint}"
-            missing += "".join(f", nor for {m.master}, which it mimics" for m in masters)
-            wanted = " or ".join(name for source in sources[::-1] for name in _named(source))
-            raise InputError(path, "line 1", missing, f"add {wanted}")
+            raise _missing(path, sources, columns)
         found.append(own)
     return found
 
 
-def _refuse_other_unit(path: Path, source: Mimic, columns: tuple[str, ...]) -> None:
-    """Raises InputError for degrees of a joint that slides, and lengths of one that turns."""
-    joint, others = source.master, ANGLES if source.slides else LENGTHS
-    wrong = next((f"{joint}_{unit}" for unit in others if f"{joint}_{unit}" in columns), None)
-    if wrong is not None:
-        does = "slides" if source.slides else "turns"
-        what = f"column {wrong!r} is no unit of joint {joint}, which {does}"
-        raise InputError(path, "line 1", what, f"name it {' or '.join(_named(source))}")
-
-
-def _named(source: Mimic) -> dict[str, float]:
-    """Columns that tell a joint, and SI per unit."""
-    units = LENGTHS if source.slides else ANGLES
-    return {f"{source.master}_{unit}": scale for unit, scale in units.items()}
-
-
-def _column_of(path: Path, source: Mimic, columns: tuple[str, ...]) -> JointColumn | None:
-    """The column that tells a joint; None where there is none. Raises InputError."""
-    named, joint = _named(source), source.master
-    present = [name for name in named if name in columns]
-    if len(present) > 1:
-        raise InputError(path, "line 1", f"joint {joint} stands in two units", "keep one")
-    if not present and joint in columns:
-        what = f"column {joint!r} has no unit"
-        raise InputError(path, "line 1", what, f"name it {' or '.join(named)}")
-    if not present:
-        return None
-    return JointColumn(present[0], named[present[0]], source.factor, source.offset)
+def _missing(path: Path, sources: Sequence[Mimic], columns: tuple[str, ...]) -> InputError:
+    """What to say of a joint that nothing tells, or that has a column in another unit."""
+    joint, *masters = sources
+    for column in titles(joint.master, _units(not joint.slides)):
+        if column in columns:
+            does = "slides" if joint.slides else "turns"
+            what = f"column {column!r} is no unit of joint {joint.joint}, which {does}"
+            remedy = f"name it {' or '.join(titles(joint.joint, _units(joint.slides)))}"
+            return InputError(path, "line 1", what, remedy)
+    what = f"no column for joint {joint.joint}"
+    what += "".join(f", nor for {m.master}, which it mimics" for m in masters)
+    wanted = (name for own in sources[::-1] for name in titles(own.master, _units(own.slides)))
+    return InputError(path, "line 1", what, f"add {' or '.join(wanted)}")
 
 
 def check_known(
@@ -164,9 +171,8 @@ def shared_columns(robot: Robot) -> set[str]:
     """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
     joints = (*robot.joints, *robot.told)
     shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
-    units = (*ANGLES, *LENGTHS)
-    shared |= {f"{j}_{unit}" for j in joints for unit in units}
-    shared |= {f"move_{j}_{unit}" for j in joints for unit in units}
+    for unit in (*ANGLES, *LENGTHS):
+        shared |= {f"{before}{j}_{unit}" for j in joints for before in ("", "move_")}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
@@ -179,20 +185,14 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     )
 
 
-def motion_columns(table: CsvTable, robot: Robot) -> tuple[tuple[str, float], ...]:
+def motion_columns(table: CsvTable, robot: Robot) -> dict[str, float]:
     """Column of each joint's last move, and its unit in SI; of any unit that the table has."""
-    own = []
+    found = {}
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        known = LENGTHS if slides else ANGLES
-        units = {move_name(joint, unit): scale for unit, scale in known.items()}
-        told = [unit for unit in units.items() if unit[0] in table.columns]
-        own.append((told or list(units.items()))[0])
-    return tuple(own)
-
-
-def move_name(joint: str, unit: str) -> str:
-    """Column of the size of a joint's last move."""
-    return f"move_{joint}_{unit}"
+        named = titles(f"move_{joint}", _units(slides))
+        column = next((name for name in named if name in table.columns), next(iter(named)))
+        found[column] = named[column]
+    return found
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
@@ -241,22 +241,16 @@ def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
 
 def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     """Optional columns, at one row for each pose."""
-    found: dict[str, Any] = {}
-    wrench = np.zeros((len(rows), 6))
-    for i, name in enumerate(WRENCH):
-        if name in table.columns:
-            wrench[:, i] = table.numbers(name)[rows]
-    found["wrench"] = wrench
+    found: dict[str, Any] = {"wrench": _columns(table, WRENCH)[rows]}
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
             found[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
     driven = [joint not in robot.undriven for joint in robot.joints]
-    torques = torque_columns(robot)
-    if _every_joint(table, tuple(itertools.compress(torques, driven))):
-        found["torque"] = _columns(table, torques, rows)
+    if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
+        found["torque"] = torque[rows]
     own = motion_columns(table, robot)
-    if _every_joint(table, tuple(name for name, _ in itertools.compress(own, driven))):
-        moved = _columns(table, [name for name, _ in own], rows) * [unit for _, unit in own]
+    if (moved := _of_joints(table, [*own], driven)) is not None:
+        moved = moved[rows] * [*own.values()]
         found["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
         found["motion_told"] = True
     # A joint tells itself from which side it came, else its master does.
@@ -264,9 +258,8 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
         next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])
         for own in robot.sources
     ]
-    signs = tuple(f"approach_{source.master}" for source in sided)
-    if _every_joint(table, tuple(itertools.compress(signs, driven))):
-        approach = _columns(table, signs, np.arange(len(table.rows)))
+    signs = [f"approach_{source.master}" for source in sided]
+    if (approach := _of_joints(table, signs, driven)) is not None:
         bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
         if len(bad):
             raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
@@ -274,25 +267,28 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     if "session" in table.columns:
         found["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:
-        names = table.names("station")
-        stations = tuple(sorted(set(names)))
-        found["stations"] = stations
-        found["station"] = np.array([stations.index(names[row]) for row in rows])
+        stations, station = np.unique(table.names("station"), return_inverse=True)
+        found["stations"], found["station"] = tuple(stations.tolist()), station[rows]
     return found
 
 
-def _columns(table: CsvTable, names: Sequence[str], rows: IntArray) -> Array:
+def _columns(table: CsvTable, names: Sequence[str]) -> Array:
     """Numbers of columns side by side, (rows, n); zeros for those that are not there."""
-    none = np.zeros(len(rows))
-    own = [table.numbers(name)[rows] if name in table.columns else none for name in names]
-    return np.column_stack(own)
+    none = np.zeros(len(table.rows))
+    return np.column_stack([table.numbers(n) if n in table.columns else none for n in names])
 
 
-def _every_joint(table: CsvTable, names: tuple[str, ...]) -> bool:
-    """Whether the columns of all joints are there. Raises InputError where only some are."""
-    present = [name for name in names if name in table.columns]
-    if present and len(present) < len(names):
-        missing = next(name for name in names if name not in present)
+def _of_joints(table: CsvTable, names: Sequence[str], driven: Sequence[bool]) -> Array | None:
+    """Numbers of a column for each joint (rows, n); None where there are none.
+
+    Raises InputError where only some of those with a drive have one.
+    """
+    wanted = [*itertools.compress(names, driven)]
+    present = [name for name in wanted if name in table.columns]
+    if not present:
+        return None
+    if len(present) < len(wanted):
+        missing = next(name for name in wanted if name not in present)
         what = f"column {missing!r} is missing beside {present[0]!r}"
         raise InputError(table.path, "line 1", what, "give every joint's, or none")
-    return bool(present)
+    return _columns(table, names)

@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
-from calib.files.read import ORDER, check_file, fault_of_name
+from calib.files.read import ORDER, check_file
+from calib.keys import fault_of_name
 
 _LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit

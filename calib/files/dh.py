@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.arm.dh import DhTable, robot_of_dh
-from calib.arm.robot import Convention, Robot
+from calib.arm.robot import Convention, Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.columns import ANGLES, LENGTHS
+from calib.files.columns import ANGLES, LENGTHS, column_of, titles
 from calib.files.csv_table import CsvTable, columns_text, read_table
 
 KINDS = ("revolute", "prismatic")
@@ -56,7 +57,8 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 
     Raises InputError.
     """
-    return robot_of_dh(read_dh(path, convention), path.stem, base, tip)
+    robot = robot_of_dh(read_dh(path, convention), path.stem, base, tip)
+    return replace(robot, source=Source("dh", (path,), convention))
 
 
 def dh_text(table: DhTable) -> str:
@@ -71,23 +73,16 @@ def dh_text(table: DhTable) -> str:
 
 
 def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
-    known = {"joint", "kind", *(f"{name}_{unit}" for name, own in COLUMNS.items() for unit in own)}
+    known = {"", "joint", "kind", *COLUMNS}
+    known |= {title for name, own in COLUMNS.items() for title in titles(name, own)}
     for column in columns:
-        if column and column not in known:
-            bare = COLUMNS.get(column)
-            if bare is not None:
-                names = " or ".join(f"{column}_{unit}" for unit in bare)
-                what = f"column {column!r} has no unit"
-                raise InputError(path, "line 1", what, f"name it {names}")
+        if column not in known:
             remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
             raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
     for name, own in COLUMNS.items():
-        present = [f"{name}_{unit}" for unit in own if f"{name}_{unit}" in columns]
-        if len(present) > 1:
-            raise InputError(path, "line 1", f"{name} stands in two units", "keep one")
-        if not present and name != "beta":
-            names = " or ".join(f"{name}_{unit}" for unit in own)
-            raise InputError(path, "line 1", f"has no column for {name}", f"add {names}")
+        if column_of(path, columns, name, own, name) is None and name != "beta":
+            remedy = f"add {' or '.join(titles(name, own))}"
+            raise InputError(path, "line 1", f"has no column for {name}", remedy)
 
 
 def _checked(found: CsvTable, name: str, unit: str) -> Array:

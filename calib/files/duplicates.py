@@ -6,7 +6,7 @@ is known, and what is far below it was not measured anew.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,9 @@ from calib.instruments import Tracker
 from calib.poses import Measurements, Poses, hung
 
 _SAME = 0.01  # of the weight
+_QUIETER = 10.0  # times less noise than stated: cells state limits, and repeats share errors
+_CHANCE = 1e-6  # that an honest table is called copied
+_SHOWN = 4
 
 
 def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
@@ -29,49 +32,21 @@ def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
     if not cell.payload.mass or cell.payload.frame != cell.robot.loaded or not len(loaded):
         return
     free = replace(loaded, wrench=np.zeros_like(loaded.wrench))
-    carried = hung(free, cell.payload.mass, cell.payload.com)
-    weight = wrench_with_load(cell.robot, cell.gravity, carried)
-    moment = loaded.wrench[:, 3:]
-    if _alike(loaded.wrench[:, :3], weight[:, :3]) and (
-        not moment.any() or _alike(moment, weight[:, 3:])
-    ):
+    weight = wrench_with_load(
+        cell.robot, cell.gravity, hung(free, cell.payload.mass, cell.payload.com)
+    )
+    force, moment = (
+        np.linalg.norm((loaded.wrench - weight)[:, own], axis=1)
+        <= _SAME * np.linalg.norm(weight[:, own], axis=1)
+        for own in (slice(0, 3), slice(3, 6))
+    )
+    if force.all() and (moment.all() or not loaded.wrench[:, 3:].any()):
         raise InputError(
             path,
             "columns of the wrench",
             f"hold the weight of the cell's [payload], {cell.payload.mass:g} kg, once more",
             "a load counts once: take [payload] out of the cell, or these columns out of the table",
         )
-
-
-def _alike(found: Array, expected: Array) -> bool:
-    off = np.linalg.norm(found - expected, axis=1)
-    return bool((off <= _SAME * np.linalg.norm(expected, axis=1)).all())
-
-
-_QUIETER = 10.0  # times less noise than stated: cells state limits, and repeats share errors
-_CHANCE = 1e-6  # that an honest table is called copied
-_SHOWN = 4
-
-
-@dataclass(frozen=True, eq=False)
-class _Same:
-    """Readings that equal an earlier one.
-
-    later, earlier : ndarray of int, poses; joints : ndarray of bool, whether their joints are equal too
-    """
-
-    later: IntArray
-    earlier: IntArray
-    joints: Mask
-
-    def named(self, names: tuple[str, ...], chosen: Mask) -> str:
-        """Those chosen, in pairs."""
-        pairs = [
-            f"{names[i]} and {names[j]}"
-            for i, j in zip(self.earlier[chosen], self.later[chosen], strict=True)
-        ]
-        more = f" .. ({len(pairs)} in all)" if pairs[_SHOWN:] else ""
-        return ", ".join(pairs[:_SHOWN]) + more
 
 
 def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) -> Measurements:
@@ -81,46 +56,50 @@ def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) 
     new, and would make the arm look as if it never scattered. One whose points alone are those of
     another stays, as nobody knows which of both is right, and is named.
     """
-    instrument, found = cell.instruments[0], _same(data)
-    if len(cell.instruments) != 1 or not isinstance(instrument, Tracker) or not len(found.later):
+    instrument = cell.instruments[0]
+    if len(cell.instruments) != 1 or not isinstance(instrument, Tracker):
         return data
-    by_chance = _by_chance(table, instrument, data)[found.later]
-    names, warnings = data.poses.names, []
-    stuck = ~found.joints & (by_chance * len(data) ** 2 < _CHANCE)
-    if stuck.any():
+    pairs, alike = _same(data)
+    chance = _by_chance(table, instrument, data)[pairs[:, 1]] if len(pairs) else np.zeros(0)
+    warnings, keep = [], np.ones(len(data), dtype=bool)
+    stuck = pairs[~alike & (chance * len(data) ** 2 < _CHANCE)]
+    if len(stuck):
         warnings.append(
-            f"{path}: the points of {found.named(names, stuck)} are equal to the last digit, but the "
+            f"{path}: the points of {_named(data, stuck)} are equal to the last digit, but the "
             "joints are not: the instrument stuck, or rows were copied; measure these poses again"
         )
-    copied = found.joints & _too_many(data, found, by_chance)
-    if copied.any():
+    if alike.any() and _too_many(data, int(alike.sum()), float(chance[alike].max())):
+        keep[pairs[alike, 1]] = False
         warnings.append(
-            f"{path}: {found.named(names, copied)} are equal to the last digit: copies, and the "
+            f"{path}: {_named(data, pairs[alike])} are equal to the last digit: copies, and the "
             "second of each is left out; give only what was measured"
         )
-        keep = np.ones(len(data), dtype=bool)
-        keep[found.later[copied]] = False
-        data = data.take(keep)
-    return replace(data, warnings=(*data.warnings, *warnings))
+    kept = data if keep.all() else data.take(keep)
+    return replace(kept, warnings=(*data.warnings, *warnings))
 
 
-def _same(data: Measurements) -> _Same:
-    """Every reading whose points are those of an earlier one, bit for bit."""
-    poses = data.poses
-    first: dict[tuple[int, bytes, bytes], int] = {}
-    later, earlier, joints = [], [], []
-    told = None if poses.approach_derived else poses.approach
-    for i in range(len(data)):
+def _named(data: Measurements, pairs: IntArray) -> str:
+    names = [" and ".join(data.poses.names[i] for i in pair) for pair in pairs.tolist()]
+    more = f" .. ({len(names)} in all)" if names[_SHOWN:] else ""
+    return ", ".join(names[:_SHOWN]) + more
+
+
+def _same(data: Measurements) -> tuple[IntArray, Mask]:
+    """Readings whose points are those of an earlier one, bit for bit.
+
+    Returns the earlier and the later pose, shape (k, 2), and whether their joints are equal too, (k,).
+    """
+    poses, first = data.poses, dict[tuple[int, bytes, bytes], int]()
+    stated = [] if poses.approach is None or poses.approach_derived else [poses.approach]
+    pairs, alike = [], []
+    for i in np.flatnonzero(data.seen.any(axis=1)).tolist():
         points = (int(poses.station[i]), data.seen[i].tobytes(), data.readings[i].tobytes())
-        if not data.seen[i].any():
-            continue
         j = first.setdefault(points, i)
         if j != i:
-            fields = [poses.q, poses.wrench, *([] if told is None else [told])]
-            later.append(i)
-            earlier.append(j)
-            joints.append(all(np.array_equal(own[i], own[j]) for own in fields))
-    return _Same(np.array(later, dtype=int), np.array(earlier, dtype=int), np.array(joints, bool))
+            pairs.append((j, i))
+            fields = (poses.q, poses.wrench, *stated)
+            alike.append(all(np.array_equal(own[i], own[j]) for own in fields))
+    return np.array(pairs, dtype=int).reshape(-1, 2), np.array(alike, dtype=bool)
 
 
 def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Array:
@@ -128,11 +107,10 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
 
     Of one coordinate with the noise s, shown in steps of d, that is d / (2 sqrt(pi) s), 1 at most.
     """
-    columns = reading_columns(table.path, instrument, table.columns)
     steps = []
-    for name, scale in columns:  # zeros at the end of a number tell nothing
-        texts = (text.lower().partition("e")[0] for text in table.text(name))
-        decimals = max(len(text.partition(".")[2].rstrip("0")) for text in texts)
+    for name, scale in reading_columns(table.path, instrument, table.columns):
+        texts = (text.lower().partition("e")[0].partition(".")[2] for text in table.text(name))
+        decimals = max(len(text.rstrip("0")) for text in texts)  # zeros at the end say nothing
         steps.append(10.0**-decimals * scale)
     stated = np.where(np.isfinite(data.sigma), data.sigma, instrument.noise.along)
     share = np.array(steps) / (2.0 * np.sqrt(np.pi) * stated[..., None] / _QUIETER)
@@ -140,15 +118,11 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
     return np.asarray(each.prod(axis=(1, 2)))
 
 
-def _too_many(data: Measurements, found: _Same, by_chance: Array) -> bool:
+def _too_many(data: Measurements, equal: int, chance: float) -> bool:
     """Whether more readings at equal joints are equal than an instrument with noise would repeat."""
     from scipy.special import betainc
 
     _, counts = np.unique(data.poses.repeated, return_counts=True)
-    again = int((counts - 1).sum())
-    equal = int(found.joints.sum())
-    if not equal:
-        return False
-    chance = float(by_chance[found.joints].max())
+    again = max(int((counts - 1).sum()), equal)
     # So many or more of ``again`` by chance: the tail of a binomial distribution.
-    return bool(betainc(equal, max(again, equal) - equal + 1, chance) < _CHANCE)
+    return bool(betainc(equal, again - equal + 1, chance) < _CHANCE)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +13,14 @@ from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
-from calib.files.values import MM, BoardTable, BodyTable
 from calib.instruments import CellParts, Instrument, KnownDistance
+from calib.instruments.board_table import BoardTable, BodyTable
 from calib.instruments.protocol import WORLD, KeysTable
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 
 _LARGEST_BOARD = 50.0  # m
+_CORNERS = corners_of(np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,51 +47,34 @@ def bodies_of(path: Path, table: CellFile) -> Bodies:
     Raises InputError for a board of which no point can be.
     """
     shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
-    bodies, seats = [*_frames(table), *_boards(table, shapes)], _seats(table)
-    every = [*bodies, *seats]
-    ends = np.cumsum([len(table.markers_mm), *(len(own.names) for own in every)]).tolist()
-    places = [slice(a, b) for a, b in itertools.pairwise(ends)]
-    return Bodies(
-        {own.of: place for own, place in zip(bodies, places, strict=False)},
-        {own.of: place for own, place in zip(seats, places[len(bodies) :], strict=True)},
-        tuple(name for own in every for name in own.names),
-        np.concatenate([np.zeros((0, 3)), *(own.points for own in every)]),
-        tuple(own.link for own in every for _ in own.names),
-        shapes,
-    )
-
-
-class _Riding(NamedTuple):
-    """Points that ride on a link: of what, their names, and where (k, 3), m, in the link's frame."""
-
-    of: str
-    names: tuple[str, ...]
-    points: Array
-    link: str
-
-
-def _frames(table: CellFile) -> Iterator[_Riding]:
-    """Frames that are read as poses, and cameras that ride before boards in the world."""
-    frames: dict[str, BodyTable] = {**table.bodies, **table.carried}
-    for name, own in frames.items():
-        T, names = own.frame, (name, f"{name}:x", f"{name}:y")
-        yield _Riding(name, names, corners_of(T[:3, :3], T[:3, 3]), table.link(own.on))
-
-
-def _boards(
-    table: CellFile, shapes: Mapping[str, tuple[tuple[str, ...], Array]]
-) -> Iterator[_Riding]:
+    read_as_poses: dict[str, BodyTable] = {**table.bodies, **table.carried}
+    parts: dict[str, tuple[tuple[str, ...], Array, str]] = {
+        name: ((name, f"{name}:x", f"{name}:y"), transformed(own.frame, _CORNERS), own.on)
+        for name, own in read_as_poses.items()
+    }
     for name, board in table.boards.items():
         if board.on != WORLD:
-            names, shape = shapes[name]
-            yield _Riding(name, names, transformed(board.frame, shape), table.link(board.on))
-
-
-def _seats(table: CellFile) -> list[_Riding]:
-    """Links under instruments, each once."""
-    links = dict.fromkeys(table.link(own.on) for own in _seated(table).values())
-    corners = corners_of(np.eye(3), np.zeros(3))
-    return [_Riding(link, tuple(f"{link}:{end}" for end in "oxy"), corners, link) for link in links]
+            points, shape = shapes[name]
+            parts[name] = points, transformed(board.frame, shape), board.on
+    seats = {
+        table.link(own.on): (
+            tuple(f"{table.link(own.on)}:{end}" for end in "oxy"),
+            _CORNERS,
+            own.on,
+        )
+        for own in _seated(table).values()
+    }
+    every = [*parts.values(), *seats.values()]
+    ends = np.cumsum([len(table.markers_mm), *(len(names) for names, *_ in every)]).tolist()
+    places = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    return Bodies(
+        dict(zip(parts, places, strict=False)),
+        dict(zip(seats, places[len(parts) :], strict=True)),
+        tuple(name for names, *_ in every for name in names),
+        np.concatenate([np.zeros((0, 3)), *(points for _, points, _ in every)]),
+        tuple(table.link(on) for names, _, on in every for _ in names),
+        shapes,
+    )
 
 
 def _seated(table: CellFile) -> dict[str, KeysTable]:
@@ -105,14 +88,9 @@ def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], A
     names, points = board.shape()
     near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
     if not near.any():
-        raise InputError(
-            path,
-            f"boards.{name}.points_mm",
-            "lie farther apart than those of any board",
-            "give them in mm",
-        )
-    kept = [point for point, own in zip(names, near, strict=True) if own]
-    return tuple(f"{name}:{point}" for point in kept), points[near]
+        what = "lie farther apart than those of any board"
+        raise InputError(path, f"boards.{name}.points_mm", what, "give them in mm")
+    return tuple(f"{name}:{own}" for own in itertools.compress(names, near)), points[near]
 
 
 def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
@@ -123,7 +101,7 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
     if table.instrument is not None:
         return (table.instrument.tracker("instrument", None),)
     cell = CellParts(
-        links=tuple(table.on_of(name) for name in table.markers_mm),
+        links=tuple(own.on for own in table.markers_mm.values()),
         parts={**bodies.parts, **bodies.seats},
         read_as_poses={name: own.on for name, own in table.bodies.items()},
         boards={name: (table.boards[name], *shape) for name, shape in bodies.shapes.items()},
@@ -140,22 +118,15 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
 
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:
     """Those of the cell. Raises InputError where one is not between two sockets or two markers."""
-    sockets = {name for name, own in table.instruments.items() if own.kind == "socket"}
+    sockets = [name for name, own in table.instruments.items() if own.kind == "socket"]
     on = {name: table.link_of(name) for name in table.markers_mm}
-    found = []
     for number, own in enumerate(table.known_distances):
-        a, b = own.between
-        alike = any(a in names and b in names for names in (sockets, set(table.markers_mm)))
+        (a, b), where = own.between, f"known_distances.{number}.between"
         if a in on and b in on and on[a] != on[b]:
             what = f"{a!r} and {b!r} ride on {on[a]} and {on[b]}, and are no known length apart"
-            raise InputError(path, f"known_distances.{number}.between", what, "take it out")
-        if a == b or not alike:
-            known = ", ".join([*sorted(sockets), *table.markers_mm][:12])
-            raise InputError(
-                path,
-                f"known_distances.{number}.between",
-                f"{a!r} and {b!r} are not two sockets or two markers of the cell",
-                f"those are {known}",
-            )
-        found.append(KnownDistance((a, b), own.mm * MM, own.sigma_mm * MM))
-    return tuple(found)
+            raise InputError(path, where, what, "take it out")
+        if a == b or not any(a in names and b in names for names in (sockets, on)):
+            what = f"{a!r} and {b!r} are not two sockets or two markers of the cell"
+            known = ", ".join([*sorted(sockets), *on][:12])
+            raise InputError(path, where, what, f"those are {known}")
+    return tuple(table.known_distances)

@@ -2,202 +2,24 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from calib.arm.dh import robot_of_dh
-from calib.arm.robot import Convention, Form, Robot, odd_limits
+from calib.arm.robot import Convention, Form, Robot, Source, odd_limits
+from calib.arrays import Mask
 from calib.errors import InputError
 from calib.files.dh import dh_text
-from calib.files.mjcf import compiled, read_mjcf
+from calib.files.ends import ends_of, mjcf_tree, urdf_tree
+from calib.files.mjcf import compiled
 from calib.files.read import read_bytes, read_xml
-from calib.files.robot import load_robot, robot_files
-from calib.files.shapes import urdf_shapes
+from calib.files.robot import load_robot
 from calib.files.ur_calibration import read_ur_calibration
 from calib.files.urdf import Urdf
-
-_TIPS = ("tool0", "tcp", "tool", "ee", "eef", "end_effector", "attachment", "flange")
-_GROUND = ("world", "map", "odom", "ground", "footprint")
-_GRIPS = ("gripper", "grip", "finger", "jaw", "claw", "knuckle", "thumb", "hand")
-_TURNS = ("wrist", "roll", "yaw", "pitch", "rotat", "twist")  # a gripper that turns is on the arm
-
-
-@dataclass(eq=False)
-class Node:
-    """A link, body or site, and the joints that move it against what it hangs on."""
-
-    name: str
-    joints: tuple[str, ...]
-    children: list[Node] = field(default_factory=list)
-    longest: int = 0  # most joints in a row, of this and what hangs on it
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Names of base and tip, of every joint that moves, and what a reader should know of the choice."""
-
-    base: str
-    tip: str
-    moving: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
-def urdf_ends(path: Path, root: Element) -> Ends:
-    """Raises InputError where no joint moves, or links hang in a circle."""
-    nodes = {e.get("name", ""): Node(e.get("name", ""), ()) for e in root.findall("link")}
-    hung = set()
-    for joint in Urdf(path, root).joints.values():
-        if {joint.parent, joint.child} <= nodes.keys():
-            hung.add(joint.child)
-            nodes[joint.parent].children.append(nodes[joint.child])
-            if joint.moves:
-                nodes[joint.child].joints = (joint.name,)
-    roots = [node for name, node in nodes.items() if name not in hung]
-    for node in roots:
-        _measure(node)
-    if not roots:
-        raise InputError(path, "", "has no first link", "links must hang on one that hangs on none")
-    return _ends(path, max(roots, key=lambda node: node.longest))
-
-
-def mjcf_ends(path: Path) -> Ends:
-    """Raises InputError where no joint moves, and for what MuJoCo refuses."""
-    read_mjcf(path)  # refuses what is not safe
-    model = compiled(path)
-    joints = [
-        tuple(model.joint(j).name for j in np.flatnonzero(model.jnt_bodyid == b))
-        for b in range(model.nbody)
-    ]
-    nodes = [Node(model.body(b).name, joints[b]) for b in range(model.nbody)]
-    for b, node in enumerate(nodes[1:], 1):
-        nodes[int(model.body_parentid[b])].children.append(node)
-    for s in range(model.nsite):
-        nodes[int(model.site_bodyid[s])].children.append(Node(model.site(s).name, ()))
-    _measure(nodes[0])
-    return _ends(path, nodes[0])
-
-
-def _all(root: Node) -> list[Node]:
-    """The node and all that hangs on it, parents first."""
-    found = [root]
-    for node in found:  # grows
-        found += node.children
-    return found
-
-
-def _measure(root: Node) -> None:
-    for node in reversed(_all(root)):
-        node.longest = len(node.joints) + max((c.longest for c in node.children), default=0)
-
-
-def _ends(path: Path, root: Node) -> Ends:
-    """Follow the longest row of joints, past a head or wheels, up to a hand.
-
-    Where several rows part, those with no more joints than the way to them are fingers. Of one row the
-    joints from the first one that opens a gripper on are left out.
-    """
-    row: list[Node] = []
-    before, notes, node, taken = [root], [], root, 0
-    while moving := [child for child in node.children if child.longest]:
-        chosen = max(moving, key=lambda child: child.longest)
-        if len(moving) > 1 and chosen.longest <= taken:
-            break
-        rivals = [c for c in moving if c.longest == chosen.longest and c is not chosen]
-        if rivals:
-            others = ", ".join(_first_moving(c) or "?" for c in rivals)
-            notes.append(
-                f"arms of one length part at {node.name!r}: took that of {_first_moving(chosen)}, "
-                f"not of {others}; --tip takes another; one --tip "
-                "for each arm takes all"
-            )
-        if len(moving) > 1 and not row:
-            before = [node]
-        node, taken = chosen, taken + len(chosen.joints)
-        if node.joints:
-            row.append(node)
-        elif not row:
-            before.append(node)
-    if not row:
-        raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
-    arm = _arm_of(row)
-    if gripping := row[len(arm) :]:
-        names = ", ".join(joint for own in gripping for joint in own.joints)
-        within = f". To include it: --tip {gripping[-1].name}" if gripping[-1].name else ""
-        notes.append(f"{names} moves a gripper and is left out{within}")
-    every = tuple(joint for own in _all(root) for joint in own.joints)
-    return Ends(_base(before), _tip(path, arm[-1]), every, tuple(notes))
-
-
-def _arm_of(row: list[Node]) -> list[Node]:
-    """The nodes that joints of the arm move, without those that open and close a gripper.
-
-    A gripper's joint is named so, or it is the last one and the end effector hangs beside it. The name
-    of a link tells nothing: what a wrist turns may well be called a gripper.
-    """
-    gripping = [any(map(_named_of_gripper, node.joints)) for node in row]
-    if any(gripping) and not gripping[0]:
-        return row[: gripping.index(True)]
-    if len(row) > 1:
-        beside = [own for own in _rigid(row[-2]) if row[-1] not in _all(own)]
-        if any(_has_word(own.name, word) for own in beside for word in _TIPS):
-            return row[:-1]
-    return row
-
-
-def _named_of_gripper(name: str) -> bool:
-    """Whether a word of the name, in snake or camel case, is of a gripper that opens.
-
-    >>> [_named_of_gripper(n) for n in ("jointGripper", "moving_jaw_1", "GripperYaw", "handle")]
-    [True, True, False, False]
-    """
-    words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)
-    lower = [word.lower() for word in words]
-    turns = any(word.startswith(_TURNS) for word in lower)
-    return not turns and any(word.rstrip("s") in _GRIPS for word in lower)
-
-
-def _has_word(name: str, word: str) -> bool:
-    return re.search(rf"(^|[_-]){word}($|[_-])", name.lower()) is not None
-
-
-def _rigid(node: Node) -> list[Node]:
-    """The node and all that hangs on it without a joint, the nearest first."""
-    rigid = [node]
-    for own in rigid:  # grows
-        rigid += [child for child in own.children if not child.joints]
-    return rigid
-
-
-def _first_moving(node: Node) -> str:
-    return next((n.joints[0] for n in _all(node) if n.joints), "")
-
-
-def _base(before: list[Node]) -> str:
-    names = [node.name for node in before if node.name]
-    for name in names:
-        if re.search(r"(^|_)base_link$", name):
-            return name
-    solid = [name for name in names if not re.search(f"({'|'.join(_GROUND)})", name.lower())]
-    return (solid or names[-1:])[0]
-
-
-def _tip(path: Path, last: Node) -> str:
-    """What is named like a tool, else the end of the one rigid line."""
-    rigid = _rigid(last)
-    for word in _TIPS:
-        for node in rigid:
-            if _has_word(node.name, word):
-                return node.name
-    while len(last.children) == 1 and last.children[0] in rigid and last.children[0].name:
-        last = last.children[0]
-    if not last.name:
-        raise InputError(path, "", "its last body has no name", "name it, or give --tip")
-    return last.name
-
 
 _LARGEST_FILE = 100_000_000  # bytes
 
@@ -206,20 +28,26 @@ _LARGEST_FILE = 100_000_000  # bytes
 class Proposal:
     """A robot as found.
 
-    files : tuple of Path, the robot's file and what it includes
     held : tuple of str, joints of the file beside and beyond the chain, at zero
     dh_text : str, a DH table to be written and named by the cell, where the file itself cannot be
     notes : tuple of str, what was chosen; lacks : tuple of str, what the file does not tell
     """
 
-    form: Form
-    convention: Convention | None
-    files: tuple[Path, ...]
     robot: Robot
     held: tuple[str, ...]
     dh_text: str
     notes: tuple[str, ...]
     lacks: tuple[str, ...]
+
+    @property
+    def form(self) -> Form:
+        """Of the robot's file."""
+        return self.robot.source.form
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The robot's file and what it includes."""
+        return self.robot.source.files
 
 
 def propose(
@@ -239,37 +67,35 @@ def propose(
     Raises InputError.
     """
     head = read_bytes(path, _LARGEST_FILE).removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
-    kind = path.suffix.lower()
-    if kind in (".yaml", ".yml") and head != b"<":
+    kind = "" if head == b"<" else path.suffix.lower()
+    if kind in (".yaml", ".yml"):
         raise InputError(path, "", "is no URDF, MJCF or DH table", "take the maker's URDF")
-    tabular = head != b"<" and kind != ".conf"
-    if not tabular and convention is not None:
+    if convention is not None and (head == b"<" or kind == ".conf"):
         raise InputError(path, "", "is no DH table", "leave --dh out")
-    if kind == ".conf" and head != b"<":
+    if kind == ".conf":
         return _of_calibration(path, base, tip, model, others)
+    if convention is None and head != b"<":
+        what = "does not tell the convention of its DH table, which makes another arm of it"
+        raise InputError(path, "", what, "add --dh classic or --dh modified")
     notes: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
     form: Form = "dh"
-    if tabular and convention is None:
-        what = "does not tell the convention of its DH table, which makes another arm of it"
-        raise InputError(path, "", what, "add --dh classic or --dh modified")
     if head == b"<":
-        form, ends = _of_xml(path)
-        notes, moving = () if tip else ends.notes, ends.moving
-        base, tip = base or ends.base, tip or ends.tip
+        root = read_xml(path, "URDF or MJCF")
+        form = _form_of(path, root)
+        tree = mjcf_tree(compiled(path)[2]) if form == "mjcf" else urdf_tree(Urdf(path, root))
+        moving = tuple(joint for own in tree.all() for joint in own.joints)
+        first, last, chosen = ends_of(path, tree)
+        base, tip, notes = base or first, tip or last, () if tip else chosen
     robot = load_robot(form, path, base, tip, convention, others)
     held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
     notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
-    lacks = _lacks(form, robot)
-    if form == "urdf":
-        lacks += _absent(urdf_shapes(path, base, tip, others).unread)
-    return Proposal(form, convention, robot_files(form, path), robot, held, "", notes, lacks)
+    return Proposal(robot, held, "", notes, tuple(_lacks(robot)))
 
 
-def _of_xml(path: Path) -> tuple[Form, Ends]:
-    root = read_xml(path, "URDF or MJCF")
+def _form_of(path: Path, root: Element) -> Form:
     if root.tag == "mujoco":
-        return "mjcf", mjcf_ends(path)
+        return "mjcf"
     if root.tag != "robot":
         what = "is neither a URDF (<robot>) nor an MJCF (<mujoco>)"
         raise InputError(path, f"<{str(root.tag)[:40]}>", what)
@@ -278,7 +104,7 @@ def _of_xml(path: Path) -> tuple[Form, Ends]:
     if expressions or any(tag.startswith("{") and "xacro" in tag for tag in tags):
         what = "is a xacro file, which makes a URDF but is none"
         raise InputError(path, "", what, f"expand it first: xacro {path.name} > robot.urdf")
-    return "urdf", urdf_ends(path, root)
+    return "urdf"
 
 
 def _of_calibration(
@@ -291,45 +117,38 @@ def _of_calibration(
         raise InputError(path, "", what, "add --model, such as --model UR5e")
     table = read_ur_calibration(path, model)
     robot = robot_of_dh(table, model, base or "base", tip or "tool0")
+    robot = replace(robot, source=Source("dh", (path,), "classic"))
     note = (
         "its DH table was written anew, the same arm as the controller's: d stays where the nominal "
         "table has it, and beta (Hayati) holds the tilt of axes 2, 3 and 4"
     )
-    lacks = _lacks("dh", robot)
-    return Proposal("dh", "classic", (path,), robot, (), dh_text(table), (note,), lacks)
+    return Proposal(robot, (), dh_text(table), (note,), tuple(_lacks(robot)))
 
 
-def _absent(unread: tuple[str, ...]) -> tuple[str, ...]:
-    """Shapes that cannot be read, which nobody would miss before two links meet."""
-    if not unread:
-        return ()
-    more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
-    return (
-        f"no shape of {unread[0]}{more}: no collision is checked there; put the meshes "
-        "where the URDF says, or give [robot.capsules_mm]",
-    )
+def _lacks(robot: Robot) -> Iterator[str]:
+    """What the file does not tell, and what to do."""
+    source = str(robot.source)
 
+    def named(chosen: Mask) -> str:
+        return ", ".join(np.array(robot.joints)[chosen])
 
-def _lacks(form: Form, robot: Robot) -> tuple[str, ...]:
-    lacks = []
-    source = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}[form]
-    open_ended = ~np.isfinite(robot.limits).all(axis=1)
-    if open_ended.any():
-        names = ", ".join(np.array(robot.joints)[open_ended])
+    if open_ended := named(np.asarray(np.isinf(robot.limits).any(axis=1))):
         planned = "poses are planned within +-180 deg (+-1 m)"
         remedy = "give them in [robot.limits_deg] (or limits_mm)"
-        lacks.append(f"no limits of {names} in the {source}: {planned}; {remedy}")
-    lacks += odd_limits(robot)
-    still = robot.limits[:, 0] == robot.limits[:, 1]
-    if still.any():
-        names = ", ".join(np.array(robot.joints)[still])
-        lacks.append(f"no range of {names}: lower and upper limit are the same; mend the {source}")
+        yield f"no limits of {open_ended} in the {source}: {planned}; {remedy}"
+    yield from odd_limits(robot)
+    if still := named(np.asarray(robot.limits[:, 0] == robot.limits[:, 1])):
+        yield f"no range of {still}: lower and upper limit are the same; mend the {source}"
     if not robot.masses.any():
-        lacks.append(
+        yield (
             f"no link masses in the {source}: the arm's own weight bends nothing in the model; a load, "
             "wrench or payload still does, and gravity_sag finds sag without masses"
         )
-    elif (robot.masses == 0).any():
-        names = ", ".join(np.array(robot.joints)[robot.masses == 0])
-        lacks.append(f"no mass beyond {names} in the {source}: its weight counts as none")
-    return tuple(lacks)
+    elif light := named(~robot.masses.astype(bool)):
+        yield f"no mass beyond {light} in the {source}: its weight counts as none"
+    if unread := robot.shapes.unread if robot.source.form == "urdf" else ():
+        more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+        yield (
+            f"no shape of {unread[0]}{more}: no collision is checked there; put the meshes "
+            "where the URDF says, or give [robot.capsules_mm]"
+        )

@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 
 from calib.errors import InputError
 
-_LONGEST_NAME = 100  # characters
 ORDER = "give the files in the order that --help shows"
 """What to do with a file that is of another kind than its place in the call."""
 
@@ -60,17 +59,6 @@ def sha256(path: Path) -> str:
 
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def fault_of_name(name: str) -> str:
-    """What is wrong with the name of a marker, joint, pose or station; empty if nothing is."""
-    if not name:
-        return "is empty"
-    if not name.isprintable():
-        return "holds a character that cannot be printed"
-    if len(name) > _LONGEST_NAME:
-        return f"is longer than {_LONGEST_NAME} characters"
-    return ""
 
 
 _LARGEST_FILE = 20_000_000  # bytes; a robot's file holds text, meshes lie elsewhere

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import SIGMAS, UNITS
+from calib.files.columns import SIGMAS, UNITS, column_of, titles
 from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
 
@@ -22,25 +22,14 @@ _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[str]:
     """Every column that may hold a number of these instruments, or of these kinds."""
-    return {
-        _titled(column.name, unit)
-        for instrument in instruments
-        for column in instrument.columns
-        for unit in UNITS[column.quantity]
-    }
-
-
-def _titled(name: str, unit: str) -> str:
-    return f"{name}_{unit}" if unit else name
+    columns = (column for instrument in instruments for column in instrument.columns)
+    return {title for own in columns for title in titles(own.name, UNITS[own.quantity])}
 
 
 def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
     """Columns and SI factors in which readings are written."""
-    found = []
-    for column in instrument.columns:
-        unit, scale = next(iter(UNITS[column.quantity].items()))
-        found.append((_titled(column.name, unit), scale))
-    return found
+    found = (titles(own.name, UNITS[own.quantity]) for own in instrument.columns)
+    return [next(iter(named.items())) for named in found]
 
 
 def reading_columns(
@@ -49,20 +38,16 @@ def reading_columns(
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
     found = []
     for name, quantity, optional in instrument.columns:
-        named = [(_titled(name, unit), scale) for unit, scale in UNITS[quantity].items()]
-        present = [pair for pair in named if pair[0] in columns]
-        if not present and optional and name not in columns:
-            continue
-        if not present:
-            bare = f"column {name!r} has no unit"
-            what = bare if name in columns else f"column {named[0][0]} is missing"
+        named = titles(name, UNITS[quantity])
+        column = column_of(path, columns, name, UNITS[quantity], f"reading {name!r}")
+        if column is not None:
+            found.append((column, named[column]))
+        elif not optional:
             alike = {own.casefold(): own for own in columns}
-            other = next((alike[n.casefold()] for n, _ in named if n.casefold() in alike), None)
-            titles = " or ".join(n for n, _ in named)
-            if other is not None and other != name:
-                titles = f"{other.lower()} and not {other!r}"
-            raise InputError(path, "line 1", what, f"name it {titles}")
-        found.append(present[0])
+            other = next((alike[n.casefold()] for n in named if n.casefold() in alike), None)
+            right = f"{other.lower()} and not {other!r}" if other else " or ".join(named)
+            what = f"column {next(iter(named))} is missing"
+            raise InputError(path, "line 1", what, f"name it {right}")
     return found
 
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from calib.arm.robot import Convention, Form, Robot, Source
+from calib.arm.robot import Convention, Form, Robot
 from calib.errors import InputError
 from calib.files.dh import load_dh
-from calib.files.mjcf import load_mjcf, mjcf_files
-from calib.files.shapes import mjcf_shapes, urdf_shapes
+from calib.files.mjcf import load_mjcf
 from calib.files.urdf import load_urdf
 
 _FARTHEST = 50.0  # m: no link is as long
-READERS = {"urdf": load_urdf, "mjcf": load_mjcf}
-_SHAPES = {"urdf": urdf_shapes, "mjcf": mjcf_shapes}
 
 
 def load_robot(
@@ -34,14 +30,13 @@ def load_robot(
 
     Raises InputError.
     """
-    if others and form not in _SHAPES:
+    if form == "dh" and others:
         what, remedy = f"has one tip, and {others[0]!r} is another", "write the robot as a URDF"
         raise InputError(path, "", what, f"{remedy} or MJCF to have things on several links")
-    more = (others,) if others else ()
     if convention is not None:
         robot = load_dh(path, convention, base or "base", tip or "tip")
     else:
-        robot = READERS[form](path, base, tip, *more)
+        robot = (load_mjcf if form == "mjcf" else load_urdf)(path, base, tip, others)
     lengths = np.linalg.norm(robot.origins[:, :3, 3], axis=1)
     for name, length in zip((*robot.joints, *robot.tips), lengths, strict=True):
         if length > _FARTHEST:
@@ -49,13 +44,4 @@ def load_robot(
             remedy = f"if these are millimetres, write {length / 1e3:.4g}"
             where = f"origin of {name}"
             raise InputError(path, where, what, f"the file counts metres: {remedy}")
-    robot = replace(robot, source=Source(form, robot_files(form, path), convention))
-    if form not in _SHAPES:
-        return robot
-    shapes = _SHAPES[form](path, robot.base, robot.tip, *more)
-    return replace(robot, shapes=replace(shapes, own=bool(shapes.capsules)))
-
-
-def robot_files(form: Form, path: Path) -> tuple[Path, ...]:
-    """The file and all that it includes, which only an MJCF does. Raises InputError."""
-    return mjcf_files(path) if form == "mjcf" else (path,)
+    return robot

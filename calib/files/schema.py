@@ -3,41 +3,43 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from datetime import date, time
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Strict,
-    Tag,
-    model_validator,
-)
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from calib.arm.robot import FORMS, Form
-from calib.files.looking import check_boards
-from calib.files.values import (
-    BoardTable,
-    BodyTable,
-    Count,
-    Direction,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Range,
-    RidingTable,
-    TomlTable,
-    Vector,
-    form_of,
-    plain,
-)
-from calib.instruments import KINDS
+from calib.arm.robot import FORMS, Capsule, Form
+from calib.arrays import Array
+from calib.cell.cell import Repeatability
+from calib.cell.planned import Load, Pace, Planned
+from calib.instruments import KINDS, KnownDistance
+from calib.instruments.board_table import BoardTable, BodyTable, RidingTable
 from calib.instruments.camera_table import CameraTable
 from calib.instruments.points import TrackerTable
 from calib.instruments.protocol import TIP, WORLD, KeysTable
+from calib.keys import (
+    MM,
+    URAD,
+    Direction,
+    Mass,
+    Name,
+    NotNegative,
+    NotNegativeMetres,
+    Number,
+    Point,
+    Positive,
+    PositiveMetres,
+    Range,
+    TomlTable,
+    Vector,
+    Written,
+    form_of,
+    key,
+    plain,
+    times,
+)
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = KeysTable
@@ -47,41 +49,86 @@ else:
 
 
 class CapsuleTable(TomlTable):
-    start: Vector = Field(alias="from")
-    end: Vector = Field(alias="to")
+    """A capsule; a field cannot be called as its key is."""
+
+    start: Annotated[Vector, key("from")]
+    """one end of the axis, in the frame that turns with the joint; for base in the base's frame, for
+    tool in the tip's"""
+    end: Annotated[Vector, key("to")]
+    """the other end"""
     radius: Positive
+    """radius of the capsule"""
+
+    @property
+    def capsule(self) -> Capsule:
+        """In metres."""
+        (a, b, c), (d, e, f) = (np.array(p) * MM for p in (self.start, self.end))
+        return Capsule((a, b, c), (d, e, f), self.radius * MM)
 
 
 class AnchorTable(TomlTable):
-    before: Vector
-    after: Vector
+    """Where the spring of a gravity compensator hangs; m."""
+
+    before: Point
+    """anchor on the link before the joint, measured from the joint's origin"""
+    after: Point
+    """anchor on the link after the joint"""
 
 
 class CouplingTable(TomlTable):
+    """What moves a joint that has no drive."""
+
     of: Annotated[dict[str, Number], Field(min_length=1)]
+    """joints that move it, each with its factor (rad or m by rad or m)"""
     offset_deg: Number = 0.0
+    """where it stands when those are at zero"""
     offset_mm: Number = 0.0
+    """the same of a joint that slides"""
 
 
 class RobotTable(TomlTable):
+    """The robot's file, and what it does not say."""
+
     urdf: str | None = None
+    """the robot's file, relative to the cell; write one of urdf, mjcf, dh"""
     mjcf: str | None = None
+    """a MuJoCo model (posecal explain robots)"""
     dh: str | None = None
+    """a Denavit-Hartenberg table (posecal explain robots)"""
     dh_convention: Literal["classic", "modified"] | None = None
+    """convention of the DH table"""
     base: str = ""
+    """first link; its frame is that of gravity, obstacles and the instrument's position"""
     tip: str = ""
-    repeatability_mm: NotNegative | None = None
-    repeatability_urad: NotNegative | None = None
+    """last link; its frame is that of markers, payload and load"""
+    repeatability_mm: NotNegativeMetres | None = None
+    """repeatability of the arm, from visit to visit: one standard deviation of one coordinate of the
+    tip"""
+    repeatability_urad: Annotated[NotNegative, times(URAD)] | None = None
+    """the same for one component of the tip's rotation"""
     limits_deg: dict[str, Range] = {}
+    """narrower limits of joints that turn"""
     limits_mm: dict[str, Range] = {}
+    """narrower limits of joints that slide"""
     speed_deg_s: dict[str, Positive] = {}
+    """largest speed of joints that turn, instead of the robot file's, for the duration of a plan"""
     speed_mm_s: dict[str, Positive] = {}
+    """largest speed of joints that slide"""
     acceleration_deg_s2: dict[str, Positive] = {}
+    """largest acceleration of joints that turn; without it the full speed is reached in half a
+    second"""
     acceleration_mm_s2: dict[str, Positive] = {}
-    capsules_mm: dict[str, list[CapsuleTable]] = {}
+    """largest acceleration of joints that slide"""
+    capsules_mm: dict[str, list[CapsuleTable]] | None = None
+    """shapes of joints, base and tool, instead of those in the robot's file; an empty table means none
+    (posecal explain constraints)"""
     compensators_mm: dict[str, AnchorTable] = {}
+    """springs of gravity_compensator, by joint"""
     gear_ratio: dict[str, Positive] = {}
+    """turns of the motor (or wave generator) for one turn of the joint; gear_ripple is tried at this
+    ratio only"""
     coupled: dict[str, CouplingTable] = {}
+    """joints without a drive that others move together, as a rod keeps a link level"""
 
     @model_validator(mode="after")
     def _one_file(self) -> Self:
@@ -92,13 +139,11 @@ class RobotTable(TomlTable):
                 "dh and dh_convention go together; write dh_convention = 'classic' or 'modified': the "
                 "same numbers are another arm in the other"
             )
-        for key in ("base", "tip"):
-            if self.form in ("urdf", "mjcf") and not getattr(self, key):
-                raise ValueError(
-                    f"lacks {key}; name the {'first' if key == 'base' else 'last'} link or body"
-                )
-            if getattr(self, key):
-                plain(getattr(self, key))
+        for end, which in (("base", "first"), ("tip", "last")):
+            if not getattr(self, end) and self.form != "dh":
+                raise ValueError(f"lacks {end}; name the {which} link or body")
+            if getattr(self, end):
+                plain(getattr(self, end))
         return self
 
     @property
@@ -107,24 +152,24 @@ class RobotTable(TomlTable):
 
     @property
     def form(self) -> Form:
+        """In which the robot's file is."""
         return next(iter(self._files))
 
     @property
     def file(self) -> str:
+        """The robot's file."""
         return next(iter(self._files.values()))
 
+    @property
+    def repeatability(self) -> Repeatability | None:
+        """As stated; what is not stated beside the other is none."""
+        stated = self.repeatability_mm, self.repeatability_urad
+        return None if stated == (None, None) else Repeatability(*(own or 0.0 for own in stated))
 
-_HEAVIEST = 2500.0  # kg: the largest arms on the market carry 2300
+
 _PULLS_MOST = 30.0  # m/s^2
 _STANDARD = 9.80665
 _GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
-
-
-def _mass(kilograms: float) -> float:
-    if kilograms > _HEAVIEST:
-        grams = f"; if these are grams, write {kilograms / 1e3:g}"
-        raise ValueError(f"no arm carries so many kilograms{grams}")
-    return kilograms
 
 
 def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -137,105 +182,56 @@ def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
     return m_s2
 
 
-Mass = Annotated[NotNegative, AfterValidator(_mass)]
-
-
 class GravityTable(TomlTable):
-    m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -9.80665)
+    """Which way the base stands."""
+
+    m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -_STANDARD)
+    """gravity in the base's frame"""
 
 
 class PayloadTable(RidingTable):
+    """A body that is always carried."""
+
+    on: Name = TIP
+    """link that carries it, where that is not the tip"""
     mass_kg: Mass = 0.0
+    """mass that the arm carries at every pose"""
     com_mm: Vector = (0.0, 0.0, 0.0)
-
-
-class LoadTable(RidingTable):
-    mass_kg: Mass
-    com_mm: Vector
-    max_tilt_deg: Annotated[Number, Field(ge=0, le=90)] = 90.0
+    """its centre of mass, in the frame of its link"""
 
 
 class MarkerTable(TomlTable):
+    """A marker of which more is said than its position."""
+
     position: Vector
-    on: Name | None = None
+    """position of the marker"""
+    on: Name = TIP
+    """link on which it rides, where that is not the tip"""
     normal: Direction | None = None
+    """direction in which the marker looks, for line of sight"""
     acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
+    """largest angle between this direction and the line of sight"""
 
 
 Marker = Annotated[
-    Annotated[Vector, Tag("plain")] | Annotated[MarkerTable, Tag("table")], Discriminator(form_of)
+    Annotated[MarkerTable, Written(Vector, lambda point: MarkerTable(position=point)), Tag("plain")]
+    | Annotated[MarkerTable, Tag("table")],
+    Discriminator(form_of),
 ]
 
 
-class KnownDistanceTable(TomlTable):
-    between: tuple[Name, Name]
-    mm: Positive
-    sigma_mm: Positive
-
-
-class LevelsTable(TomlTable):
-    poses_per_level: Count
-    count: Count | None = None
-    min_separation_deg: NotNegative = 0.0
-    values_deg: list[Number] | None = None
-
-
-class BoxTable(TomlTable):
-    type: Literal["box"]
-    center_mm: Vector
-    size_mm: tuple[Positive, Positive, Positive]
-    rpy_deg: Vector = (0.0, 0.0, 0.0)
-
-
-class BallTable(TomlTable):
-    type: Literal["sphere"]
-    center_mm: Vector
-    radius_mm: Positive
-
-
-class HalfSpaceTable(TomlTable):
-    type: Literal["halfspace"]
-    point_mm: Vector
-    normal: Direction
-
-
-def _no_switch(value: object) -> object:
-    """Refuse the value that said that there is no floor: none is assumed."""
-    if value is False:
-        raise ValueError("takes a height; leave it out where there is no floor")
-    return value
-
-
-FloorHeight = Annotated[Number, BeforeValidator(_no_switch)]
-
-
-class DesignTable(TomlTable):
-    poses: Count | None = None
-    levels: dict[str, LevelsTable] = {}
-    targets: str | None = None
-    targets_after_h: NotNegative | None = None
-    repeats: Annotated[bool, Strict()] = False
-    reapproaches: Count | None = None
-    floor_mm: FloorHeight | None = None
-    margin_mm: NotNegative = 0.0
-    obstacle: list[
-        Annotated[BoxTable | BallTable | HalfSpaceTable, Field(discriminator="type")]
-    ] = []
-
-
-class TimingTable(TomlTable):
-    speed_percent: Annotated[Positive, Field(le=100)] = 10.0
-    settle_s: NotNegative = 2.0
-    read_s: NotNegative = 10.0
-    load_change_min: NotNegative = 2.0
-
-
 class DiagnosisTable(TomlTable):
+    """What a diagnosis need not ask."""
+
     exclude: list[str] = []
+    """causes that this robot cannot have: name or name:where"""
 
 
 class AcceptanceTable(TomlTable):
-    tolerance_mm: Positive
+    """What passes."""
+
+    tolerance_mm: PositiveMetres
+    """largest distance allowed between a held-out point and its prediction: pass or fail"""
 
 
 def _widths(value: object) -> object:
@@ -249,55 +245,79 @@ def _widths(value: object) -> object:
     )
 
 
+def _knots(angles: list[float]) -> Array:
+    if not angles or len(set(angles)) < len(angles):
+        raise ValueError("needs angles, each one once")
+    return np.sort(np.radians(angles))
+
+
 class ModelTable(TomlTable):
+    """What is identified."""
+
     effects: Annotated[list[str], Field(min_length=1)]
-    knots_deg: dict[str, list[Number]] = {}
+    """what is identified (posecal explain effects)"""
+    knots_deg: dict[str, Annotated[Array, Written(list[Number], _knots)]] = {}
+    """angles, by joint, at which stiffness_vs_angle has a coefficient; without it the plan's levels, or
+    angles of the data"""
     size_prior: Annotated[
         Literal["estimated", "off"] | dict[str, Positive], BeforeValidator(_widths)
     ] = "estimated"
+    """prior for the size of errors. It decides what few poses leave open. It is found from the data,
+    switched off, or stated as { geometry_mrad = 10, geometry_mm = 3 } (posecal explain uncertainty)"""
 
 
 _LONGEST_TEXT = 300
 
 
-def _told(value: object) -> object:
+def _line(value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float | date | time):
         raise ValueError("is no text, number or date")
     if len(str(value)) > _LONGEST_TEXT or not str(value).isprintable():
         raise ValueError(f"is no line of text, of {_LONGEST_TEXT} characters at most")
-    return value
-
-
-Told = Annotated[Any, AfterValidator(_told)]
-"""What a reader is told as it stands."""
+    return str(value)
 
 
 class CellFile(TomlTable):
     """The whole file."""
 
-    format: Literal[1] = Field(alias="schema")
+    format: Annotated[Literal[1], key("schema")]
+    """version of this format"""
     name: Name | None = None
+    """name of the cell; it stands before every result"""
     robot: RobotTable
     markers_mm: dict[Name, Marker] = {}
+    """rough positions of the markers in the tip frame: a position, or a table"""
     bodies: dict[Name, BodyTable] = {}
+    """frames on links that an instrument of kind pose reads"""
     boards: dict[Name, BoardTable] = {}
+    """boards of known shape that cameras see"""
     instrument: TrackerTable | None = None
     instruments: dict[Name, AnyInstrument] = {}
-    known_distances: list[KnownDistanceTable] = []
+    """several instruments, or other kinds; rows of the table name theirs"""
+    known_distances: list[KnownDistance] = []
+    """known distances between two sockets or two markers"""
     gravity: GravityTable = GravityTable()
     payload: PayloadTable = PayloadTable()
-    load: LoadTable | None = None
-    design: DesignTable = DesignTable()
-    timing: TimingTable = TimingTable()
+    load: Load | None = None
+    design: Planned = Planned()
+    timing: Pace = Pace()
     diagnosis: DiagnosisTable = DiagnosisTable()
     acceptance: AcceptanceTable | None = None
-    report: dict[Name, Told] = {}
+    report: dict[Name, Annotated[str, Written(Any, _line)]] = {}
     model: ModelTable
 
-    def on_of(self, marker: str) -> str:
-        """Where a marker rides: a link, or the tip."""
-        own = self.markers_mm[marker]
-        return (own.on if isinstance(own, MarkerTable) else None) or TIP
+    @model_validator(mode="before")
+    @classmethod
+    def _tip_by_one_name(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """Of what rides on the tip by the name of its link: ``on = "tip"``."""
+        robot = raw.get("robot")
+        tip = robot.get("tip") if isinstance(robot, dict) else None
+        for table in ("markers_mm", "bodies", "boards", "instruments", "payload", "load"):
+            own = raw.get(table)
+            for entry in [own, *own.values()] if isinstance(own, dict) else ():
+                if isinstance(entry, dict) and tip is not None and entry.get("on") == tip:
+                    entry["on"] = TIP
+        return raw
 
     def link(self, on: str) -> str:
         """The link that is named so."""
@@ -305,7 +325,7 @@ class CellFile(TomlTable):
 
     def link_of(self, marker: str) -> str:
         """The link on which a marker rides."""
-        return self.link(self.on_of(marker))
+        return self.link(self.markers_mm[marker].on)
 
     @property
     def cameras(self) -> dict[str, CameraTable]:
@@ -319,40 +339,20 @@ class CellFile(TomlTable):
         return {n: own for n, own in self.cameras.items() if own.rides_before(self.boards)}
 
     @property
-    def _reading_markers(self) -> list[str]:
-        """Cameras that read markers: all but those that ride before the world, or with all markers."""
-        links = set(map(self.on_of, self.markers_mm))
-        return [n for n, own in self.cameras.items() if links - {own.on} and n not in self.carried]
-
-    @property
-    def _riding(self) -> list[RidingTable]:
-        """All but markers that may ride on a link."""
-        found: list[RidingTable] = [*self.bodies.values(), *self.boards.values(), self.payload]
-        found += self.instruments.values()
-        return found if self.load is None else [*found, self.load]
-
-    @property
     def links(self) -> tuple[str, ...]:
         """Links beside the tip on which anything rides."""
-        every = [*map(self.on_of, self.markers_mm), *(own.on for own in self._riding)]
-        return tuple(link for link in dict.fromkeys(every) if link not in (TIP, WORLD))
-
-    @model_validator(mode="after")
-    def _tip_by_one_name(self) -> Self:
-        markers = [own for own in self.markers_mm.values() if isinstance(own, MarkerTable)]
-        every: list[MarkerTable | RidingTable] = [*markers, *self._riding]
-        for own in every:
-            if own.on == self.robot.tip:
-                own.on = TIP
-        return self
+        several = (self.markers_mm, self.bodies, self.boards, {"": self.payload}, self.instruments)
+        ridden = [own.on for table in several for own in table.values()]
+        ridden += [] if self.load is None else [self.load.on]
+        return tuple(link for link in dict.fromkeys(ridden) if link not in (TIP, WORLD))
 
     @model_validator(mode="after")
     def _load_once(self) -> Self:
         own, load = self.payload, self.load
-        apart = load is None or (own.com_mm, own.on) != (load.com_mm, load.on)
-        if load is None or apart or not own.mass_kg:
+        if load is None or not own.mass_kg or own.on != load.on:
             return self
-        if math.isclose(own.mass_kg, load.mass_kg, rel_tol=0.01):
+        same_place = np.array_equal(np.array(own.com_mm) * MM, load.com)
+        if same_place and math.isclose(own.mass_kg, load.mass, rel_tol=0.01):
             raise ValueError(
                 "[payload] and [load] are the same mass at the same place; it counts once: keep "
                 "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
@@ -371,20 +371,58 @@ class CellFile(TomlTable):
             )
         read = {entry.kind: entry.reads for entry in self.instruments.values()}
         read = read or {"points": "markers"}
-        touching = [kind for kind, what in read.items() if what == "markers"]
-        if touching and not self.markers_mm:
-            raise ValueError(f"reads {min(touching)} and has no [markers_mm]; add what is read")
-        facing = [kind for kind, what in read.items() if what == "bodies"]
-        if facing and not self.bodies:
-            raise ValueError(f"reads {min(facing)} and has no [bodies]; add what is read")
-        if self.bodies and not facing:
+        for what, table in (("markers", "markers_mm"), ("bodies", "bodies")):
+            kinds = [kind for kind, own in read.items() if own == what]
+            if kinds and not getattr(self, table):
+                raise ValueError(f"reads {min(kinds)} and has no [{table}]; add what is read")
+        if self.bodies and "bodies" not in read.values():
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        reading = self._reading_markers
-        if not touching and self.markers_mm and not reading:
+        links = {own.on for own in self.markers_mm.values()}
+        # Cameras that read markers: all but those that ride before the world, or with all markers.
+        reading = [
+            n for n, own in self.cameras.items() if links - {own.on} and n not in self.carried
+        ]
+        if self.markers_mm and "markers" not in read.values() and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        check_boards(self.cameras, self.boards, reading)
-        named = [*self.markers_mm, *self.bodies, *self.boards, *self.carried]
-        if len(named) > len(set(named)):
-            twice = next(name for name in named if named.count(name) > 1)
-            raise ValueError(f"{twice!r} names two things; rename one")
+        self._check_boards(reading)
+        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
+        for name in (own for own, count in named.items() if count > 1):
+            raise ValueError(f"{name!r} names two things; rename one")
         return self
+
+    def _check_boards(self, reading: list[str]) -> None:
+        """Each camera sees something, and each board is seen.
+
+        reading : cameras that read markers
+        """
+        seen = set[str]()
+        for name, camera in self.cameras.items():
+            for one in camera.boards or ():
+                if one not in self.boards or self.boards[one].on == camera.on:
+                    fault = "rides with it" if one in self.boards else "is none of [boards]"
+                    raise ValueError(f"has camera {name}, whose board {one} {fault}; take it out")
+            own = camera.seen(self.boards)
+            if not own and name not in reading:
+                raise ValueError(
+                    f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
+                    "on = 'tip', or [markers_mm]"
+                    if camera.on == WORLD
+                    else f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
+                    "[boards.NAME] with on = 'world', or on another link"
+                )
+            if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
+                raise ValueError(
+                    f"has camera {name}, that sees boards in the world and on other links; name some "
+                    "of one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
+                )
+            seen |= own.keys()
+        for name, board in self.boards.items():
+            if name not in seen:
+                other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
+                raise ValueError(
+                    f"has board {name} on {_named(board.on)} and no camera {other} that sees it"
+                )
+
+
+def _named(on: str) -> str:
+    return f"the {on}" if on in (TIP, WORLD) else on

@@ -6,23 +6,24 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TypeAlias
+from pathlib import Path, PurePosixPath
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from calib.arm.mimic import Mimic
-from calib.arm.robot import Place, Robot, weights_of
-from calib.arm.se3 import from_xyz_rpy
+from calib.arm.robot import Place, Robot, Source, weights_of
+from calib.arm.se3 import from_xyz_rpy, transformed
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.read import fault_of_name, read_xml
+from calib.files.read import read_xml
+from calib.files.shapes import Span, mesh_vertices, shapes_of, spanned
+from calib.keys import fault_of_name
 
 _LARGEST_NUMBER = 1e9  # in SI units
 _ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding
 _MOST_JOINTS = 100  # that move
-MOVING = ("revolute", "continuous", "prismatic")
+_MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +38,8 @@ class UrdfJoint:
 
     @property
     def moves(self) -> bool:
-        return self.kind in MOVING
-
-
-Chain: TypeAlias = list[UrdfJoint]
-"""Joints from the base to the tips, parents first, fixed ones among them."""
+        """Whether it does."""
+        return self.kind in _MOVING
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +75,15 @@ class Urdf:
             raise InputError(self.path, where, f"{text!r} holds a number of no plausible size")
         return values
 
-    def number(self, where: str, text: str) -> float:
-        """The only number of a text."""
-        return float(self.numbers(where, text, 1)[0])
+    def number(self, where: str, element: Element | None, key: str, default: str = "0") -> float:
+        """A number of an element that need not be there."""
+        return float(self.numbers(where, _attribute(element, key, default), 1)[0])
 
     def origin(self, where: str, element: Element) -> Array:
         """The <origin> of an element as a transform, shape (4, 4), m."""
         own = element.find("origin")
         xyz, rpy = (
-            self.numbers(f"{where} origin {key}", attribute(own, key, "0 0 0"))
+            self.numbers(f"{where} origin {key}", _attribute(own, key, "0 0 0"))
             for key in ("xyz", "rpy")
         )
         return from_xyz_rpy(xyz, rpy)
@@ -122,8 +120,8 @@ class Urdf:
             found[name] = UrdfJoint(element, name, element.get("type", ""), *links)
         return found
 
-    def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> Chain:
-        """Joints from link ``base`` to link ``tip``, then those to other links."""
+    def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> list[UrdfJoint]:
+        """Joints from ``base`` to ``tip``, then those to other links: parents first, fixed ones too."""
         links = [link.get("name", "") for link in self.root.findall("link")]
         on = [("'on' of what it carries", other) for other in others]
         for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):
@@ -136,15 +134,19 @@ class Urdf:
                 what = f"type {joint.kind!r} is not supported"
                 remedy = "use revolute, continuous, prismatic or fixed joints"
                 raise InputError(self.path, f"joint {joint.name}", what, remedy)
-        if not any(joint.moves for joint in chain):
+        moving = sum(joint.moves for joint in chain)
+        if not moving:
             what = "the chain has no moving joint"
             raise InputError(self.path, "", what, "check [robot] base and tip")
+        if moving > _MOST_JOINTS:
+            what = f"has {moving} moving joints, at most {_MOST_JOINTS} are possible"
+            raise InputError(self.path, "", what, "fix the others")
         return chain
 
-    def _way(self, base: str, tip: str) -> Chain:
+    def _way(self, base: str, tip: str) -> list[UrdfJoint]:
         """Joints of the only way from one link down to another."""
         by_child = {joint.child: joint for joint in self.joints.values()}
-        way: Chain = []
+        way: list[UrdfJoint] = []
         link = tip
         while link != base:
             if link not in by_child or len(way) > len(by_child):
@@ -154,21 +156,16 @@ class Urdf:
             link = by_child[link].parent
         return way[::-1]
 
-    def places(self, base: str, chain: Chain) -> dict[str, Place]:
-        """Where every link of the arm is.
-
-        Joints beside the chain, of whatever type, and beyond its tips are held at zero.
-        """
-        found = {base: (0, np.eye(4))}
+    def places(self, base: str, chain: Sequence[UrdfJoint]) -> dict[str, Place]:
+        """Where every link of the arm is; joints beside the chain, of any type, are held at zero."""
+        found: dict[str, Place] = {base: (0, np.eye(4))}
         moving = 0
         for joint in chain:
             k, T = found[joint.parent]
-            if joint.moves:
-                moving += 1
-                found[joint.child] = moving, np.eye(4)
-            else:
-                found[joint.child] = k, T @ self.origin_of(joint)
-        beside: dict[str, Chain] = {}
+            moving += joint.moves
+            at = (moving, np.eye(4)) if joint.moves else (k, T @ self.origin_of(joint))
+            found[joint.child] = at
+        beside: dict[str, list[UrdfJoint]] = {}
         for joint in self.joints.values():
             beside.setdefault(joint.parent, []).append(joint)
         pending = list(found)
@@ -181,7 +178,7 @@ class Urdf:
         return found
 
 
-def attribute(element: Element | None, key: str, default: str) -> str:
+def _attribute(element: Element | None, key: str, default: str) -> str:
     """An attribute of an element that need not be there."""
     return default if element is None else element.get(key, default)
 
@@ -189,8 +186,8 @@ def attribute(element: Element | None, key: str, default: str) -> str:
 def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
     """Read the joints from link ``base`` to link ``tip``, and to other links that are tips as well.
 
-    Fixed joints are folded into the next origin; masses that hang on a moving link by other joints
-    than these, which are held at zero, are gathered into it. An effort or speed of 0 means: not
+    Fixed joints are folded into the next origin; masses and shapes that hang on a moving link by other
+    joints than these, which are held at zero, are gathered into it. An effort or speed of 0 means: not
     given. A joint that mimics another stays a joint of the robot and follows its master.
 
     Raises InputError for what is not well-formed, no way of revolute, continuous or prismatic joints,
@@ -201,34 +198,34 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     weights = list(_weights(urdf))
     places = urdf.places(base, chain)
     moving = [joint for joint in chain if joint.moves]
-    n = len(moving)
-    if n > _MOST_JOINTS:
-        what = f"has {n} moving joints, at most {_MOST_JOINTS} are possible"
-        raise InputError(urdf.path, "", what, "fix the others")
+    names = tuple(joint.name for joint in moving)
     hung = [(*places[joint.parent], urdf.origin_of(joint)) for joint in moving]
     hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
     axes = np.array([_axis(urdf, joint) for joint in moving])
-    stated = [_limits(urdf, joint) for joint in moving]
-    limits = np.array([own for own, _, _ in stated])
-    mimics = tuple(own for joint in moving if (own := _mimic(urdf, joint)) is not None)
-    _keep_within_masters(urdf, mimics, [joint.name for joint in moving], limits)
-    masses, coms = weights_of(
-        n, ((places[link], mass, com) for link, mass, com in weights if link in places)
+    limits, efforts, speeds = map(
+        np.array, zip(*(_limits(urdf, own) for own in moving), strict=True)
     )
+    mimics = tuple(own for joint in moving if (own := _mimic(urdf, joint)) is not None)
+    _keep_within_masters(urdf, mimics, names, limits)
+    on_arm = ((places[link], mass, com) for link, mass, com in weights if link in places)
+    masses, coms = weights_of(len(moving), on_arm)
+    unread: list[str] = []
     return Robot(
         name=urdf.root.get("name", ""),
         base=base,
         tip=tip,
-        joints=tuple(joint.name for joint in moving),
+        joints=names,
         prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
         origins=np.array([T @ own for _, T, own in hung]),
         axes=axes,
         limits=limits,
-        efforts=np.array([effort for _, effort, _ in stated]),
-        speeds=np.array([speed for _, _, speed in stated]),
+        efforts=efforts,
+        speeds=speeds,
         masses=masses,
         coms=coms,
         mimics=mimics,
+        shapes=shapes_of(names, _spans(urdf, places, unread), unread),
+        source=Source("urdf", (urdf.path,)),
         others=tuple(others),
         parents=tuple(k for k, _, _ in hung),
     )
@@ -241,7 +238,7 @@ def _weights(urdf: Urdf) -> Iterator[tuple[str, float, Array]]:
         if inertial is None:
             continue
         where = f"link {link.get('name')}"
-        mass = urdf.number(f"{where} mass", attribute(inertial.find("mass"), "value", "0"))
+        mass = urdf.number(f"{where} mass", inertial.find("mass"), "value")
         if mass < 0:
             what = f"is negative ({mass:g} kg)"
             raise InputError(urdf.path, f"{where} mass", what, "correct it")
@@ -255,8 +252,8 @@ def _mimic(urdf: Urdf, joint: UrdfJoint) -> Mimic | None:
     while (mimic := urdf.joints[name].element.find("mimic")) is not None:
         passed.append(name)
         name = mimic.get("joint", "")
-        offset += factor * urdf.number(where, mimic.get("offset", "0"))
-        factor *= urdf.number(where, mimic.get("multiplier", "1"))
+        offset += factor * urdf.number(where, mimic, "offset")
+        factor *= urdf.number(where, mimic, "multiplier", "1")
         if name not in urdf.joints or not urdf.joints[name].moves or not factor:
             what = f"mimics {name!r}, which is no joint that moves it"
             remedy = "correct its <mimic>, or write it as a fixed joint"
@@ -270,7 +267,7 @@ def _mimic(urdf: Urdf, joint: UrdfJoint) -> Mimic | None:
 
 
 def _keep_within_masters(
-    urdf: Urdf, mimics: tuple[Mimic, ...], names: list[str], limits: Array
+    urdf: Urdf, mimics: tuple[Mimic, ...], names: tuple[str, ...], limits: Array
 ) -> None:
     """Narrow limits (n, 2), in place, of joints whose master stands outside the chain, to its own.
 
@@ -291,7 +288,7 @@ def _keep_within_masters(
 
 def _axis(urdf: Urdf, joint: UrdfJoint) -> Array:
     where = f"joint {joint.name} axis"
-    axis = urdf.numbers(where, attribute(joint.element.find("axis"), "xyz", "1 0 0"))
+    axis = urdf.numbers(where, _attribute(joint.element.find("axis"), "xyz", "1 0 0"))
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise InputError(urdf.path, where, "has no length", "name a direction")
@@ -300,16 +297,59 @@ def _axis(urdf: Urdf, joint: UrdfJoint) -> Array:
 
 def _limits(urdf: Urdf, joint: UrdfJoint) -> tuple[tuple[float, float], float, float]:
     """Lower and upper limit, infinite without any; effort and speed, NaN where none is given."""
-    limit = joint.element.find("limit")
-    if limit is None:
-        return (-math.inf, math.inf), math.nan, math.nan
-    where = f"joint {joint.name} limit"
-    effort, speed = (
-        urdf.number(where, limit.get(key, "0")) or math.nan for key in ("effort", "velocity")
-    )
-    if joint.kind == "continuous":
+    limit, where = joint.element.find("limit"), f"joint {joint.name} limit"
+    effort, speed = (urdf.number(where, limit, key) or math.nan for key in ("effort", "velocity"))
+    if limit is None or joint.kind == "continuous":
         return (-math.inf, math.inf), effort, speed
-    lower, upper = (urdf.number(where, limit.get(key, "0")) for key in ("lower", "upper"))
+    lower, upper = (urdf.number(where, limit, key) for key in ("lower", "upper"))
     if lower > upper:
         raise InputError(urdf.path, where, f"lower {lower} is above upper {upper}")
     return (lower, upper), effort, speed
+
+
+def _spans(urdf: Urdf, places: dict[str, Place], unread: list[str]) -> Iterator[Span]:
+    """Collision shapes of the arm's links; what cannot be read is named with its reason."""
+    links = {link.get("name", ""): link for link in urdf.root.findall("link")}
+    for name, place in places.items():
+        for element in links[name].findall("collision") if name in links else ():
+            where = f"link {name}"
+            try:
+                points, radius = _spanned(urdf, where, element)
+                T = urdf.origin(f"{where} collision", element)
+            except InputError as error:
+                unread.append(f"{name} ({Path(error.file).name} {error.what})")
+            else:
+                yield place, transformed(T, points), radius
+
+
+def _spanned(urdf: Urdf, where: str, collision: Element) -> tuple[Array, float]:
+    """Points (n, 3), m, and a radius about them that hold the shape."""
+    geometry = collision.find("geometry")
+    shapes = [] if geometry is None else [own for own in geometry if isinstance(own.tag, str)]
+    if len(shapes) != 1:
+        raise InputError(urdf.path, where, "its collision has no geometry")
+    (shape,) = shapes
+    if shape.tag == "mesh":
+        scale = urdf.numbers(where, shape.get("scale", "1 1 1"))
+        size = mesh_vertices(_mesh_file(urdf.path, shape.get("filename", ""))) * scale
+    elif shape.tag == "box":
+        size = 0.5 * urdf.numbers(where, shape.get("size", ""))
+    elif shape.tag in ("sphere", "cylinder", "capsule"):
+        length = "radius" if shape.tag == "sphere" else "length"
+        size = np.abs([urdf.number(where, shape, key, "") for key in ("radius", length)]) * [1, 0.5]
+    else:
+        raise InputError(urdf.path, where, f"{shape.tag!r} is no shape that can be read")
+    return spanned(shape.tag, size)
+
+
+def _mesh_file(path: Path, name: str) -> Path:
+    """Where a mesh lies: beside the URDF, or in the package above or below a folder above it."""
+    scheme, _, rest = name.rpartition("://")
+    if scheme != "package":
+        return path.parent / rest
+    parts = PurePosixPath(rest).parts
+    for folder in path.resolve().parents:
+        for own in (parts, parts[1:]):
+            if own and (found := folder.joinpath(*own)).is_file():
+                return found
+    return path.parent / rest

@@ -15,7 +15,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
-from calib.files.columns import ANGLES, LENGTHS, WRENCH, joint_columns, move_name, torque_columns
+from calib.files.columns import ANGLES, LENGTHS, WRENCH, joint_columns, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
@@ -125,7 +125,7 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
             cell.robot.joints, cell.robot.prismatic, poses.motion.T, strict=True
         ):
             unit, scale = next(iter((LENGTHS if slides else ANGLES).items()))
-            found[move_name(joint, unit)] = [f"{value / scale:.9g}" for value in own]
+            found[f"move_{joint}_{unit}"] = [f"{value / scale:.9g}" for value in own]
     if len(poses.stations) > 1:
         found["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:

@@ -11,21 +11,12 @@ from pydantic import Field
 
 from calib.arm.se3 import inverse, so3_log
 from calib.arrays import Array
-from calib.files.values import (
-    MM,
-    BoardTable,
-    BodyTable,
-    Count,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    TomlTable,
-)
+from calib.instruments.board_table import BoardTable, BodyTable
 from calib.instruments.camera import FREE, ArmCamera, Camera, FixedCamera
 from calib.instruments.detection import LEAST_MARKER, LEAST_SQUARE, Board
 from calib.instruments.lens import Lens
 from calib.instruments.protocol import WORLD, CellParts, KeysTable
+from calib.keys import MM, Count, Name, NotNegative, Number, Positive, TomlTable, Vector
 
 Pixels = tuple[Positive, Positive]
 Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
@@ -35,10 +26,13 @@ class IntrinsicsStd(TomlTable):
     """Standard deviations of parts of a lens."""
 
     focal_px: Positive | None = None
+    """standard deviation of the focal length"""
     center_px: Positive | None = None
+    """standard deviation of the principal point"""
     distortion: Positive | Annotated[list[Positive], Field(min_length=4, max_length=5)] | None = (
         None
     )
+    """standard deviation of the coefficients"""
 
 
 class CameraTable(BodyTable, KeysTable):
@@ -46,19 +40,35 @@ class CameraTable(BodyTable, KeysTable):
 
     reads = "boards"
     kind: Literal["camera"]
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    """camera: position, in the frame of its link or the base"""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """camera: orientation, z ahead and x to the right of the image"""
     on: Name = WORLD
-    boards: Annotated[list[Name], Field(min_length=1)] | None = None  # else all it may see
+    """where it is fixed: world, tip, or a link of the robot"""
+    boards: Annotated[list[Name], Field(min_length=1)] | None = None
+    """camera: boards that it looks at; without it all that do not ride with it"""
     focal_px: Positive | Pixels
+    """camera: focal length, one number or two"""
     center_px: tuple[Number, Number]
+    """camera: principal point"""
     distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """camera: k1 k2 p1 p2 k3, as OpenCV"""
     image_px: Pixels | None = None
+    """camera: size of the image"""
     sigma_px: Positive
+    """camera: one standard deviation of one coordinate, of a board that looks large (`posecal
+    explain camera`)"""
     free: list[Literal["focal", "center", "distortion"]] = []
+    """camera: parts of the lens that are identified"""
     intrinsics_std: (
         IntrinsicsStd | Annotated[list[NotNegative], Field(min_length=1, max_length=9)] | None
-    ) = None  # in a list: fx, fy, cx, cy and the distortion; zero for what is known
+    ) = None
+    """camera: standard deviation of the lens values; a list is fx fy cx cy k1 k2 p1 p2 k3"""
     max_tilt_deg: Annotated[Positive, Field(lt=90)] = 60.0
+    """camera: largest angle between the line of sight and a board's normal in a plan"""
     min_points: Count | None = None
+    """camera: fewest points by which a plan counts a board; without it all of a chessboard"""
 
     def seen(self, boards: Mapping[str, BoardTable]) -> dict[str, BoardTable]:
         """The boards that it looks at: those that it names, else all that do not ride with it."""

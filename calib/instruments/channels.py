@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.protocol import Instrument, Number
+from calib.keys import STRICT, Name, PositiveMetres, key
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +108,12 @@ class Channels:
 
 @dataclass(frozen=True)
 class KnownDistance:
-    """A length known between two sockets or two markers, by their names: it reads no pose.
+    """A length [m] known between two sockets or two markers, by their names: it reads no pose."""
 
-    length, sigma : float, m
-    """
-
-    between: tuple[str, str]
-    length: float
-    sigma: float
+    __pydantic_config__ = STRICT
+    between: tuple[Name, Name]
+    """their names"""
+    length: Annotated[PositiveMetres, key("mm")]
+    """the distance"""
+    sigma: Annotated[PositiveMetres, key("sigma_mm")]
+    """its standard deviation"""

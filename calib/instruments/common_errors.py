@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from calib.arrays import Array
-from calib.files.values import NotNegative, Number, Positive, TomlTable, form_of
+from calib.keys import NotNegative, Number, Positive, TomlTable, form_of
 
 _REFRACTION = (
     2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
@@ -124,9 +124,13 @@ class LimitTable(TomlTable):
     """A limit with its distribution, which makes a standard uncertainty."""
 
     limit: Positive
+    """instead of a number: the largest error"""
     distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "rectangular"
+    """distribution within the limits; it sets the divisor"""
     divisor: Positive | None = None
+    """for a normal distribution: limit / divisor = one standard uncertainty"""
     degrees_of_freedom: Annotated[Number, Field(ge=1)] | None = None
+    """degrees of freedom of the statement; infinite if absent"""
 
     @model_validator(mode="after")
     def _own_divisor(self) -> Self:
@@ -149,13 +153,21 @@ class CommonTable(TomlTable):
     """Errors that all readings share: their keys in a cell."""
 
     scale_um_m: Uncertainty | None = None
+    """error that all readings share, as one standard uncertainty or a table: length scale"""
     r0_um: Uncertainty | None = None
+    """shared error of the zero of the range"""
     transverse_um: Uncertainty | None = None
+    """shared error across the beam, at any range"""
     transverse_um_m: Uncertainty | None = None
+    """shared error across the beam, in proportion to the range"""
     eccentricity_urad: Uncertainty | None = None
+    """shared error of the angle encoders, once a turn"""
     temperature_degC: Uncertainty | None = None  # noqa: N815
+    """error of the air temperature: 0.92 um/m per kelvin by refraction"""
     pressure_hPa: Uncertainty | None = None  # noqa: N815
+    """error of the air pressure: 0.27 um/m per hectopascal"""
     level_urad: Uncertainty | None = None
+    """error of the levelling, which tilts gravity"""
 
     def errors(self) -> tuple[CommonError, ...]:
         """Those that are stated; a number is one standard uncertainty."""

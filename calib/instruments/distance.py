@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import AfterValidator, Strict, model_validator
 
 from calib.arrays import Array, Mask
-from calib.files.values import MM, NotNegative, Positive, Vector, ordered
 from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
 from calib.instruments.protocol import (
     ZERO,
@@ -22,6 +21,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.keys import MM, NotNegative, Positive, Vector, ordered
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +109,13 @@ class DistanceTable(KeysTable):
 
     kind: Literal["distance"]
     sigma_mm: Positive
+    """one standard deviation of a length"""
     anchor_mm: Vector | None = None
+    """distance: where it is measured from; found if absent"""
     offset: Annotated[bool, Strict()] = False
+    """distance: whether a constant is added to it"""
     reach_mm: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ordered)] | None = None
+    """distance: shortest and longest value, from anchor_mm"""
 
     @model_validator(mode="after")
     def _reach_from_somewhere(self) -> Self:

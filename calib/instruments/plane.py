@@ -11,7 +11,6 @@ from pydantic import model_validator
 
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
-from calib.files.values import MM, Direction, Positive, Vector
 from calib.instruments.even import Surface, best, contacts
 from calib.instruments.protocol import (
     ZERO,
@@ -23,6 +22,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.keys import MM, Direction, Positive, Vector
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are one
@@ -104,8 +104,11 @@ class PlaneTable(KeysTable):
     rides = False
     kind: Literal["plane"]
     sigma_mm: Positive
+    """one standard deviation of a length"""
     position_mm: Vector | None = None
+    """plane: a point of it, in the base's frame"""
     normal: Direction | None = None
+    """plane: outward normal; with position_mm plans know where to touch it"""
 
     @model_validator(mode="after")
     def _whole_plane(self) -> Self:

@@ -10,7 +10,6 @@ from pydantic import Discriminator, Tag
 
 from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
-from calib.files.values import MM, NotNegative, Positive, TomlTable, Vector
 from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
@@ -23,6 +22,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.keys import MM, NotNegative, Positive, TomlTable, Vector
 from calib.noise import Noise
 
 
@@ -113,17 +113,24 @@ class PolarSigma(TomlTable):
     """Standard deviations along and across the beam."""
 
     range_mm: Positive
+    """standard deviation along the beam"""
     transverse_mm: Positive
+    """standard deviation across the beam"""
     range_mm_per_m: NotNegative = 0.0
+    """growth of range_mm for each metre of range"""
     transverse_mm_per_m: NotNegative = 0.0
+    """growth of transverse_mm for each metre of range"""
 
 
 class MpeSigma(TomlTable):
     """A maximum permissible error, and what makes a standard deviation of it."""
 
     mpe_mm: Positive
+    """maximum permissible error"""
     mpe_mm_per_m: NotNegative = 0.0
+    """growth of mpe_mm for each metre of range"""
     divisor: Positive
+    """standard deviation = maximum permissible error / divisor"""
 
 
 def _kind_of_sigma(value: Any) -> str:
@@ -145,7 +152,11 @@ class TrackerTable(TomlTable):
     """``[instrument]``, the only one of a cell."""
 
     sigma_mm: Sigma
+    """one standard deviation of one coordinate; or a table: by range, or from a maximum
+    permissible error"""
     position_mm: Vector | None = None
+    """position in the base's frame, for range and line of sight; without it the range is from the
+    origin of the readings"""
     common: CommonTable = CommonTable()
 
     def tracker(self, name: str, reads: tuple[int, ...] | None) -> Tracker:
@@ -165,6 +176,7 @@ class PointsTable(TrackerTable, KeysTable):
     """A tracker among several instruments: its keys in a cell."""
 
     kind: Literal["points"]
+    """kind of instrument (posecal explain instruments)"""
 
     def instrument(self, name: str, cell: CellParts) -> Tracker:
         return self.tracker(name, cell.read_from(self.on))

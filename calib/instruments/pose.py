@@ -16,7 +16,6 @@ from pydantic import model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
-from calib.files.values import MM, SMALLEST, URAD, Positive, Row
 from calib.instruments.placing import hand_eye
 from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
@@ -30,6 +29,7 @@ from calib.instruments.protocol import (
     Start,
 )
 from calib.instruments.riding import CORNERS, DIFFERENCES
+from calib.keys import MM, SMALLEST, URAD, Positive, Row
 from calib.noise import Noise
 
 _OFF_UNIT = 0.01  # that a quaternion's length may be off by, from rounding
@@ -175,8 +175,11 @@ class PoseTable(KeysTable):
     reads = "bodies"
     kind: Literal["pose"]
     sigma_mm: Positive | None = None
+    """one standard deviation of a length"""
     sigma_urad: Positive | None = None
-    covariance: tuple[Row, Row, Row, Row, Row, Row] | None = None  # mm and urad, body axes
+    """pose: one standard deviation of an angle"""
+    covariance: tuple[Row, Row, Row, Row, Row, Row] | None = None
+    """pose: replaces both sigmas, 6 x 6, mm and urad, body axes"""
 
     @model_validator(mode="after")
     def _one_noise(self) -> Self:

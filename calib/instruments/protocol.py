@@ -11,7 +11,7 @@ frame, which an instrument may read, or ride on. How it stands against the robot
     columns             how a row stands in a table
     numbers             what it says of an error, by which figures are grouped
     position            where the picture shows it, and lines of sight end
-    a KeysTable         its keys in a cell, and the instrument that they make
+    a KeysTable         its keys in a cell, below each what it means, and the instrument that they make
 
 and one entry in ``calib.instruments.KINDS``.
 
@@ -29,7 +29,8 @@ import numpy as np
 from pydantic import model_validator
 
 from calib.arrays import Array, IntArray, Mask
-from calib.files.values import BoardTable, Name, RidingTable
+from calib.instruments.board_table import BoardTable, RidingTable
+from calib.keys import Name
 
 WORLD, TIP = "world", "tip"
 """Where things stand that ride on no link, and what a cell calls the robot's last one."""
@@ -304,6 +305,7 @@ class KeysTable(RidingTable, ABC):
     rides: ClassVar[bool] = True
     kind: str
     on: Name = WORLD
+    """where it is fixed: world, tip, or a link of the robot"""
 
     @model_validator(mode="after")
     def _rides(self) -> Self:

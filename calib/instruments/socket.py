@@ -9,7 +9,6 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.files.values import MM, Positive, Vector
 from calib.instruments.even import POINT, Surface, contacts
 from calib.instruments.placing import Apart, levers
 from calib.instruments.protocol import (
@@ -22,6 +21,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.keys import MM, Positive, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,9 @@ class SocketTable(KeysTable):
     rides = False
     kind: Literal["socket"]
     sigma_mm: Positive
+    """one standard deviation of a length"""
     position_mm: Vector | None = None
+    """socket: its centre, in the base's frame"""
 
     def instrument(self, name: str, cell: CellParts) -> Socket:
         standing = None if self.position_mm is None else np.array(self.position_mm)[None] * MM

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import inspect
+import itertools
 import json
 import re
 import sys
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from calib.errors import InputError
 
@@ -67,53 +70,103 @@ TABLES = (
 )  # fmt: skip
 
 
-def meanings() -> dict[str, str]:
-    """What each key means. ``NAME`` is the user's; ``[]`` an entry of a list of tables."""
-    text = (files("studies.explain") / "cell_keys.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+class Key(NamedTuple):
+    """What may stand at a key of the cell, and what it means, each once."""
+
+    forms: dict[str, None]
+    meanings: dict[str, None]
 
 
 def rows(table: str) -> list[tuple[str, str, str]]:
     """Key, form and meaning of every key of a table; of those above all tables for an empty name."""
-    told = meanings()
     return [
-        (key.removeprefix(table).lstrip("[].") or table, " or ".join(found), told[key])
-        for key, found in forms().items()
+        (
+            key.removeprefix(table).lstrip("[].") or table,
+            " or ".join(found.forms),
+            "; ".join(found.meanings),
+        )
+        for key, found in keys().items()
         if table == ("" if key in _ABOVE else re.split(r"\W", key)[0])
     ]
 
 
-def forms() -> dict[str, dict[str, None]]:
-    """What may stand at every key of the cell, from its schema."""
+@cache
+def keys() -> dict[str, Key]:
+    """Every key of the cell. ``NAME`` is the user's; ``[]`` an entry of a list of tables."""
     from calib.files.schema import CellFile
 
     schema = CellFile.model_json_schema()
-    found: dict[str, dict[str, None]] = {}
-    for key, form in _keys(schema, schema["$defs"], ""):
-        found.setdefault(_COMMON.sub("instrument.common.KEY.", key), {})[form] = None
-    return {key: own for key, own in found.items() if not key.startswith(_TOLD)}
+    found: dict[str, Key] = {}
+    known = {"CellFile": schema, **schema["$defs"]}
+    told = _told_below(sys.modules)
+    for name, table in known.items():
+        for key, own_key in table.get("properties", {}).items():
+            own_key["description"] = _inherited(told, name, key)
+    for path, form, meaning in _keys(schema, known, "", ""):
+        own = found.setdefault(_COMMON.sub("instrument.common.KEY.", path), Key({}, {}))
+        own.forms[form] = None
+        if meaning:
+            own.meanings[meaning] = None
+    for path, own in found.items():  # those of kind points stand under [instrument]
+        tracker = found.get(path.replace("instruments.NAME", "instrument"), own)
+        for meaning in tracker.meanings.keys() & own.meanings if tracker is not own else ():
+            del own.meanings[meaning]
+    return {path: own for path, own in found.items() if not path.startswith(_TOLD)}
 
 
-def _keys(schema: Any, known: dict[str, Any], path: str) -> Iterator[tuple[str, str]]:
-    """Keys and forms below a path, every choice in turn."""
+_WITH_TABLES = ("calib.files.schema", "calib.cell.planned", "calib.instruments.")
+
+
+def _told_below(modules: Mapping[str, ModuleType]) -> dict[str, dict[str, str]]:
+    """By class, what stands below each field, by its key; of its bases by ``""``.
+
+    pydantic would read it at every start, for a tenth of a second.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for module in [own for name, own in modules.items() if name.startswith(_WITH_TABLES)]:
+        for table in ast.parse(inspect.getsource(module)).body:
+            if isinstance(table, ast.ClassDef):
+                own = found[table.name] = {"": " ".join(map(ast.unparse, table.bases))}
+                for field, below in itertools.pairwise(table.body):
+                    if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+                        named = re.search(r"key\('(\w+)'\)", ast.unparse(field.annotation))
+                        text = ast.literal_eval(below.value)
+                        own[named[1] if named else ast.unparse(field.target)] = " ".join(
+                            text.split()
+                        )
+    return found
+
+
+def _inherited(told: dict[str, dict[str, str]], table: str, key: str) -> str:
+    """What a table says of a key, or else its bases."""
+    own = told.get(table, {"": ""})
+    return own.get(key) or next(
+        filter(None, (_inherited(told, b, key) for b in own[""].split())), ""
+    )
+
+
+def _keys(
+    schema: Any, known: dict[str, Any], path: str, meaning: str
+) -> Iterator[tuple[str, str, str]]:
+    """Keys, forms and meanings below a path, every choice in turn."""
     if "$ref" in schema:
         schema = known[schema["$ref"].rpartition("/")[2]]
     for choice in schema.get("anyOf", schema.get("oneOf", ())):
-        yield from _keys(choice, known, path)
+        yield from _keys(choice, known, path, meaning)
     dot = f"{path}." if path else ""
     if "properties" in schema:
         for key, own in schema["properties"].items():
-            yield from _keys(own, known, f"{dot}{key}")
+            yield from _keys(own, known, f"{dot}{key}", own.get("description", ""))
     elif isinstance(own := schema.get("additionalProperties"), dict):
-        inner = [*_keys(own, known, f"{dot}NAME")]
-        forms = dict.fromkeys(form for key, form in inner if key == f"{dot}NAME")
-        yield path, f"by name: {' or '.join(forms) or 'table'}"
-        yield from (pair for pair in inner if pair[0] != f"{dot}NAME")
+        inner = [*_keys(own, known, f"{dot}NAME", meaning)]
+        forms = dict.fromkeys(form for key, form, _ in inner if key == f"{dot}NAME")
+        yield path, f"by name: {' or '.join(forms) or 'table'}", meaning
+        yield from (entry for entry in inner if entry[0] != f"{dot}NAME")
     elif schema.get("type") == "array" and "$ref" in str(schema.get("items")):
-        yield path, "list of tables"
-        yield from _keys(schema["items"], known, f"{path}[]")
+        yield path, "list of tables", meaning
+        yield from _keys(schema["items"], known, f"{path}[]", meaning)
     elif form := _form(schema):
-        yield path, form
+        yield path, form, meaning
 
 
 def _form(schema: Any) -> str:

@@ -23,7 +23,8 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     robot_file : the robot's file as seen from the cell
     """
     robot = found.robot
-    convention = f'dh_convention = "{found.convention}"\n' if found.convention else ""
+    said = robot.source.convention
+    convention = f'dh_convention = "{said}"\n' if said else ""
     return f"""\
 # A measurement cell, proposed by `posecal init`. Edit the lines marked EDIT.
 schema = 1

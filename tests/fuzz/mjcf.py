@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.files.mjcf import load_mjcf, mjcf_files
+from calib.files.mjcf import load_mjcf
 from tests.calib.mjcf_arms import random_mjcf
 from tests.fuzz.reader import PART, parts, put
 
@@ -16,7 +16,7 @@ def mjcf(folder: Path, content: bytes) -> object:
     main, other = parts(content, 2)
     path = put(folder, "arm.xml", main)
     put(folder, "part.xml", other)
-    return mjcf_files(path), load_mjcf(path, "base", "tip")
+    return load_mjcf(path, "base", "tip")
 
 
 _ARM = """\

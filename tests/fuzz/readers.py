@@ -13,9 +13,9 @@ import numpy as np
 
 import calib
 from calib.files.estimate import load_values
+from calib.files.robot_out import corrected_urdf
 from calib.files.tables import holds_points, load_plan, load_targets
 from calib.files.urdf import load_urdf
-from calib.files.urdf_out import corrected_urdf
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect

@@ -12,8 +12,8 @@ import calib
 from calib import Cell, Poses
 from calib.arm.kinematics import forward
 from calib.arrays import Array
+from calib.files.robot_out import corrected_urdf
 from calib.files.urdf import load_urdf
-from calib.files.urdf_out import corrected_urdf
 from studies.demo.embedded import simulated
 from tests.helpers import with_effects
 

@@ -10,7 +10,8 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.cell import Repeatability
+from calib.cell import Load, Repeatability
+from calib.cell.planned import Pace
 from calib.diagnosis.candidates import candidates
 from calib.errors import InputError
 from calib.model.build import build
@@ -100,3 +101,35 @@ def test_geometry_at_places_leaves_its_parts_elsewhere_in_the_contest(
     for kind, ends in (("joint_offset", ()), ("link_geometry", ("tool0",))):
         places = {key.partition(":")[2] for key in here if key.startswith(f"{kind}:")}
         assert places == {*cell.robot.joints, *ends} - {"A2", "A4", "tool0"}
+
+
+def test_a_table_of_the_cell_is_what_its_constructor_makes(tmp_path: Path) -> None:
+    """Keys have units, fields are in SI."""
+    cell = cell_with(
+        tmp_path,
+        more="[timing]\nspeed_percent = 20\nload_change_min = 3\n[payload]\ncom_mm = [1, 2, 3]\n",
+    )
+    assert cell.load == Load(250.0, (0.3, 0.0, 0.15), cell.load.max_tilt if cell.load else 0.0)
+    assert cell.pace == Pace(speed=0.2, load=180.0)
+    assert cell.payload.com == pytest.approx((1e-3, 2e-3, 3e-3), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "place"),
+    [
+        ('focal_px = "long"', "focal_px"),
+        ("intrinsics_std = { distortion = true }", "intrinsics_std"),
+    ],
+)
+def test_the_place_is_keys_alone_whatever_forms_a_value_may_have(
+    tmp_path: Path, value: str, place: str
+) -> None:
+    path = paper_cell(tmp_path)
+    camera = "[boards.b]\non = 'tip'\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\n"
+    camera += "kind = 'camera'\nfocal_px = 1200\ncenter_px = [640, 480]\nsigma_px = 0.1\n"
+    camera = camera.replace("focal_px = 1200", value) if place == "focal_px" else camera + value
+    path.write_text(path.read_text().replace("[instrument]\nsigma_mm = 0.010", camera + "\n"))
+    with pytest.raises(InputError) as caught:
+        calib.load_cell(path)
+    assert str(caught.value.where).startswith(f"instruments.cam.{place}")
+    assert "[" not in str(caught.value.where)

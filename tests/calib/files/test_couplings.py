@@ -16,8 +16,7 @@ from calib.arm.mimic import Coupling, ties_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.cell import load_cell
-from calib.files.couplings import coupled
+from calib.files.cell import coupled, load_cell
 from calib.files.schema import CouplingTable
 from calib.files.tables import load_measurements
 from calib.files.write_tables import joint_header, measurements_csv

@@ -15,7 +15,7 @@ from calib.arm.kinematics import forward, link_origins
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.mjcf import load_mjcf, mjcf_files
+from calib.files.mjcf import load_mjcf
 from calib.poses import poses_at
 from tests.calib.mjcf_arms import random_mjcf
 from tests.helpers import GRAVITY
@@ -104,7 +104,7 @@ def test_includes_stand_in_their_place_and_are_named(tmp_path: Path) -> None:
     robot = load_mjcf(path, "base", "tip")
     np.testing.assert_array_equal(robot.limits, [[-1.0, 2.0]])
     names = ["scene.xml", "parts/arm.xml", "parts/deep/link.xml"]
-    assert [f.relative_to(tmp_path).as_posix() for f in mjcf_files(path)] == names
+    assert [f.relative_to(tmp_path).as_posix() for f in robot.source.files] == names
     reference = mujoco.MjModel.from_xml_path(str(path))
     assert reference.body("tip").pos[2] == robot.origins[0, 2, 3] == 1.0
 

@@ -16,7 +16,6 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cell import load_cell
 from calib.files.robot_out import corrected_robot
-from calib.files.shapes import urdf_shapes
 from tests.calib.arm.test_mujoco import in_mujoco
 from tests.trees import as_mjcf, placed, random_tree, read, tips_of, urdf
 
@@ -157,7 +156,6 @@ def test_shapes_beside_the_chain_go_with_the_link_that_carries_them(
     joints, chain = random_tree(seed)
     tip = f"c{len(chain)}"
     robot = read(tmp_path, joints, tip)
-    shapes = urdf_shapes(tmp_path / "tree.urdf", "c0", tip)
     T = placed(joints, {})
     owner: dict[str, str] = {"c0": "base"}
     for joint in joints:
@@ -165,7 +163,7 @@ def test_shapes_beside_the_chain_go_with_the_link_that_carries_them(
             own = joint.name if joint.name in robot.joints else owner[joint.parent]
             owner[joint.child] = own
     carrier = {"base": "c0"} | {j.name: j.child for j in joints}
-    for name, capsules in shapes.capsules.items():
+    for name, capsules in robot.shapes.capsules.items():
         links = [j for j in joints if owner.get(j.child) == name]
         frame = np.linalg.inv(T[carrier[name]])
         expected = sorted(tuple((frame @ T[j.child] @ [*j.com, 1.0])[:3]) for j in links)

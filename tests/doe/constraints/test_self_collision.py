@@ -10,7 +10,7 @@ import pytest
 
 from calib import Cell
 from calib.arm.robot import Capsule, Shapes
-from calib.arm.se3 import so3_exp, transform
+from calib.arm.se3 import rpy_from_rotation, so3_exp, transform
 from calib.cell.planned import Ball, Box, HalfSpace
 from calib.errors import CalibError
 from doe.constraints import constraints_of, scene_of, visible
@@ -109,7 +109,7 @@ def test_answers_do_not_depend_on_the_base_axes() -> None:
     assert isinstance(ball, Ball)
     assert isinstance(space, HalfSpace)
     obstacles = (
-        replace(box, T_base_box=T @ box.T_base_box),
+        replace(box, centre=R @ box.centre + p, rpy=rpy_from_rotation(R @ box.T_base_box[:3, :3])),
         replace(ball, centre=R @ ball.centre + p),
         replace(space, point=R @ space.point + p, normal=R @ space.normal),
     )

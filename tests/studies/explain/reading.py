@@ -52,11 +52,11 @@ def texts() -> Iterator[tuple[str, str]]:
     """What is read, by name: the README, what ``--help`` says, every topic, effects and criteria."""
     from calib.effects import EFFECTS
     from doe.criteria import CRITERIA
-    from studies.explain.topics import criterion_text, effect_text, meanings, written
+    from studies.explain.topics import criterion_text, effect_text, keys, written
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())
-    yield "cell keys", as_table(meanings().values())
+    yield "cell keys", as_table(text for key in keys().values() for text in key.meanings)
     yield (
         "effects and criteria",
         "\n\n".join([*map(effect_text, EFFECTS), *map(criterion_text, CRITERIA)]),

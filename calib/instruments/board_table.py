@@ -1,88 +1,32 @@
-"""Values of the cell file, each with what it must be: numbers, names, frames, boards."""
+"""What a cell says of things that ride on a link or stand in the world: frames and boards."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import Field, Strict, model_validator
 
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
-from calib.files.read import fault_of_name
-
-_LARGEST = 1e9  # in any unit
-MM, URAD = 1e-3, 1e-6
-"""SI of the units of most keys."""
-SMALLEST = 1e-9
-
-
-def _plausible(value: float) -> float:
-    if abs(value) > _LARGEST:
-        raise ValueError("is of no plausible size")
-    return value
-
-
-def _not_vanishing(value: float) -> float:
-    if value < SMALLEST:
-        raise ValueError("is too small to mean anything")
-    return value
-
-
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_plausible)]
-Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_vanishing)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Count = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
-Vector = tuple[Number, Number, Number]
-Row = tuple[Number, Number, Number, Number, Number, Number]
-
-
-def plain(name: str) -> str:
-    if fault := fault_of_name(name):
-        raise ValueError(f"the name {fault}")
-    return name
-
-
-Name = Annotated[str, AfterValidator(plain)]
-
-
-def ordered(limits: tuple[float, float]) -> tuple[float, float]:
-    if limits[0] > limits[1]:
-        raise ValueError(f"lower limit {limits[0]:g} is above upper limit {limits[1]:g}")
-    return limits
-
-
-def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    if max(map(abs, vector)) < SMALLEST:
-        raise ValueError("a direction must not be zero")
-    return vector
-
-
-Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
-Direction = Annotated[Vector, AfterValidator(_direction)]
-
-
-def form_of(value: Any) -> str:
-    """Whether a key that may hold either holds a table or one plain value."""
-    return "table" if isinstance(value, dict) else "plain"
-
-
-class TomlTable(BaseModel):
-    """A TOML table without unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+from calib.keys import MM, Count, Name, Positive, TomlTable, Vector
 
 
 class RidingTable(TomlTable):
     """The table of something that may ride on a link of the robot."""
 
     on: Name = "tip"
+    """link on which it rides, where that is not the tip"""
 
 
 class BodyTable(RidingTable):
+    """A frame."""
+
     position_mm: Vector = (0.0, 0.0, 0.0)
+    """rough position in the frame of its link, or the world"""
     rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """rough orientation: roll, pitch, yaw"""
 
     @property
     def frame(self) -> Array:
@@ -100,16 +44,28 @@ Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 
 
 class BoardTable(BodyTable):
+    """A board: its points one by one, or how they are arranged."""
+
     on: Name
+    """where it is fixed: world, tip, or a link of the robot"""
     points_mm: dict[Name, tuple[Anywhere, Anywhere, Anywhere]] = {}
+    """points by name, in the board's frame"""
     squares: tuple[Count, Count] | None = None
+    """squares of a chessboard, across and down; its points are the inner corners, row by row"""
     pitch_mm: Positive | None = None
-    marker_mm: Positive | None = None  # of the markers in its white squares
+    """edge of a square"""
+    marker_mm: Positive | None = None
+    """edge of the markers in the white squares, for a ChArUco board"""
     tags: tuple[Count, Count] | None = None
+    """instead of squares: tags across and down; their corners are 3_0 .. 3_3"""
     tag_mm: Positive | None = None
+    """edge of a tag"""
     gap_mm: Positive | None = None
+    """gap between two tags"""
     first_tag: Annotated[int, Strict(), Field(ge=0, le=1_000_000)] = 0
-    dictionary: str | None = None  # of markers or tags, as OpenCV calls it
+    """number of the first tag"""
+    dictionary: str | None = None
+    """OpenCV's name of the markers or tags, such as DICT_5X5_100"""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:

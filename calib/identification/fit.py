@@ -21,11 +21,11 @@ from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.identification.noise_scales import noise_scales
 from calib.identification.outliers import Judgement, judged
 from calib.identification.start import strayed
+from calib.inference.widths import Widths
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable
 from calib.observations import Observation, Points, points_of
-from calib.prior import Widths
 from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances, scatter_of
 from calib.solver import Minimum
 

@@ -11,10 +11,10 @@ from calib.cell import Cell
 from calib.identification.checks import outnumbered
 from calib.identification.estimators import Estimator
 from calib.identification.fit import Estimation, search, weighed_search
+from calib.inference.widths import Elementary, SizePrior, Widths, widths_of
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.observations import Observation
-from calib.prior import Elementary, Prior, Widths, widths_of
 from calib.scatter import VarianceEstimate
 from calib.solver import condensed
 
@@ -45,7 +45,7 @@ def fitted(
 def _with_prior(
     cell: Cell,
     fit: Estimation,
-    prior: Prior,
+    prior: SizePrior,
     lost: tuple[int, ...] = (),
     before: VarianceEstimate | None = None,
 ) -> Estimation:

@@ -12,14 +12,14 @@ import pytest
 import calib
 import doe
 from calib import Cell
-from calib import prior as sizes
 from calib.arrays import Array
 from calib.errors import UnknownEffect
+from calib.inference import widths as sizes
+from calib.inference.widths import Elementary, widths_of
 from calib.model.build import build
 from calib.model.sizes import elementary, stated
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.prior import Elementary, widths_of
 from calib.simulation import drawn_readings
 from tests.helpers import cell_of, random_robot
 

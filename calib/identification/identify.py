@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -13,18 +12,15 @@ from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
-from calib.identification.estimators import Estimator, Method
-from calib.identification.fit import Estimation
-from calib.identification.identification import Identification, Status
+from calib.identification.estimate import estimated
+from calib.identification.estimators import Method
+from calib.identification.identification import Identification, identification
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.residuals import Residuals, predicted
-from calib.identification.sizes import fitted
+from calib.identification.residuals import predicted
 from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
-from calib.model.build import Built, build, refuse_idle_effects
-from calib.model.common_errors import considered
-from calib.model.covariance import ignorance
+from calib.model.build import build, refuse_idle_effects
 from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
@@ -37,7 +33,6 @@ from calib.observations import (
 )
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
-from calib.result import fields_of
 from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
@@ -67,16 +62,16 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
-    check_options(length, approach=approach, method=method, weighting=weighting)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
     asked = cell.size_prior == "estimated"
+    check_options(length, approach=approach, method=method, weighting=weighting)
     check_counts(model, data, _SHARE if asked else 1.0)
     refuse_idle_effects(cell, model, data.poses)
     try:
         start = initial_values(model, data)
-        refuse_mistakes(model, data, start)
         weights = whitening(cell, model, start, data)
+        refuse_mistakes(model, data, start)
         points, start = with_tunings(Points(model, data, weights), start)
         if approach == "pose":
             check_orientable(model, data, start)
@@ -89,70 +84,12 @@ def identify(
             shape = points.model.marker_positions(start)
             observation = as_poses(points, shape, weighting, length)
         errors = elementary(model, built.full) if asked else None
-        fit = fitted(cell, Estimator(method), observation, start, errors)
+        found = estimated(cell, method, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    held = None if heldout is None else predicted(cell, fit, heldout)
-    return _identification(built, fit, _nominal(fit.observation, start), held, approach)
-
-
-def _identification(
-    built: Built, fit: Estimation, nominal: Array, held: Residuals | None, approach: Approach
-) -> Identification:
-    """The result of an estimate.
-
-    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
-    """
-    model, values, span = fit.model, fit.values, fit.span
-    observation, counted, data = fit.observation, fit.counted, fit.observation.data
-    stated, hidden = fit.stated_covariance, fit.by_undetected
-    residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
-    parts = _parts(fit, residuals, nominal, held)
-    by_instrument: dict[tuple[str, str], dict[str, float]] = {}
-    for key, (part, poses) in parts.items():
-        for name, unit, errors in part.errors(poses):
-            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
-            by_instrument.setdefault((name, unit), {}).update(rms)
-    status: Status = "rank_deficient" if fit.choice.unidentifiable else "converged"
-    if not (fit.best.converged and fit.regular):
-        status = "not_converged"
-    # Poses whose markers were measured and do not count.
-    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
-    follow = partial(counted.followed, values, span)
-    return Identification(
-        **fields_of(fit),
-        covariance=stated * fit.widening**2 + (0.0 if hidden is None else hidden[0]),
-        ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
-        status=status,
-        approach=approach,
-        method=fit.estimator.method,
-        absorbed=built.dropped,
-        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
-        unused=tuple(data.poses.names[i] for i in np.flatnonzero(idle)),
-        fit=residuals,
-        heldout=held,
-        nominal=nominal,
-        distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
-        by_instrument=by_instrument,
-        footprint=model.footprint(values, data),
-        undetected=hidden,
-        common=considered(model, values, data, follow),
-    )
-
-
-def _parts(
-    fit: Estimation, residuals: Residuals, nominal: Array, held: Residuals | None
-) -> dict[str, tuple[Residuals, Mask | None]]:
-    """Residuals whose lengths are told, and the poses (m,) they are of, all where None."""
-    model, data = fit.model, fit.observation.data
-    parts: dict[str, tuple[Residuals, Mask | None]] = {
-        "nominal": (Residuals.of(model, data, nominal), None),
-        "fitted": (residuals, fit.kept),
-        "fitted_all": (Residuals.of(model, data, fit.first.values), None),
-    }
-    if held is not None:
-        parts |= {"heldout": (held, None), "heldout_trimmed": (held, ~held.outlier)}
-    return parts
+    held = None if heldout is None else predicted(cell, found, heldout)
+    nominal = _nominal(found.observation, start)
+    return identification(found, approach, built.dropped, held, nominal)
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:

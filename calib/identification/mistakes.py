@@ -17,7 +17,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.errors import ImplausibleData
 from calib.identification.checks import refuse_unreachable
 from calib.identification.slips import Slip, reordered, tables, two_zeros
-from calib.identification.start import initial_values, missed_by
+from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -84,7 +84,7 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
     if tracked is None:  # what people get wrong is known of points only
         return
     model, data = tracked
-    found = recognised(model, data, missed_by(model, data, start))
+    found = recognised(model, data, _missed_by(model, data, start))
     if found is not None:
         raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
     refuse_unreachable(model, data, _UNREACHED)
@@ -117,6 +117,12 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
 # -- the nominal arm over some readings ------------------------------------------------------------
 
 
+def _missed_by(model: Model, data: Measurements, values: Array) -> Array:
+    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
+    off = model.off(values, data)
+    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Placed:
     """Base and markers under the nominal arm.
@@ -138,7 +144,7 @@ def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
     kept = seen = np.asarray(data.seen.any(axis=1))
     for _ in range(rounds):
         values = initial_values(model, data.take(kept))
-        missed = missed_by(model, data, values)
+        missed = _missed_by(model, data, values)
         near = seen & (missed <= _GROSS * np.median(missed[kept]))
         if np.array_equal(near, kept):
             break
@@ -218,8 +224,8 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
     rows = np.flatnonzero(there)
     moved = replace(data.take(rows), poses=data.poses.take(rows + by))
     for values in _placings(model, (moved, data), near):
-        before, after = missed_by(model, data, values), np.full(len(data), np.inf)
-        after[rows] = missed_by(model, moved, values)
+        before, after = _missed_by(model, data, values), np.full(len(data), np.inf)
+        after[rows] = _missed_by(model, moved, values)
         as_read, as_moved = before <= near, after <= near
         only = np.flatnonzero(as_moved & ~as_read)
         if len(only) < _FEWEST:
@@ -275,8 +281,8 @@ def _exchanged(model: Model, data: Measurements, far: float) -> Mistake | None:
         values = _settled(model, own)
         if values is not None:
             order[here] = _best_order(model, own, values)
-            before[here] = missed_by(model, own, values)
-            after[here] = missed_by(model, reordered(own, order[here]), values)
+            before[here] = _missed_by(model, own, values)
+            after[here] = _missed_by(model, reordered(own, order[here]), values)
     limit = np.minimum(_ARM * model.robot.reach, before / _TIMES)
     wrong = np.flatnonzero((before > far) & (after <= limit))
     if not len(wrong):

@@ -12,12 +12,13 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, in_parts, stacked
+from calib.arrays import Array, Mask, in_parts, stacked
+from calib.inference.leave_out import leave_groups_out
 from calib.linear import LinearProblem
 from calib.model.covariance import covariance
 from calib.poses import Measurements, Poses
@@ -40,9 +41,7 @@ class Judgement:
     limit: float
 
 
-def judged(
-    data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof: Callable[[], int]
-) -> Judgement:
+def judged(data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof: int) -> Judgement:
     """What a fit to the poses kept, shape (m,), says of every pose.
 
     linear : LinearProblem, of all poses; rows : int, of each; dof : of the poses kept
@@ -54,12 +53,10 @@ def judged(
         return Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((linear.r[kept] ** 2).sum())
     share = independent_share(data.in_place(linear.r).reshape(len(kept), -1), kept)
-    tested = statistics, counted, kept, cost, dof(), share
+    one = changed_pose(statistics, counted, kept, cost, dof, share)
     fresh = kept.copy()
-    if (back := wrongly_out(*tested)) is not None:
-        fresh[back] = True
-    elif (worst := next_outlier(*tested)) is not None:
-        fresh[worst] = False
+    if one is not None:
+        fresh[one] = not kept[one]
     return Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
 
 
@@ -152,10 +149,13 @@ def independent_share(r: Array, kept: Mask) -> float:
     return min(1.0, 1.0 / max(together * max(count, 1), 1e-12))
 
 
-def next_outlier(
+def changed_pose(
     statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
 ) -> int | None:
-    """The worst of the kept poses of a small set, if the fit without it says so, else None.
+    """The pose of a small set that the fit judges otherwise than it was counted, None where none is.
+
+    One that was left out and agrees with the fit without it comes back first; else the worst of the
+    kept goes, if the fit without it says so. Of a pose without rows nothing says that it agrees.
 
     statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
         :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
@@ -165,36 +165,23 @@ def next_outlier(
     """
     from scipy.special import fdtrc
 
-    m = len(kept)
-    if m - int(kept.sum()) >= max(1, int(_MOST * m)):
-        return None
+    m, out = len(kept), ~kept & (rows > 0)
+
+    def by_chance(mean_square: float, k: int, rest: float, left: int) -> bool:
+        F = mean_square * left / rest if rest > 1e-300 else np.inf
+        return float(fdtrc(share * k, share * left, F)) >= _ALPHA / m
+
+    if out.any() and dof > 0:
+        best = int(np.where(out, statistics, np.inf).argmin())
+        if by_chance(statistics[best], int(rows[best]), cost, dof):
+            return best
     drop = np.where(kept, statistics * rows, 0.0)
     worst = int(drop.argmax())
     k, left = int(rows[worst]), dof - int(rows[worst])
-    if not 0 < k <= left:
+    if m - int(kept.sum()) >= max(1, int(_MOST * m)) or not 0 < k <= left or not drop[worst]:
         return None
     rest = max(cost - drop[worst], np.finfo(float).eps * cost)
-    F = drop[worst] / k * left / rest if rest > 0.0 else 0.0
-    return worst if float(fdtrc(share * k, share * left, F)) < _ALPHA / m else None
-
-
-def wrongly_out(
-    statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
-) -> int | None:
-    """The pose of a small set that was left out and agrees best with the fit without it, else None.
-
-    The test of :func:`next_outlier`, the other way round; arguments, shapes (m,), as there. A pose
-    without rows stays out: nothing says that it agrees.
-    """
-    from scipy.special import fdtrc
-
-    out = ~kept & (rows > 0)
-    if not out.any() or dof <= 0:
-        return None
-    best = int(np.where(out, statistics, np.inf).argmin())
-    F = statistics[best] * dof / cost if cost > 1e-300 else np.inf
-    k = share * int(rows[best])
-    return best if float(fdtrc(k, share * dof, F)) >= _ALPHA / len(kept) else None
+    return None if by_chance(drop[worst] / k, k, rest, left) else worst
 
 
 # -- poses that stand alone ----------------------------------------------------------------------
@@ -209,32 +196,6 @@ _MOST_LEFT_OUT = 1.0 / 3.0  # of the configurations, that are left out at an end
 _WIDER = 1.5  # times the widest gap among the others
 _FREE = 1e-3  # of a direction that the others must still tell
 _STANDS_OUT = 3.0  # times the mean square of a usual pose, below which none is an outlier
-
-
-@dataclass(frozen=True, eq=False)
-class _Others:
-    """A fit to some poses: residuals y (m, R), basis Q (m, R, k), of all poses, zero where they take no
-    part; rows (m,), how many numbers each has.
-    """
-
-    y: Array
-    Q: Array
-    rows: IntArray
-
-    def missed(self, one: Mask, out: Mask) -> float | None:
-        """Mean square over its variance of what the poses ``one`` miss by, fitted without ``out``.
-
-        None where the others do not tell them.
-        """
-        k = self.Q.shape[-1]
-        F, own = self.Q[out].reshape(-1, k), self.Q[one].reshape(-1, k)
-        rest = np.eye(k) - F.T @ F
-        if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
-            return None
-        off = self.y[one].ravel() + own @ np.linalg.solve(rest, F.T @ self.y[out].ravel())
-        told = own.T @ off  # by Woodbury: a pose may have been read ten thousand times
-        square = float(off @ off - told @ np.linalg.solve(rest + own.T @ own, told))
-        return square / max(1, int(self.rows[one].sum()))
 
 
 def extrapolation_factor(
@@ -254,11 +215,10 @@ def extrapolation_factor(
         others = kept & ~one & counted
         if others.sum() < 2 or statistics[one].max() <= _STANDS_OUT * typical or typical <= 0.0:
             continue
-        fit = _fitted(linear, others)
         more = [
             max(0.0, square / typical - 1.0) * max(1.0, far / reached) ** 2
             for end, out, reached in _ends(poses, others, far)
-            if (square := fit.missed(end, out)) is not None
+            if (square := _missed(linear, others, end, out)) is not None
         ]
         found[one] = 1.0 + (float(np.mean(more)) if more else np.inf)
     return found
@@ -283,10 +243,22 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
         yield poses.configuration == each[i], share
 
 
-def _fitted(linear: LinearProblem, others: Mask) -> _Others:
+def _missed(linear: LinearProblem, others: Mask, one: Mask, out: Mask) -> float | None:
+    """Mean square over its variance of what some poses miss by, fitted to the others without ``out``.
+
+    None where those do not tell them.
+    """
     r, J = linear.r * others[:, None], linear.J * others[:, None, None]
-    fit = replace(linear, r=r, J=J, mixing=None, weighing=None).complement
-    return _Others(*fit.at_readings, linear.J.any(axis=-1).sum(axis=-1))
+    y, X = replace(linear, r=r, J=J, mixing=None, weighing=None).fitted
+    asked, group = np.zeros(len(y), dtype=bool), np.zeros(len(y), dtype=np.int_)
+    asked[: r.size], group[: r.size] = (np.repeat(of, r.shape[1]) for of in (one, out))
+    found = leave_groups_out(X @ linear.span, y, group, least=_FREE)
+    if not found.determined[-1]:
+        return None
+    off, S = found.residual[asked], found.spread[asked]
+    told = S.T @ off  # by Woodbury: a pose may have been read ten thousand times
+    square = float(off @ off - told @ np.linalg.solve(np.eye(S.shape[1]) + S.T @ S, told))
+    return square / max(1, int(J[one].any(axis=-1).sum()))
 
 
 def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, float]]:

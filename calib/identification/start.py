@@ -81,12 +81,6 @@ def _tip_before(
     return back @ R, rotate(back, o - frames.o[here, under])
 
 
-def missed_by(model: Model, data: Measurements, values: Array) -> Array:
-    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = model.off(values, data)
-    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
-
-
 def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
     """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
     limits = _ABSURD * model.sizes

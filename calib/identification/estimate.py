@@ -7,61 +7,27 @@ by how noisy the readings turned out to be.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.identification.checks import outnumbered
-from calib.identification.components import variance_components
+from calib.identification.components import Estimation, arm_scatter, with_variances
 from calib.identification.estimators import Method
-from calib.identification.fit import Fit, of_poses, search
-from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.fit import Fit, search
 from calib.identification.noise_scales import noise_scales
 from calib.inference.widths import Elementary, SizePrior, Widths, widths_of
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
-from calib.model.covariance import Identifiable
 from calib.observations import Observation, Points, points_of
-from calib.result import fields_of
-from calib.scatter import Scatter, VarianceEstimate, Variances, scatter_of
 from calib.solver import condensed
 
 _SCALE_ROUNDS = 4  # of fit and noise scales in turn
 _ROUNDS = 4  # of widths and fit in turn
 _SETTLED = 0.05  # of a width
 _LITTLE = 0.01  # of the degrees of freedom of the residuals
-
-
-@dataclass(frozen=True, eq=False)
-class Estimation(Fit):
-    """A fit with its variances; its observation is that under them.
-
-    levels : VarianceEstimate, how whole poses err together
-    sizes : Widths of errors, where they hold what the readings leave open
-    """
-
-    levels: VarianceEstimate
-    sizes: Widths | None = None
-
-    @cached_property
-    def noise(self) -> NoiseLevel:
-        """Noise scale of the readings, from the poses that were kept."""
-        data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
-        alone = noise_level(*self.left, data, weights, self.model.readout)
-        return alone if self.observation.mixing is None else of_levels(self.levels, alone)
-
-    @property
-    def noise_scale(self) -> float:
-        """Actual over believed noise of the rows that the estimate is made of."""
-        if self.observation.mixing is None:
-            return self.noise.factor
-        r, _ = self.counted.linearise(self.values)
-        spent = int(self.counted.numbers.sum()) - self.left[1]
-        dof = int(np.count_nonzero(r)) - spent
-        return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
 
 
 def estimated(
@@ -83,32 +49,14 @@ def estimated(
     return alone if errors is None else _with_sizes(cell, alone, errors)
 
 
-def with_variances(
-    cell: Cell,
-    fit: Fit,
-    choice: Identifiable | None = None,
-    before: VarianceEstimate | None = None,
-    sizes: Widths | None = None,
-) -> Estimation:
-    """The estimate of a fit, with the variances that its kept poses show.
-
-    choice : what the readings determine without sizes; before : variances to begin with
-    """
-    scatter, robot = _arm_scatter(fit), fit.model.robot
-    levers, readings = points_of(fit.counted).rows(scatter.levers), of_poses(fit.readings, fit.kept)
-    levels = variance_components(scatter, levers, readings, robot, cell.repeatability, before)
-    under = replace(fit.observation, scatter=scatter.at(levels.variances))
-    given = fields_of(fit) | {"observation": under, "choice": choice or fit.choice}
-    return Estimation(**given, levels=levels, sizes=sizes)
-
-
 def _by_instruments(method: Method, observation: Observation, start: Array) -> Fit:
     """The fit with each of several instruments weighed by the noise of its own readings."""
     fit = search(method, observation, start)
-    for _ in range(_SCALE_ROUNDS if isinstance(observation, Points) else 0):
+    several = isinstance(observation, Points) and len(fit.model.instruments) > 1
+    for _ in range(_SCALE_ROUNDS if several else 0):
         counted = points_of(fit.counted)
         r, J = counted.whitened(fit.values)
-        if not (by := noise_scales(counted, _arm_scatter(fit), r, J @ fit.span)):
+        if not (by := noise_scales(counted, arm_scatter(fit), r, J @ fit.span)):
             break
         known = fit.model.noise_scales
         whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
@@ -119,12 +67,6 @@ def _by_instruments(method: Method, observation: Observation, start: Array) -> F
         )
         fit = search(method, observation, fit.values, fit.kept)
     return fit
-
-
-def _arm_scatter(fit: Fit) -> Scatter:
-    """How the poses of a fit may err together, of no size yet."""
-    none = Variances.none(fit.model.robot.dof)
-    return scatter_of(fit.model, fit.values, fit.observation.data.poses, none)
 
 
 def _held(found: Estimation, prior: SizePrior, lost: tuple[int, ...] = ()) -> Fit:

@@ -18,11 +18,12 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.identification.estimators import Directions, Method, alternate
 from calib.identification.outliers import Judgement, judged
-from calib.identification.start import strayed
+from calib.identification.start import placed, room
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable
 from calib.observations import Observation, points_of
+from calib.poses import Measurements
 from calib.solver import Minimum, levenberg_marquardt
 
 # Of a fit that gross errors bend only the size of what it leaves is stated: five digits of it.
@@ -30,6 +31,7 @@ _FEW_DIGITS = 30
 _ROUNDS = 12  # times that outliers are judged anew
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
+_ABSURD = 1e3  # plausible sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +40,7 @@ class Fit:
 
     method : as of :func:`calib.identify`; observation : Observation, of all poses
     first : Minimum over every pose; best : Minimum over the poses kept
-    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), under the last fit, judged by
-        ``limit``
-    unsettled : ndarray of bool, shape (m,), poses of which the last fit says other than was fitted
+    kept : ndarray of bool, shape (m,), the poses that were fitted; judgement : of all by that fit
     readings : LinearProblem, of all poses, by which they were judged
     left : what the kept poses leave of them, in the noise as stated, and its degrees of freedom. What
         is known beside the readings counts as they do, but for the sizes of errors
@@ -54,9 +54,7 @@ class Fit:
     first: Minimum
     best: Minimum
     kept: Mask
-    statistics: Array
-    limit: float
-    unsettled: Mask
+    judgement: Judgement
     readings: LinearProblem
     left: tuple[float, int]
     choice: Identifiable
@@ -90,63 +88,70 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
     """
     own = _Search(method, observation, start)
     choice = Directions.at(observation, start)
-    if kept is None:
-        kept = own.rigidly_kept(choice.span)
-    best, choice = own.fit(kept, start, choice)
-    first = best if kept.all() else None
-    seen = own.judged(best.values, kept, choice.span)
+    now = own.round(own.rigidly_kept(choice.span) if kept is None else kept, start, choice)
+    first = now.best if now.kept.all() else None
     for _ in range(_ROUNDS):
-        if np.array_equal(seen.said.kept, kept):
+        kept = now.judgement.kept
+        if np.array_equal(kept, now.kept):
             break
-        kept = seen.said.kept
-        best, choice = own.fit(kept, best.values, Directions.at(observation.only(kept), start))
-        seen = own.judged(best.values, kept, choice.span)
+        choice = Directions.at(observation.only(kept), start)
+        now = own.round(kept, now.best.values, choice)
     if first is None:
-        first = _minimum(method, observation, best.values, choice.span, _FEW_DIGITS)
+        span = now.choice.span
+        first = _minimum(method, observation, now.best.values, span, _FEW_DIGITS)
     regular = False
     for _ in range(_ROUNDS):
-        at_end = choice.anew(observation.only(kept), best.values)
-        regular = at_end.span.shape[1] >= choice.span.shape[1]
+        at_end = now.choice.anew(observation.only(now.kept), now.best.values)
+        regular = at_end.span.shape[1] >= now.choice.span.shape[1]
         if regular:
             break
         # The start was where more is told: a marker on an axis tells less than one beside it.
-        best, choice = own.fit(kept, start, at_end)
-        seen = own.judged(best.values, kept, choice.span)
+        now = own.round(now.kept, start, at_end)
     return Fit(
         method,
         observation,
         first,
-        best,
-        kept,
-        seen.said.statistics,
-        seen.said.limit,
-        seen.said.kept != kept,
-        seen.readings,
-        seen.left,
-        choice.identifiable,
-        choice.span,
+        now.best,
+        now.kept,
+        now.judgement,
+        now.readings,
+        now.left,
+        now.choice.identifiable,
+        now.choice.span,
         regular,
     )
 
 
-class _Judged(NamedTuple):
-    """Readings to first order, what those kept leave and its freedom, and the poses to keep."""
+class _Round(NamedTuple):
+    """One fit to the poses kept, and what it says of all; fields as of :class:`Fit`."""
 
+    kept: Mask
+    best: Minimum
+    choice: Directions
     readings: LinearProblem
     left: tuple[float, int]
-    said: Judgement
+    judgement: Judgement
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What all fits of a search share; start : ndarray, shape (p,), SI."""
+    """What all rounds of a search share; start : ndarray, shape (p,), SI."""
 
     method: Method
     observation: Observation
     start: Array
 
-    def fit(self, kept: Mask, begun: Array, choice: Directions) -> tuple[Minimum, Directions]:
-        """The fit from ``begun`` (p,), and what it estimates: what diverges stays at the start."""
+    def rigidly_kept(self, span: Array) -> Mask:
+        """Poses to keep by a fit in which nothing yields, all where nothing can."""
+        model, every = self.observation.model, np.ones(len(self.observation.data), dtype=bool)
+        soft = np.abs(span[model.where(ElasticEffect, LoadEffect)]).sum(axis=0) > 0.0
+        if soft.all() or not soft.any():
+            return every
+        stiff = _minimum(self.method, self.observation, self.start, span[:, ~soft])
+        return self.judged(stiff.values, every, span[:, ~soft])[-1].kept
+
+    def round(self, kept: Mask, begun: Array, choice: Directions) -> _Round:
+        """The fit from ``begun`` (p,) on; what diverges stays at the start, and is not estimated."""
         counted = self.observation.only(kept)
         lost = partial(strayed, counted.model, counted.data, self.start)
         best = _minimum(self.method, counted, begun, choice.span)
@@ -155,27 +160,26 @@ class _Search:
             best = _minimum(self.method, counted, self.start, choice.span, _FEW_DIGITS)
             if not lost(best.values).any():
                 best = _minimum(self.method, counted, best.values, choice.span)
-        return best, choice
+        return _Round(kept, best, choice, *self.judged(best.values, kept, choice.span))
 
-    def rigidly_kept(self, span: Array) -> Mask:
-        """Poses to keep by a fit in which nothing yields, all where nothing can."""
-        every = np.ones(len(self.observation.data), dtype=bool)
-        rigid = _rigid_directions(self.observation.model, span)
-        if not 0 < rigid.shape[1] < span.shape[1]:
-            return every
-        stiff = _minimum(self.method, self.observation, self.start, rigid)
-        return self.judged(stiff.values, every, rigid).said.kept
-
-    def judged(self, values: Array, kept: Mask, span: Array) -> _Judged:
-        """What the fit to the poses kept leaves, and what it says of every pose."""
+    def judged(
+        self, values: Array, kept: Mask, span: Array
+    ) -> tuple[LinearProblem, tuple[float, int], Judgement]:
+        """The readings to first order, what the fit leaves of those kept, and what it says of all."""
         observation = self.observation
         readings = _by_instrument(observation, values, span, kept)
-        rows, own = math.prod(observation.weights.shape[-3:-1]), of_poses(readings, kept)
+        own, rows = of_poses(readings, kept), math.prod(observation.weights.shape[-3:-1])
         known = len(own.off) - observation.model.prior_rows
-        left = float((own.r**2).sum()) + float((own.off[:known] ** 2).sum())
+        cost = float((own.r**2).sum()) + float((own.off[:known] ** 2).sum())
         dof = _freedom(own, int(observation.only(kept).numbers.sum()), known)
-        said = judged(observation.data, readings, kept, rows, dof)
-        return _Judged(readings, (left, dof), said)
+        return readings, (cost, dof), judged(observation.data, readings, kept, rows, dof)
+
+
+def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
+    limits = _ABSURD * model.sizes
+    limits[placed(model)] = room(model, data)
+    return np.asarray(~(np.abs(values - start) <= limits))
 
 
 def of_poses(readings: LinearProblem, kept: Mask) -> LinearProblem:
@@ -196,12 +200,6 @@ def _minimum(
         return levenberg_marquardt(observation.flat, start, span, most)
     placement = np.abs(span[observation.model.where(Base, Tool)]).sum(axis=0) > 0.0
     return alternate(observation.flat, start, span[:, placement], span[:, ~placement])
-
-
-def _rigid_directions(model: Model, span: Array) -> Array:
-    """Those directions, columns of span (p, k), that move nothing elastic."""
-    soft = model.where(ElasticEffect, LoadEffect)
-    return np.asarray(span[:, np.abs(span[soft]).sum(axis=0) == 0.0])
 
 
 def _by_instrument(
@@ -227,8 +225,7 @@ def _freedom(readings: LinearProblem, numbers: int, known: int) -> int:
     numbers : int, that count; known : int, first rows beside the readings that count as these do. The
     others are of sizes, and count less what they determine of the values.
     """
-    sizes = readings.held[known:]
-    dof = numbers + known - int(readings.span.shape[1])
-    return (
-        dof + round(float(np.trace(sizes @ readings.held_gains[known:].T))) if len(sizes) else dof
-    )
+    dof, sizes = numbers + known - int(readings.span.shape[1]), readings.held[known:]
+    if not len(sizes):
+        return dof
+    return dof + round(float(np.trace(sizes @ readings.held_gains[known:].T)))

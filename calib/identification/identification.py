@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.identification.estimate import Estimation
+from calib.identification.components import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
 from calib.model.common_errors import Considered, considered
@@ -79,7 +79,7 @@ class Identification(Result, Estimation):
     @property
     def undecided(self) -> tuple[str, ...]:
         """Poses that are outliers by one fit and none by the next."""
-        return self._named(self.unsettled)
+        return self._named(self.judgement.kept != self.kept)
 
     @property
     def unused(self) -> tuple[str, ...]:
@@ -335,7 +335,7 @@ def identification(
 ) -> Identification:
     """The result of an estimate."""
     model, values, span = found.model, found.values, found.span
-    counted, data = found.counted, found.observation.data
+    counted, data, said = found.counted, found.observation.data, found.judgement
     stated = counted.covariance(values, span)
     # Levels of noise hold what the arm adds; without, the residual widens all alike.
     widened = stated if counted.mixing is not None else stated * found.noise.factor**2
@@ -349,7 +349,7 @@ def identification(
         common=considered(model, values, data, partial(counted.followed, values, span)),
         approach=approach,
         absorbed=absorbed,
-        fit=Residuals.of(model, data, values, ~found.kept, found.statistics, found.limit),
+        fit=Residuals.of(model, data, values, ~found.kept, said.statistics, said.limit),
         heldout=heldout,
         nominal=nominal,
     )

@@ -14,8 +14,8 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
+from calib.identification.fit import strayed
 from calib.identification.scan import Carried, carried, falls, times
-from calib.identification.start import strayed
 from calib.linear import LinearProblem, huber_weights
 from calib.model import Model
 from calib.observations import Points

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -13,13 +13,13 @@ from calib.effects.base import Base
 from calib.identification.components import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
-from calib.model.common_errors import Considered, considered
-from calib.model.covariance import Unidentifiable, correlation, ignorance
+from calib.model.common_errors import Considered
+from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
 from calib.poses import Poses
 from calib.poses.moves import visits
-from calib.result import Result, fields_of
+from calib.result import Result
 from calib.scatter import Scatter, Undetected
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
@@ -324,46 +324,3 @@ class Identification(Result, Estimation):
             for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
-
-
-def identification(
-    found: Estimation,
-    approach: Approach,
-    absorbed: tuple[Dropped, ...],
-    heldout: Residuals | None,
-    nominal: Array,
-) -> Identification:
-    """The result of an estimate."""
-    model, values, span = found.model, found.values, found.span
-    counted, data, said = found.counted, found.observation.data, found.judgement
-    stated = counted.covariance(values, span)
-    # Levels of noise hold what the arm adds; without, the residual widens all alike.
-    widened = stated if counted.mixing is not None else stated * found.noise.factor**2
-    hidden = _undetected(found, widened)
-    lost, by_values = np.diag(stated) <= 0.0, counted.flat(values)[1]
-    return Identification(
-        **fields_of(found),
-        covariance=widened if hidden is None else widened + hidden[0],
-        ignorance=ignorance(by_values, span, model.sizes, lost),
-        undetected=hidden,
-        common=considered(model, values, data, partial(counted.followed, values, span)),
-        approach=approach,
-        absorbed=absorbed,
-        fit=Residuals.of(model, data, values, ~found.kept, said.statistics, said.limit),
-        heldout=heldout,
-        nominal=nominal,
-    )
-
-
-def _undetected(found: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
-    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
-
-    None where scatter shows or is stated, and where the residual has widened everything.
-    """
-    own = found.levels.undetected
-    if own is None or found.noise.source == "residual":
-        return None
-    own = replace(own, variances=replace(own.variances, scale=found.noise.divisor))
-    scatter = found.observation.scatter
-    counted = replace(found.counted, scatter=scatter and scatter.at(own.variances))
-    return counted.covariance(found.values, found.span) - covariance, own

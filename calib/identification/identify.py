@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,15 +13,19 @@ from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
+from calib.identification.components import Estimation
 from calib.identification.estimate import estimated
 from calib.identification.estimators import Method
-from calib.identification.identification import Identification, identification
+from calib.identification.identification import Identification
 from calib.identification.mistakes import refuse_mistakes
-from calib.identification.residuals import predicted
+from calib.identification.residuals import Residuals, predicted
 from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
+from calib.model.common_errors import considered
+from calib.model.covariance import ignorance
+from calib.model.reduction import Dropped
 from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
@@ -33,7 +38,8 @@ from calib.observations import (
 )
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
-from calib.scatter import Variances, scatter_of
+from calib.result import fields_of
+from calib.scatter import Undetected, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 
@@ -73,23 +79,35 @@ def identify(
         weights = whitening(cell, model, start, data)
         refuse_mistakes(model, data, start)
         points, start = with_tunings(Points(model, data, weights), start)
-        if approach == "pose":
-            check_orientable(model, data, start)
-            if len(model.where(Tool)):
-                start = with_measured_shape(points.model, data, start)
-        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-        points = replace(points, known=scatter_of(points.model, start, data.poses, arm))
-        observation: Observation = points
-        if approach == "pose":
-            shape = points.model.marker_positions(start)
-            observation = as_poses(points, shape, weighting, length)
+        observation, start = _observation(cell, points, start, approach, weighting, length)
         errors = elementary(model, built.full) if asked else None
         found = estimated(cell, method, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
     held = None if heldout is None else predicted(cell, found, heldout)
     nominal = _nominal(found.observation, start)
-    return identification(found, approach, built.dropped, held, nominal)
+    return _result(found, approach, built.dropped, held, nominal)
+
+
+def _observation(
+    cell: Cell,
+    points: Points,
+    start: Array,
+    approach: Approach,
+    weighting: Weighting,
+    length: float,
+) -> tuple[Observation, Array]:
+    """The readings or the poses that they make, as the arm is known to scatter, and where to start."""
+    model, data = points.model, points.data
+    if approach == "pose":
+        check_orientable(model, data, start)
+        if len(model.where(Tool)):
+            start = with_measured_shape(model, data, start)
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+    points = replace(points, known=scatter_of(model, start, data.poses, arm))
+    if approach == "points":
+        return points, start
+    return as_poses(points, model.marker_positions(start), weighting, length), start
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:
@@ -118,3 +136,46 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
+
+
+def _result(
+    found: Estimation,
+    approach: Approach,
+    absorbed: tuple[Dropped, ...],
+    heldout: Residuals | None,
+    nominal: Array,
+) -> Identification:
+    """The result of an estimate; its arguments as of :class:`Identification`."""
+    model, values, span = found.model, found.values, found.span
+    counted, data, said = found.counted, found.observation.data, found.judgement
+    stated = counted.covariance(values, span)
+    # Levels of noise hold what the arm adds; without, the residual widens all alike.
+    widened = stated if counted.mixing is not None else stated * found.noise.factor**2
+    hidden = _undetected(found, widened)
+    lost, by_values = np.diag(stated) <= 0.0, counted.flat(values)[1]
+    return Identification(
+        **fields_of(found),
+        covariance=widened if hidden is None else widened + hidden[0],
+        ignorance=ignorance(by_values, span, model.sizes, lost),
+        undetected=hidden,
+        common=considered(model, values, data, partial(counted.followed, values, span)),
+        approach=approach,
+        absorbed=absorbed,
+        fit=Residuals.of(model, data, values, ~found.kept, said.statistics, said.limit),
+        heldout=heldout,
+        nominal=nominal,
+    )
+
+
+def _undetected(found: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
+    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
+
+    None where scatter shows or is stated, and where the residual has widened everything.
+    """
+    own = found.levels.undetected
+    if own is None or found.noise.source == "residual":
+        return None
+    own = replace(own, variances=replace(own.variances, scale=found.noise.divisor))
+    scatter = found.observation.scatter
+    counted = replace(found.counted, scatter=scatter and scatter.at(own.variances))
+    return counted.covariance(found.values, found.span) - covariance, own

@@ -150,15 +150,15 @@ class _Search:
         stiff = _minimum(self.method, self.observation, self.start, span[:, ~soft])
         return self.judged(stiff.values, every, span[:, ~soft])[-1].kept
 
-    def round(self, kept: Mask, begun: Array, choice: Directions) -> _Round:
-        """The fit from ``begun`` (p,) on; what diverges stays at the start, and is not estimated."""
+    def round(self, kept: Mask, values: Array, choice: Directions) -> _Round:
+        """The fit from ``values`` (p,) on; what diverges stays at the start, and is not estimated."""
         counted = self.observation.only(kept)
-        lost = partial(strayed, counted.model, counted.data, self.start)
-        best = _minimum(self.method, counted, begun, choice.span)
-        while (out := lost(best.values)).any():
+        away = partial(diverged, counted.model, counted.data, self.start)
+        best = _minimum(self.method, counted, values, choice.span)
+        while (out := away(best.values)).any():
             choice = choice.without(counted, self.start, out)
             best = _minimum(self.method, counted, self.start, choice.span, _FEW_DIGITS)
-            if not lost(best.values).any():
+            if not away(best.values).any():
                 best = _minimum(self.method, counted, best.values, choice.span)
         return _Round(kept, best, choice, *self.judged(best.values, kept, choice.span))
 
@@ -175,7 +175,7 @@ class _Search:
         return readings, (cost, dof), judged(observation.data, readings, kept, rows, dof)
 
 
-def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+def diverged(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
     """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
     limits = _ABSURD * model.sizes
     limits[placed(model)] = room(model, data)
@@ -184,6 +184,8 @@ def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Ma
 
 def of_poses(readings: LinearProblem, kept: Mask) -> LinearProblem:
     """The readings of some poses (m,), the rows of others zero."""
+    if kept.all():
+        return readings
     own = kept[:, None]
     return replace(readings, r=readings.r * own, J=readings.J * own[..., None])
 

@@ -1,8 +1,9 @@
 """Which mistake would explain data that no arm could have given: each is undone and looked at.
 
-The nominal arm is laid over some of the readings. Entries of :mod:`calib.identification.slips` concern
-every reading. Two more concern a few: a run of poses shifted by one against their joints, and markers
-that changed names at some poses; these stand out, and come near once that is undone.
+The nominal arm is laid over some of the readings. Entries of
+:mod:`calib.identification.data_mistakes` concern every reading. Two more concern a few: a run of poses
+shifted by one against their joints, and markers that changed names at some poses; these stand out, and
+come near once that is undone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import ImplausibleData
 from calib.identification.checks import refuse_unreachable
-from calib.identification.slips import Slip, reordered, tables, two_zeros
+from calib.identification.data_mistakes import DataMistake, reordered, tables, two_zeros
 from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
@@ -177,26 +178,26 @@ def _rms(lengths: Array) -> float:
 
 
 def _undone(
-    model: Model, sample: Measurements, missed: Array, table: tuple[Slip, ...]
+    model: Model, sample: Measurements, missed: Array, table: tuple[DataMistake, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [(slip.freed(model, sample), slip.undone(sample)) for slip in table]
+    tried = [(entry.freed(model, sample), entry.undone(sample)) for entry in table]
     first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     fitting = []
-    for slip, fit in [(table[i], _placed(*tried[i])) for i in closest]:
+    for entry, fit in [(table[i], _placed(*tried[i])) for i in closest]:
         # The arm then errs as arms do, beside its motion as well, and did not before.
         least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
         if fit.rms <= least and fit.share <= _SHARE and fit.kept.mean() >= _MOST:
-            fitting.append((slip, fit))
+            fitting.append((entry, fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
-    alike = [slip for slip, fit in fitting if fit.share <= _ALIKE * best.share]
+    alike = [entry for entry, fit in fitting if fit.share <= _ALIKE * best.share]
     return Mistake(
-        tuple(slip.name for slip in alike),
-        tuple(slip.said for slip in alike),
-        tuple(slip.remedy for slip in alike),
+        tuple(entry.name for entry in alike),
+        tuple(entry.said for entry in alike),
+        tuple(entry.remedy for entry in alike),
         _rms(missed[best.kept]),
         best.rms,
     )

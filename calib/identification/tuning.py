@@ -14,7 +14,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
-from calib.identification.fit import strayed
+from calib.identification.fit import diverged
 from calib.identification.scan import carried, falls, times
 from calib.linear import LinearProblem, huber_weights, unit
 from calib.model import Model
@@ -47,9 +47,9 @@ def with_tunings(points: Points, start: Array) -> tuple[Points, Array]:
     found = _one_after_the_other(scans)
     step = _step(problem, [scan.columns(e) for scan, e in zip(scans, found, strict=True)])
     k = span.shape[1]
-    model, begun = _together(points.model, tuned, found, values + span @ step[:k], step[k:])
-    away = strayed(model, points.data, start, begun)
-    return replace(points, model=model), np.where(away, start, begun)
+    model, first = _together(points.model, tuned, found, values + span @ step[:k], step[k:])
+    away = diverged(model, points.data, start, first)
+    return replace(points, model=model), np.where(away, start, first)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from calib.identification.start import whitening
 from calib.instruments import Channels, Instrument
 from calib.model import Model
 from calib.model.build import lacking
-from calib.observations import Points
+from calib.observations import Points, points_of
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
 
@@ -146,7 +146,8 @@ def predicted(cell: Cell, fit: Fit, heldout: Measurements) -> Residuals:
     """
     model, values, observation = fit.model, fit.values, fit.observation
     rows = math.prod(observation.weights.shape[-3:-1])
-    limit = threshold(pose_statistics(fit.readings, fit.kept)[0], rows)
+    fitted = replace(points_of(observation), scatter=None).linear(values, fit.span)
+    limit = threshold(pose_statistics(fitted, fit.kept)[0], rows)
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)
     points = Points(model, heldout, whitening(cell, model, values, heldout))

@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, Mask, in_parts, stacked
-from calib.inference.leave_out import leave_groups_out
+from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.linear import LinearProblem
 from calib.model.covariance import covariance
 from calib.poses import Measurements, Poses
@@ -198,6 +197,32 @@ _FREE = 1e-3  # of a direction that the others must still tell
 _STANDS_OUT = 3.0  # times the mean square of a usual pose, below which none is an outlier
 
 
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """A fit to some poses: residuals y (m, R), basis Q (m, R, k), of all poses, zero where they take no
+    part; rows (m,), how many numbers each has.
+    """
+
+    y: Array
+    Q: Array
+    rows: IntArray
+
+    def missed(self, one: Mask, out: Mask) -> float | None:
+        """Mean square over its variance of what the poses ``one`` miss by, fitted without ``out``.
+
+        None where the others do not tell them.
+        """
+        k = self.Q.shape[-1]
+        F, own = self.Q[out].reshape(-1, k), self.Q[one].reshape(-1, k)
+        rest = np.eye(k) - F.T @ F
+        if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
+            return None
+        off = self.y[one].ravel() + own @ np.linalg.solve(rest, F.T @ self.y[out].ravel())
+        told = own.T @ off  # by Woodbury: a pose may have been read ten thousand times
+        square = float(off @ off - told @ np.linalg.solve(rest + own.T @ own, told))
+        return square / max(1, int(self.rows[one].sum()))
+
+
 def extrapolation_factor(
     poses: Poses, linear: LinearProblem, kept: Mask, statistics: Array
 ) -> Array:
@@ -215,10 +240,11 @@ def extrapolation_factor(
         others = kept & ~one & counted
         if others.sum() < 2 or statistics[one].max() <= _STANDS_OUT * typical or typical <= 0.0:
             continue
+        fit = _fitted(linear, others)
         more = [
             max(0.0, square / typical - 1.0) * max(1.0, far / reached) ** 2
             for end, out, reached in _ends(poses, others, far)
-            if (square := _missed(linear, others, end, out)) is not None
+            if (square := fit.missed(end, out)) is not None
         ]
         found[one] = 1.0 + (float(np.mean(more)) if more else np.inf)
     return found
@@ -243,22 +269,10 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
         yield poses.configuration == each[i], share
 
 
-def _missed(linear: LinearProblem, others: Mask, one: Mask, out: Mask) -> float | None:
-    """Mean square over its variance of what some poses miss by, fitted to the others without ``out``.
-
-    None where those do not tell them.
-    """
+def _fitted(linear: LinearProblem, others: Mask) -> _Others:
     r, J = linear.r * others[:, None], linear.J * others[:, None, None]
-    y, X = replace(linear, r=r, J=J, mixing=None, weighing=None).fitted
-    asked, group = np.zeros(len(y), dtype=bool), np.zeros(len(y), dtype=np.int_)
-    asked[: r.size], group[: r.size] = (np.repeat(of, r.shape[1]) for of in (one, out))
-    found = leave_groups_out(X @ linear.span, y, group, least=_FREE)
-    if not found.determined[-1]:
-        return None
-    off, S = found.residual[asked], found.spread[asked]
-    told = S.T @ off  # by Woodbury: a pose may have been read ten thousand times
-    square = float(off @ off - told @ np.linalg.solve(np.eye(S.shape[1]) + S.T @ S, told))
-    return square / max(1, int(J[one].any(axis=-1).sum()))
+    fit = replace(linear, r=r, J=J, mixing=None, weighing=None).complement
+    return _Others(*fit.at_readings, linear.J.any(axis=-1).sum(axis=-1))
 
 
 def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, float]]:

@@ -21,10 +21,10 @@ from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.inference.coverage import Interval, freedom, lengths
+from calib.inference.widths import Key
 from calib.model.covariance import working_points
 from calib.poses import Poses
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
-from calib.prior import Key
 
 FALSE_ALARM = 0.02
 """How often anything is said to have changed where nothing has."""

@@ -11,6 +11,7 @@ approaches and of configurations as a whole.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,17 +19,77 @@ from calib import inference
 from calib.arm.repeatability import usual_repeatability
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
-from calib.cell import Repeatability
+from calib.cell import Cell, Repeatability
+from calib.identification.fit import Fit, of_poses
+from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
 from calib.inference.restricted import RestrictedLikelihood
+from calib.inference.widths import Widths
 from calib.linear import LinearProblem
-from calib.scatter import Scatter, ScatterLevel, Undetected, VarianceEstimate, Variances
+from calib.model.covariance import Identifiable
+from calib.observations import points_of
+from calib.result import fields_of
+from calib.scatter import Scatter, ScatterLevel, Undetected, VarianceEstimate, Variances, scatter_of
 
 # Decrease of -2 log likelihood: half a chi-square at the bound, so once in seventy by chance.
 _PAYS = 6.0
 LEAST_INSTRUMENT = 0.2**2
 """Variance of an instrument in the maker's: nobody's is five times better than stated."""
 _SMALL = 1e-9  # of the largest singular value of what is known beforehand
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation(Fit):
+    """A fit with its variances; its observation is that under them.
+
+    levels : VarianceEstimate, how whole poses err together
+    sizes : Widths of errors, where they hold what the readings leave open
+    """
+
+    levels: VarianceEstimate
+    sizes: Widths | None = None
+
+    @cached_property
+    def noise(self) -> NoiseLevel:
+        """Noise scale of the readings, from the poses that were kept."""
+        data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
+        alone = noise_level(*self.left, data, weights, self.model.readout)
+        return alone if self.observation.mixing is None else of_levels(self.levels, alone)
+
+    @property
+    def noise_scale(self) -> float:
+        """Actual over believed noise of the rows that the estimate is made of."""
+        if self.observation.mixing is None:
+            return self.noise.factor
+        r, _ = self.counted.linearise(self.values)
+        spent = int(self.counted.numbers.sum()) - self.left[1]
+        dof = int(np.count_nonzero(r)) - spent
+        return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
+
+
+def with_variances(
+    cell: Cell,
+    fit: Fit,
+    choice: Identifiable | None = None,
+    before: VarianceEstimate | None = None,
+    sizes: Widths | None = None,
+) -> Estimation:
+    """The estimate of a fit, with the variances that its kept poses show.
+
+    choice : what the readings determine without sizes; before : variances to begin with
+    """
+    scatter, robot = arm_scatter(fit), fit.model.robot
+    levers, readings = points_of(fit.counted).rows(scatter.levers), of_poses(fit.readings, fit.kept)
+    levels = variance_components(scatter, levers, readings, robot, cell.repeatability, before)
+    under = replace(fit.observation, scatter=scatter.at(levels.variances))
+    given = fields_of(fit) | {"observation": under, "choice": choice or fit.choice}
+    return Estimation(**given, levels=levels, sizes=sizes)
+
+
+def arm_scatter(fit: Fit) -> Scatter:
+    """How the poses of a fit may err together, of no size yet."""
+    none = Variances.none(fit.model.robot.dof)
+    return scatter_of(fit.model, fit.values, fit.observation.data.poses, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +138,14 @@ def variance_components(
         return price - 2.0 * models[own].log_likelihood
 
     best = min(models, key=value)
-    noise, exact = models[()], _as_stated(models[()])
-    louder = exact - noise.likelihood.value > _PAYS + choice
+    noise = models[()]
+    louder = _as_stated(noise) - noise.likelihood.value > _PAYS + choice
     found = as_variances(scatter.joints, models[best].design, models[best].variances, known)
     asked = known is None and len(arm) > 0
     return VarianceEstimate(
         found if best or louder else Variances.of_arm(scatter.joints, known),
         levels=best,
         scale_estimated=bool(best) or louder,
-        value=models[best].likelihood.value,
-        alone=exact,
         instrument_rows=int(models[levels].likelihood.model.turned.outside.sum()),
         approaches=scatter.has_approaches,
         undetected=_undetected(scatter, models[levels]) if asked and not best else None,

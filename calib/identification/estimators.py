@@ -1,4 +1,4 @@
-"""How parameters are found once it is settled which poses count."""
+"""What is estimated from readings, and how: the directions that they determine, the two steps."""
 
 from __future__ import annotations
 
@@ -8,87 +8,17 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
-from calib.effects.protocol import ElasticEffect, LoadEffect
-from calib.effects.tool import Tool
-from calib.linear import LinearProblem
-from calib.model import Model
+from calib.effects.protocol import ElasticEffect
 from calib.model.covariance import Identifiable, Unidentifiable, identifiable
-from calib.observations import Observation, points_of
-from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
+from calib.observations import Observation
+from calib.solver import Linearise, Minimum, condensed, normal_equations
 
-# A valley along which poses of narrow joint ranges tell little takes hundreds.
-_MOST_ITERATIONS = 400
 _SETTLED = 1e-6  # of a plausible size, or of the standard deviations of the estimate
 _DIVERGED = "these poses tell so little of it that its estimate ran away"
 _STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
 
-
 Method = Literal["joint", "two-step"]
-
-
-@dataclass(frozen=True)
-class Estimator:
-    """Values and their covariance from every reading as it is.
-
-    method : all parameters at once, or the paper's two steps in turn
-    """
-
-    method: Method = "joint"
-
-    def fit(
-        self, observation: Observation, start: Array, span: Array, most: int = _MOST_ITERATIONS
-    ) -> Minimum:
-        """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
-        if self.method == "two-step":
-            return alternate(observation.flat, start, *steps(observation.model, span))
-        return levenberg_marquardt(observation.flat, start, span, most)
-
-    def judged(
-        self, observation: Observation, values: Array, span: Array, kept: Mask | None = None
-    ) -> LinearProblem:
-        """The marker residuals, and directions they fitted, by which poses and noise are judged.
-
-        At the minimum of the points themselves, from which another weighting keeps the estimate:
-        elsewhere residuals are longer than their spread says, and right poses would stand out.
-
-        values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
-        kept : ndarray of bool, shape (m,), the poses that were fitted, all without
-        """
-        if not observation.efficient or observation.weighing is not None:
-            counted = observation if kept is None else observation.only(kept)
-            values = levenberg_marquardt(points_of(counted).flat, values, span).values
-        return by_instrument(observation, values, span)
-
-    def freedom(self, observation: Observation, values: Array, span: Array) -> int:
-        """Degrees of freedom of the readings' residuals; negative where the readings do not suffice.
-
-        Rows of the sizes' prior count less what they determine of the values.
-        """
-        model = observation.model
-        dof = int(observation.numbers.sum()) + model.known_rows - int(span.shape[1])
-        if not (rows := model.prior_rows):
-            return dof
-        follow = observation.linear(values, span).held_gains[-rows:]
-        return dof - round(rows - float(np.trace(model.by_prior @ follow.T)))
-
-
-def by_instrument(observation: Observation, values: Array, span: Array) -> LinearProblem:
-    """The readings to first order, as if nothing but the instrument erred."""
-    points = replace(points_of(observation), scatter=None)
-    return points.linear(values, span)
-
-
-def steps(model: Model, span: Array) -> tuple[Array, Array]:
-    """The directions of the paper's step 1 (base and tool) and of step 2 (the rest)."""
-    first = np.abs(span[model.where(Base, Tool)]).sum(axis=0) > 0.0
-    return span[:, first], span[:, ~first]
-
-
-def elastic_directions(model: Model, span: Array) -> Mask:
-    """Which directions, columns of span (p, k), move something elastic, shape (k,)."""
-    soft = model.where(ElasticEffect, LoadEffect)
-    return np.asarray(np.abs(span[soft]).sum(axis=0) > 0.0)
+"""All parameters at once, or the paper's two steps in turn."""
 
 
 def choose_directions(
@@ -117,7 +47,7 @@ def choose_directions(
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """What is estimated.
+    """The directions in which values are estimated.
 
     among : ndarray, shape (p, n), directions to choose from; chosen : Identifiable, of them
     diverged : tuple of Unidentifiable, that are not among them, for a fit lost them

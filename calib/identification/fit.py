@@ -1,69 +1,65 @@
-"""The fit of a model to readings: its values, the poses that do not belong, and the variances.
+"""The fit to readings: values, the directions that the readings determine, and the poses that belong.
 
-A fit judges every pose, and what it rejects stays out of the next, until the judgement stands. What is
-known of the size of errors is weighed in afterwards, by how noisy the readings turned out to be
-(:mod:`calib.identification.sizes`).
+A fit judges every pose, and what it rejects stays out of the next, until the judgement stands.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.cell import Cell
-from calib.identification.components import variance_components
-from calib.identification.estimators import Directions, Estimator, elastic_directions
-from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
-from calib.identification.noise_scales import noise_scales
+from calib.effects.base import Base
+from calib.effects.protocol import ElasticEffect, LoadEffect
+from calib.effects.tool import Tool
+from calib.identification.estimators import Directions, Method, alternate
 from calib.identification.outliers import Judgement, judged
-from calib.identification.start import strayed
+from calib.identification.start import placed, room
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable
-from calib.observations import Observation, Points, points_of
-from calib.prior import Widths
-from calib.scatter import Scatter, Undetected, VarianceEstimate, Variances, scatter_of
-from calib.solver import Minimum
+from calib.observations import Observation, points_of
+from calib.poses import Measurements
+from calib.solver import Minimum, levenberg_marquardt
 
 # Of a fit that gross errors bend only the size of what it leaves is stated: five digits of it.
 _FEW_DIGITS = 30
 _ROUNDS = 12  # times that outliers are judged anew
-_SCALE_ROUNDS = 4  # of fit and noise scales in turn
+# A valley along which poses of narrow joint ranges tell little takes hundreds.
+_MOST_ITERATIONS = 400
+_ABSURD = 1e3  # plausible sizes
 
 
 @dataclass(frozen=True, eq=False)
-class Estimation:
-    """An estimate with its observation, span, outliers and variances.
+class Fit:
+    """Where a search ended.
 
-    observation : Observation, under the variances that were found
+    method : as of :func:`calib.identify`; observation : Observation, of all poses
     first : Minimum over every pose; best : Minimum over the poses kept
-    kept : ndarray of bool, shape (m,); statistics : ndarray, shape (m,), under the last fit, judged by
-        ``limit``
-    unsettled : ndarray of bool, shape (m,), poses of which the last fit says other than was fitted
+    kept : ndarray of bool, shape (m,), the poses that were fitted; judgement : of all by that fit
+    readings : LinearProblem, of all poses, by which they were judged
+    left : what the kept poses leave of them, in the noise as stated, and its degrees of freedom. What
+        is known beside the readings counts as they do, but for the sizes of errors
     choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
         that were estimated: more of them where the sizes of errors hold what the readings leave open
     regular : whether the kept poses still determine them where the search ended
-    levels : VarianceEstimate or None, how whole poses err together
-    sizes : Widths, of errors, where they hold what the readings leave open
     """
 
-    estimator: Estimator
+    method: Method
     observation: Observation
     first: Minimum
     best: Minimum
     kept: Mask
-    statistics: Array
-    limit: float
-    unsettled: Mask
+    judgement: Judgement
+    readings: LinearProblem
+    left: tuple[float, int]
     choice: Identifiable
     span: Array
     regular: bool
-    levels: VarianceEstimate | None = None
-    sizes: Widths | None = None
 
     @property
     def model(self) -> Model:
@@ -80,190 +76,158 @@ class Estimation:
         """The observation of the poses that were kept."""
         return self.observation.only(self.kept)
 
-    @cached_property
-    def stated_covariance(self) -> Array:
-        """Covariance of the values for the noise as stated, shape (p, p), SI."""
-        return self.counted.covariance(self.values, self.span)
 
-    @cached_property
-    def _judged(self) -> LinearProblem:
-        """The kept readings about the values, as if nothing but the instrument erred."""
-        return self.estimator.judged(self.counted, self.values, self.span)
-
-    @cached_property
-    def left(self) -> tuple[float, int]:
-        """What the kept poses leave, in the noise as stated, and its degrees of freedom.
-
-        What is known beside the readings counts as readings do, but for the sizes of errors.
-        """
-        known = self.model.known_rows - self.model.prior_rows
-        prior = self.model.prior_residuals(self.values)[0][:known]
-        cost = float((self._judged.r**2).sum()) + float((prior**2).sum())
-        return cost, self.estimator.freedom(self.counted, self.values, self.span)
-
-    @cached_property
-    def noise(self) -> NoiseLevel:
-        """Noise scale of the readings, from the poses that were kept."""
-        data, weights = self.observation.data.take(self.kept), self.observation.weights[self.kept]
-        alone = noise_level(*self.left, data, weights, self.model.readout)
-        if self.observation.mixing is None or self.levels is None:
-            return alone
-        return of_levels(self.levels, alone)
-
-    @property
-    def widening(self) -> float:
-        """Actual over stated deviations of the values; one where the levels hold what the arm adds."""
-        return self.noise.factor if self.observation.mixing is None else 1.0
-
-    @property
-    def noise_scale(self) -> float:
-        """Actual over believed noise of the rows that the estimate is made of."""
-        if self.observation.mixing is None:
-            return self.noise.factor
-        r, _ = self.counted.linearise(self.values)
-        spent = int(self.counted.numbers.sum()) - self.left[1]
-        dof = int(np.count_nonzero(r)) - spent
-        return max(1.0, float(np.sqrt((r**2).sum() / max(dof, 1))))
-
-    @cached_property
-    def arm_scatter(self) -> Scatter:
-        """How its poses may err together, of no size yet."""
-        none = Variances.none(self.model.robot.dof)
-        return scatter_of(self.model, self.values, self.observation.data.poses, none)
-
-    def with_variances(self, cell: Cell, before: VarianceEstimate | None = None) -> Estimation:
-        """The same with how whole poses err together, as the poses kept show it."""
-        scatter, levers = self.arm_scatter, points_of(self.counted).rows(self.arm_scatter.levers)
-        known, robot = cell.repeatability, self.model.robot
-        levels = variance_components(scatter, levers, self._judged, robot, known, before)
-        observation = replace(self.observation, scatter=scatter.at(levels.variances))
-        return replace(self, observation=observation, levels=levels)
-
-    @property
-    def by_undetected(self) -> tuple[Array, Undetected] | None:
-        """Covariance (p, p) that scatter adds which does not show, and that scatter.
-
-        None where scatter shows or is stated, and where the residual has widened everything.
-        """
-        found = None if self.levels is None else self.levels.undetected
-        if found is None or self.noise.source == "residual":
-            return None
-        found = replace(found, variances=replace(found.variances, scale=self.noise.divisor))
-        counted = replace(self.counted, scatter=self.arm_scatter.at(found.variances))
-        whole = counted.covariance(self.values, self.span)
-        return whole - self.stated_covariance * self.widening**2, found
-
-
-def weighed_search(estimator: Estimator, observation: Observation, start: Array) -> Estimation:
-    """The search with each of several instruments weighed by the noise of its own readings.
-
-    start : ndarray, shape (p,), SI; raises as :func:`search` does
-    """
-    found = search(estimator, observation, start)
-    for _ in range(_SCALE_ROUNDS if isinstance(observation, Points) else 0):
-        counted = points_of(found.counted)
-        r, J = counted.whitened(found.values)
-        if not (by := noise_scales(counted, found.arm_scatter, r, J @ found.span)):
-            break
-        known = found.model.noise_scales
-        whole = {name: known.get(name, 1.0) * by.get(name, 1.0) for name in {**known, **by}}
-        observation = replace(
-            observation,
-            model=replace(observation.model, noise_scales=whole),
-            weights=observation.model.readout.rescaled(observation.weights, by),
-        )
-        found = search(estimator, observation, found.values, found.kept)
-    return found
-
-
-def search(
-    estimator: Estimator, observation: Observation, start: Array, kept: Mask | None = None
-) -> Estimation:
+def search(method: Method, observation: Observation, start: Array, kept: Mask | None = None) -> Fit:
     """Fit without the outliers, each round judged by the fit before.
 
+    start : ndarray, shape (p,), SI
     kept : ndarray of bool, shape (m,), poses that an earlier search kept: this one goes on from there
 
     With something elastic in the model, gross outliers are first looked for under the rigid part
     alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
     """
-    own = _Search(estimator, observation, start)
+    own = _Search(method, observation, start)
     choice = Directions.at(observation, start)
-    if kept is None:
-        kept = own.rigidly_kept(choice.span)
-    best, choice = own.fit(kept, start, choice)
-    first = best if kept.all() else None
-    said = own.judged(best.values, kept, choice.span)
+    now = own.round(own.rigidly_kept(choice.span) if kept is None else kept, start, choice)
+    first = now.best if now.kept.all() else None
     for _ in range(_ROUNDS):
-        if np.array_equal(said.kept, kept):
+        kept = now.judgement.kept
+        if np.array_equal(kept, now.kept):
             break
-        kept = said.kept
-        best, choice = own.fit(kept, best.values, Directions.at(observation.only(kept), start))
-        said = own.judged(best.values, kept, choice.span)
+        choice = Directions.at(observation.only(kept), start)
+        now = own.round(kept, now.best.values, choice)
     if first is None:
-        first = estimator.fit(observation, best.values, choice.span, _FEW_DIGITS)
+        span = now.choice.span
+        first = _minimum(method, observation, now.best.values, span, _FEW_DIGITS)
     regular = False
     for _ in range(_ROUNDS):
-        at_end = choice.anew(observation.only(kept), best.values)
-        regular = at_end.span.shape[1] >= choice.span.shape[1]
+        at_end = now.choice.anew(observation.only(now.kept), now.best.values)
+        regular = at_end.span.shape[1] >= now.choice.span.shape[1]
         if regular:
             break
         # The start was where more is told: a marker on an axis tells less than one beside it.
-        best, choice = own.fit(kept, start, at_end)
-        said = own.judged(best.values, kept, choice.span)
-    return Estimation(
-        estimator,
+        now = own.round(now.kept, start, at_end)
+    return Fit(
+        method,
         observation,
         first,
-        best,
-        kept,
-        said.statistics,
-        said.limit,
-        said.kept != kept,
-        choice.identifiable,
-        choice.span,
+        now.best,
+        now.kept,
+        now.judgement,
+        now.readings,
+        now.left,
+        now.choice.identifiable,
+        now.choice.span,
         regular,
     )
 
 
+class _Round(NamedTuple):
+    """One fit to the poses kept, and what it says of all; fields as of :class:`Fit`."""
+
+    kept: Mask
+    best: Minimum
+    choice: Directions
+    readings: LinearProblem
+    left: tuple[float, int]
+    judgement: Judgement
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What all fits of a search share; start : ndarray, shape (p,), SI."""
+    """What all rounds of a search share; start : ndarray, shape (p,), SI."""
 
-    estimator: Estimator
+    method: Method
     observation: Observation
     start: Array
 
-    def fit(self, kept: Mask, begun: Array, choice: Directions) -> tuple[Minimum, Directions]:
-        """The fit from ``begun`` (p,), and what it estimates: what diverges stays at the start."""
-        counted, estimator = self.observation.only(kept), self.estimator
-
-        def lost(values: Array) -> Mask:
-            return strayed(counted.model, counted.data, self.start, values)
-
-        best = estimator.fit(counted, begun, choice.span)
-        while (out := lost(best.values)).any():
-            choice = choice.without(counted, self.start, out)
-            best = estimator.fit(counted, self.start, choice.span, _FEW_DIGITS)
-            if not lost(best.values).any():
-                best = estimator.fit(counted, best.values, choice.span)
-        return best, choice
-
     def rigidly_kept(self, span: Array) -> Mask:
         """Poses to keep by a fit in which nothing yields, all where nothing can."""
-        every = np.ones(len(self.observation.data), dtype=bool)
-        rigid = span[:, ~elastic_directions(self.observation.model, span)]
-        if not 0 < rigid.shape[1] < span.shape[1]:
+        model, every = self.observation.model, np.ones(len(self.observation.data), dtype=bool)
+        soft = np.abs(span[model.where(ElasticEffect, LoadEffect)]).sum(axis=0) > 0.0
+        if soft.all() or not soft.any():
             return every
-        stiff = self.estimator.fit(self.observation, self.start, rigid)
-        return self.judged(stiff.values, every, rigid).kept
+        stiff = _minimum(self.method, self.observation, self.start, span[:, ~soft])
+        return self.judged(stiff.values, every, span[:, ~soft])[-1].kept
 
-    def judged(self, values: Array, kept: Mask, span: Array) -> Judgement:
-        """What the fit to the poses kept says of every pose."""
+    def round(self, kept: Mask, values: Array, choice: Directions) -> _Round:
+        """The fit from ``values`` (p,) on; what diverges stays at the start, and is not estimated."""
+        counted = self.observation.only(kept)
+        away = partial(diverged, counted.model, counted.data, self.start)
+        best = _minimum(self.method, counted, values, choice.span)
+        while (out := away(best.values)).any():
+            choice = choice.without(counted, self.start, out)
+            best = _minimum(self.method, counted, self.start, choice.span, _FEW_DIGITS)
+            if not away(best.values).any():
+                best = _minimum(self.method, counted, best.values, choice.span)
+        return _Round(kept, best, choice, *self.judged(best.values, kept, choice.span))
+
+    def judged(
+        self, values: Array, kept: Mask, span: Array
+    ) -> tuple[LinearProblem, tuple[float, int], Judgement]:
+        """The readings to first order, what the fit leaves of those kept, and what it says of all."""
         observation = self.observation
-        linear = self.estimator.judged(observation, values, span, kept)
-        rows = math.prod(observation.weights.shape[-3:-1])
+        readings = _by_instrument(observation, values, span, kept)
+        own, rows = of_poses(readings, kept), math.prod(observation.weights.shape[-3:-1])
+        known = len(own.off) - observation.model.prior_rows
+        cost = float((own.r**2).sum()) + float((own.off[:known] ** 2).sum())
+        dof = _freedom(own, int(observation.only(kept).numbers.sum()), known)
+        return readings, (cost, dof), judged(observation.data, readings, kept, rows, dof)
 
-        def dof() -> int:
-            return self.estimator.freedom(observation.only(kept), values, span)
 
-        return judged(observation.data, linear, kept, rows, dof)
+def diverged(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
+    limits = _ABSURD * model.sizes
+    limits[placed(model)] = room(model, data)
+    return np.asarray(~(np.abs(values - start) <= limits))
+
+
+def of_poses(readings: LinearProblem, kept: Mask) -> LinearProblem:
+    """The readings of some poses (m,), the rows of others zero."""
+    if kept.all():
+        return readings
+    own = kept[:, None]
+    return replace(readings, r=readings.r * own, J=readings.J * own[..., None])
+
+
+def _minimum(
+    method: Method,
+    observation: Observation,
+    start: Array,
+    span: Array,
+    most: int = _MOST_ITERATIONS,
+) -> Minimum:
+    """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
+    if method == "joint":
+        return levenberg_marquardt(observation.flat, start, span, most)
+    placement = np.abs(span[observation.model.where(Base, Tool)]).sum(axis=0) > 0.0
+    return alternate(observation.flat, start, span[:, placement], span[:, ~placement])
+
+
+def _by_instrument(
+    observation: Observation, values: Array, span: Array, kept: Mask
+) -> LinearProblem:
+    """The readings to first order, as if nothing but the instrument erred: poses are judged by them.
+
+    At the minimum of the readings themselves, from which another weighting keeps the estimate:
+    elsewhere residuals are longer than their spread says, and right poses would stand out.
+
+    values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
+    kept : ndarray of bool, shape (m,), the poses that were fitted
+    """
+    points = replace(points_of(observation), scatter=None)
+    if not observation.efficient or observation.weighing is not None:
+        values = levenberg_marquardt(points.only(kept).flat, values, span).values
+    return points.linear(values, span)
+
+
+def _freedom(readings: LinearProblem, numbers: int, known: int) -> int:
+    """Degrees of freedom of the readings' residuals; negative where the readings do not suffice.
+
+    numbers : int, that count; known : int, first rows beside the readings that count as these do. The
+    others are of sizes, and count less what they determine of the values.
+    """
+    dof, sizes = numbers + known - int(readings.span.shape[1]), readings.held[known:]
+    if not len(sizes):
+        return dof
+    return dof + round(float(np.trace(sizes @ readings.held_gains[known:].T)))

@@ -8,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.identification.estimators import Method
-from calib.identification.fit import Estimation
+from calib.identification.components import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
 from calib.model.common_errors import Considered
@@ -50,36 +49,90 @@ class Identification(Result, Estimation):
     covariance : ndarray, shape (p, p), SI, base and tool included; zero for what was not estimated
     ignorance : ndarray, shape (p, p), SI, what values that were not estimated add to it, at their
         plausible sizes (:func:`calib.model.covariance.ignorance`)
-    absorbed : tuple of Dropped, constants that others stand for at any pose
-    undecided : tuple of str, poses that are outliers by one fit and none by the next
-    unused : tuple of str, poses whose markers are too few for approach pose
-    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
-    distances : dict, "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed" -> distances
-        between measured and predicted points, m
-    by_instrument : dict, (instrument, unit) -> dict of the same keys -> RMS of its errors in that unit
-    footprint : float, metres to one unit of distances and noise: 1 unless no reading is a length
     undetected : covariance, shape (p, p), SI, that scatter adds which was not found, part of
         ``covariance``, and that scatter; None where it was found, or is known
     common : tuple of Considered, errors that all readings share, which the cell states; their part of
         the uncertainty is no part of ``covariance``
+    approach : "points" or "pose"
+    absorbed : tuple of Dropped, constants that others stand for at any pose
+    fit, heldout : Residuals, of what was fitted and of poses that took no part, None without any
+    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     """
 
     covariance: Array
     ignorance: Array
-    status: Status
+    undetected: tuple[Array, Undetected] | None
+    common: tuple[Considered, ...]
     approach: Approach
-    method: Method
     absorbed: tuple[Dropped, ...]
-    undecided: tuple[str, ...]
-    unused: tuple[str, ...]
     fit: Residuals
     heldout: Residuals | None
     nominal: Array
-    distances: dict[str, Array]
-    by_instrument: dict[tuple[str, str], dict[str, float]]
-    footprint: float = 1.0
-    undetected: tuple[Array, Undetected] | None = None
-    common: tuple[Considered, ...] = ()
+
+    @property
+    def status(self) -> Status:
+        """Whether the search settled, and whether it estimated every parameter."""
+        if not (self.best.converged and self.regular):
+            return "not_converged"
+        return "rank_deficient" if self.choice.unidentifiable else "converged"
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """Poses that are outliers by one fit and none by the next."""
+        return self._named(self.judgement.kept != self.kept)
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Poses whose markers were measured and are too few for approach pose."""
+        counted = self.observation.weights.any(axis=(1, 2, 3))
+        return self._named(np.asarray(self.fit.data.seen.any(axis=1) & ~counted))
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Readings left out because nothing tells from which side the joints came."""
+        return self._named(np.logical_not(self.fit.data.seen.any(axis=1)))
+
+    def _named(self, poses: Mask) -> tuple[str, ...]:
+        return tuple(self.fit.data.poses.names[i] for i in np.flatnonzero(poses))
+
+    @cached_property
+    def _parts(self) -> dict[str, tuple[Residuals, Mask | None]]:
+        """Residuals whose lengths are stated, and the poses (m,) they are of, all where None."""
+        model, data = self.model, self.fit.data
+        parts: dict[str, tuple[Residuals, Mask | None]] = {
+            "nominal": (Residuals.of(model, data, self.nominal), None),
+            "fitted": (self.fit, self.kept),
+            "fitted_all": (Residuals.of(model, data, self.first.values), None),
+        }
+        if self.heldout is not None:
+            parts |= {
+                "heldout": (self.heldout, None),
+                "heldout_trimmed": (self.heldout, ~self.heldout.outlier),
+            }
+        return parts
+
+    @cached_property
+    def distances(self) -> dict[str, Array]:
+        """Distances between measured and predicted points, m, of each part.
+
+        Parts are "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed".
+        """
+        return {key: part.lengths(poses) for key, (part, poses) in self._parts.items()}
+
+    @cached_property
+    def by_instrument(self) -> dict[tuple[str, str], dict[str, float]]:
+        """RMS of the errors of each instrument in each of its units, by the same parts."""
+        found: dict[tuple[str, str], dict[str, float]] = {}
+        for key, (part, poses) in self._parts.items():
+            for name, unit, errors in part.errors(poses):
+                rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
+                found.setdefault((name, unit), {}).update(rms)
+        return found
+
+    @cached_property
+    def footprint(self) -> float:
+        """Metres to one unit of distances and noise: 1 unless no reading is a length."""
+        return self.model.footprint(self.values, self.fit.data)
 
     @property
     def dof(self) -> int:
@@ -141,8 +194,7 @@ class Identification(Result, Estimation):
 
         Where poses err as a whole, by as much as the data show, stays count and not points.
         """
-        levels = self.levels
-        shown = levels is not None and bool(levels.levels)
+        shown = bool(self.levels.levels)
         return freedom(self.noise.dof, self.stays, self.rank, as_a_whole=shown)
 
     @property
@@ -186,12 +238,6 @@ class Identification(Result, Estimation):
             for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True)
             if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
         )
-
-    @property
-    def waiting(self) -> tuple[str, ...]:
-        """Readings left out because nothing tells from which side the joints came."""
-        poses, read = self.fit.data.poses, self.fit.data.seen.any(axis=1)
-        return tuple(poses.names[i] for i in np.flatnonzero(~read))
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -13,18 +13,19 @@ from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
-from calib.identification.estimators import Estimator, Method
-from calib.identification.fit import Estimation
-from calib.identification.identification import Identification, Status
+from calib.identification.components import Estimation
+from calib.identification.estimate import estimated
+from calib.identification.estimators import Method
+from calib.identification.identification import Identification
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
-from calib.identification.sizes import fitted
 from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
-from calib.model.build import Built, build, refuse_idle_effects
+from calib.model.build import build, refuse_idle_effects
 from calib.model.common_errors import considered
 from calib.model.covariance import ignorance
+from calib.model.reduction import Dropped
 from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
@@ -38,7 +39,7 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Variances, scatter_of
+from calib.scatter import Undetected, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 
@@ -67,92 +68,46 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
-    check_options(length, approach=approach, method=method, weighting=weighting)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
     asked = cell.size_prior == "estimated"
+    check_options(length, approach=approach, method=method, weighting=weighting)
     check_counts(model, data, _SHARE if asked else 1.0)
     refuse_idle_effects(cell, model, data.poses)
     try:
         start = initial_values(model, data)
-        refuse_mistakes(model, data, start)
         weights = whitening(cell, model, start, data)
+        refuse_mistakes(model, data, start)
         points, start = with_tunings(Points(model, data, weights), start)
-        if approach == "pose":
-            check_orientable(model, data, start)
-            if len(model.where(Tool)):
-                start = with_measured_shape(points.model, data, start)
-        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-        points = replace(points, known=scatter_of(points.model, start, data.poses, arm))
-        observation: Observation = points
-        if approach == "pose":
-            shape = points.model.marker_positions(start)
-            observation = as_poses(points, shape, weighting, length)
+        observation, start = _observation(cell, points, start, approach, weighting, length)
         errors = elementary(model, built.full) if asked else None
-        fit = fitted(cell, Estimator(method), observation, start, errors)
+        found = estimated(cell, method, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    held = None if heldout is None else predicted(cell, fit, heldout)
-    return _identification(built, fit, _nominal(fit.observation, start), held, approach)
+    held = None if heldout is None else predicted(cell, found, heldout)
+    nominal = _nominal(found.observation, start)
+    return _result(found, approach, built.dropped, held, nominal)
 
 
-def _identification(
-    built: Built, fit: Estimation, nominal: Array, held: Residuals | None, approach: Approach
-) -> Identification:
-    """The result of an estimate.
-
-    nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
-    """
-    model, values, span = fit.model, fit.values, fit.span
-    observation, counted, data = fit.observation, fit.counted, fit.observation.data
-    stated, hidden = fit.stated_covariance, fit.by_undetected
-    residuals = Residuals.of(model, data, values, ~fit.kept, fit.statistics, fit.limit)
-    parts = _parts(fit, residuals, nominal, held)
-    by_instrument: dict[tuple[str, str], dict[str, float]] = {}
-    for key, (part, poses) in parts.items():
-        for name, unit, errors in part.errors(poses):
-            rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
-            by_instrument.setdefault((name, unit), {}).update(rms)
-    status: Status = "rank_deficient" if fit.choice.unidentifiable else "converged"
-    if not (fit.best.converged and fit.regular):
-        status = "not_converged"
-    # Poses whose markers were measured and do not count.
-    idle = data.seen.any(axis=1) & ~observation.weights.any(axis=(1, 2, 3))
-    follow = partial(counted.followed, values, span)
-    return Identification(
-        **fields_of(fit),
-        covariance=stated * fit.widening**2 + (0.0 if hidden is None else hidden[0]),
-        ignorance=ignorance(counted.flat(values)[1], span, model.sizes, np.diag(stated) <= 0.0),
-        status=status,
-        approach=approach,
-        method=fit.estimator.method,
-        absorbed=built.dropped,
-        undecided=tuple(data.poses.names[i] for i in np.flatnonzero(fit.unsettled)),
-        unused=tuple(data.poses.names[i] for i in np.flatnonzero(idle)),
-        fit=residuals,
-        heldout=held,
-        nominal=nominal,
-        distances={key: part.lengths(poses) for key, (part, poses) in parts.items()},
-        by_instrument=by_instrument,
-        footprint=model.footprint(values, data),
-        undetected=hidden,
-        common=considered(model, values, data, follow),
-    )
-
-
-def _parts(
-    fit: Estimation, residuals: Residuals, nominal: Array, held: Residuals | None
-) -> dict[str, tuple[Residuals, Mask | None]]:
-    """Residuals whose lengths are told, and the poses (m,) they are of, all where None."""
-    model, data = fit.model, fit.observation.data
-    parts: dict[str, tuple[Residuals, Mask | None]] = {
-        "nominal": (Residuals.of(model, data, nominal), None),
-        "fitted": (residuals, fit.kept),
-        "fitted_all": (Residuals.of(model, data, fit.first.values), None),
-    }
-    if held is not None:
-        parts |= {"heldout": (held, None), "heldout_trimmed": (held, ~held.outlier)}
-    return parts
+def _observation(
+    cell: Cell,
+    points: Points,
+    start: Array,
+    approach: Approach,
+    weighting: Weighting,
+    length: float,
+) -> tuple[Observation, Array]:
+    """The readings or the poses that they make, as the arm is known to scatter, and where to start."""
+    model, data = points.model, points.data
+    if approach == "pose":
+        check_orientable(model, data, start)
+        if len(model.where(Tool)):
+            start = with_measured_shape(model, data, start)
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+    points = replace(points, known=scatter_of(model, start, data.poses, arm))
+    if approach == "points":
+        return points, start
+    return as_poses(points, model.marker_positions(start), weighting, length), start
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:
@@ -181,3 +136,46 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
+
+
+def _result(
+    found: Estimation,
+    approach: Approach,
+    absorbed: tuple[Dropped, ...],
+    heldout: Residuals | None,
+    nominal: Array,
+) -> Identification:
+    """The result of an estimate; its arguments as of :class:`Identification`."""
+    model, values, span = found.model, found.values, found.span
+    counted, data, said = found.counted, found.observation.data, found.judgement
+    stated = counted.covariance(values, span)
+    # Levels of noise hold what the arm adds; without, the residual widens all alike.
+    widened = stated if counted.mixing is not None else stated * found.noise.factor**2
+    hidden = _undetected(found, widened)
+    lost, by_values = np.diag(stated) <= 0.0, counted.flat(values)[1]
+    return Identification(
+        **fields_of(found),
+        covariance=widened if hidden is None else widened + hidden[0],
+        ignorance=ignorance(by_values, span, model.sizes, lost),
+        undetected=hidden,
+        common=considered(model, values, data, partial(counted.followed, values, span)),
+        approach=approach,
+        absorbed=absorbed,
+        fit=Residuals.of(model, data, values, ~found.kept, said.statistics, said.limit),
+        heldout=heldout,
+        nominal=nominal,
+    )
+
+
+def _undetected(found: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
+    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
+
+    None where scatter shows or is stated, and where the residual has widened everything.
+    """
+    own = found.levels.undetected
+    if own is None or found.noise.source == "residual":
+        return None
+    own = replace(own, variances=replace(own.variances, scale=found.noise.divisor))
+    scatter = found.observation.scatter
+    counted = replace(found.counted, scatter=scatter and scatter.at(own.variances))
+    return counted.covariance(found.values, found.span) - covariance, own

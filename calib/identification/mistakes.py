@@ -1,8 +1,9 @@
 """Which mistake would explain data that no arm could have given: each is undone and looked at.
 
-The nominal arm is laid over some of the readings. Entries of :mod:`calib.identification.slips` concern
-every reading. Two more concern a few: a run of poses shifted by one against their joints, and markers
-that changed names at some poses; these stand out, and come near once that is undone.
+The nominal arm is laid over some of the readings. Entries of
+:mod:`calib.identification.data_mistakes` concern every reading. Two more concern a few: a run of poses
+shifted by one against their joints, and markers that changed names at some poses; these stand out, and
+come near once that is undone.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import ImplausibleData
 from calib.identification.checks import refuse_unreachable
-from calib.identification.slips import Slip, reordered, tables, two_zeros
-from calib.identification.start import initial_values, missed_by
+from calib.identification.data_mistakes import DataMistake, reordered, tables, two_zeros
+from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 
@@ -84,7 +85,7 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
     if tracked is None:  # what people get wrong is known of points only
         return
     model, data = tracked
-    found = recognised(model, data, missed_by(model, data, start))
+    found = recognised(model, data, _missed_by(model, data, start))
     if found is not None:
         raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
     refuse_unreachable(model, data, _UNREACHED)
@@ -117,6 +118,12 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
 # -- the nominal arm over some readings ------------------------------------------------------------
 
 
+def _missed_by(model: Model, data: Measurements, values: Array) -> Array:
+    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
+    off = model.off(values, data)
+    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Placed:
     """Base and markers under the nominal arm.
@@ -138,7 +145,7 @@ def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
     kept = seen = np.asarray(data.seen.any(axis=1))
     for _ in range(rounds):
         values = initial_values(model, data.take(kept))
-        missed = missed_by(model, data, values)
+        missed = _missed_by(model, data, values)
         near = seen & (missed <= _GROSS * np.median(missed[kept]))
         if np.array_equal(near, kept):
             break
@@ -171,26 +178,26 @@ def _rms(lengths: Array) -> float:
 
 
 def _undone(
-    model: Model, sample: Measurements, missed: Array, table: tuple[Slip, ...]
+    model: Model, sample: Measurements, missed: Array, table: tuple[DataMistake, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [(slip.freed(model, sample), slip.undone(sample)) for slip in table]
+    tried = [(entry.freed(model, sample), entry.undone(sample)) for entry in table]
     first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     fitting = []
-    for slip, fit in [(table[i], _placed(*tried[i])) for i in closest]:
+    for entry, fit in [(table[i], _placed(*tried[i])) for i in closest]:
         # The arm then errs as arms do, beside its motion as well, and did not before.
         least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
         if fit.rms <= least and fit.share <= _SHARE and fit.kept.mean() >= _MOST:
-            fitting.append((slip, fit))
+            fitting.append((entry, fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
-    alike = [slip for slip, fit in fitting if fit.share <= _ALIKE * best.share]
+    alike = [entry for entry, fit in fitting if fit.share <= _ALIKE * best.share]
     return Mistake(
-        tuple(slip.name for slip in alike),
-        tuple(slip.said for slip in alike),
-        tuple(slip.remedy for slip in alike),
+        tuple(entry.name for entry in alike),
+        tuple(entry.said for entry in alike),
+        tuple(entry.remedy for entry in alike),
         _rms(missed[best.kept]),
         best.rms,
     )
@@ -218,8 +225,8 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
     rows = np.flatnonzero(there)
     moved = replace(data.take(rows), poses=data.poses.take(rows + by))
     for values in _placings(model, (moved, data), near):
-        before, after = missed_by(model, data, values), np.full(len(data), np.inf)
-        after[rows] = missed_by(model, moved, values)
+        before, after = _missed_by(model, data, values), np.full(len(data), np.inf)
+        after[rows] = _missed_by(model, moved, values)
         as_read, as_moved = before <= near, after <= near
         only = np.flatnonzero(as_moved & ~as_read)
         if len(only) < _FEWEST:
@@ -275,8 +282,8 @@ def _exchanged(model: Model, data: Measurements, far: float) -> Mistake | None:
         values = _settled(model, own)
         if values is not None:
             order[here] = _best_order(model, own, values)
-            before[here] = missed_by(model, own, values)
-            after[here] = missed_by(model, reordered(own, order[here]), values)
+            before[here] = _missed_by(model, own, values)
+            after[here] = _missed_by(model, reordered(own, order[here]), values)
     limit = np.minimum(_ARM * model.robot.reach, before / _TIMES)
     wrong = np.flatnonzero((before > far) & (after <= limit))
     if not len(wrong):

@@ -136,11 +136,7 @@ def replicate_factor(data: Measurements, weights: Array) -> float:
 
 def refuted(cost: float, dof: int) -> bool:
     """Whether a sum of squares of so many degrees of freedom is no chi-square."""
-    from scipy.special import chdtr, chdtrc
-
-    if dof <= 0:
-        return False
-    return 2.0 * min(float(chdtr(dof, cost)), float(chdtrc(dof, cost))) < _DISAGREE
+    return 2.0 * min(_chances(cost, dof, np.inf)) < _DISAGREE
 
 
 def noise_level(
@@ -151,28 +147,30 @@ def noise_level(
     cost, dof : sum of squared whitened residuals of the kept poses, and degrees of freedom
     weights : ndarray, shape (m, C, r, r), whitening matrices, by the noise scales of the readout
     """
-    from scipy.special import chdtr, chdtrc, fdtr, fdtrc
-
     lengths = readout.channels.lengths
     believed = stated = believed_sigma(data, weights, lengths)
     if scales := readout.noise_scales:
         back = readout.rescaled(weights, {name: 1.0 / s for name, s in scales.items()})
         stated = believed_sigma(data, back, lengths)
     spread, repeats = replicate_spread(data, weights)
-    factor = 1.0
+    factor, known = 1.0, np.inf
     source: Source = "cell"
     # Noise never repeats to the digit: repeats without any spread are copies and say nothing.
     own = float(np.sqrt(spread / repeats)) if repeats >= REPLICATES and spread > 0.0 else None
     if own is not None and refuted(spread, repeats):
-        factor, source = own, "replicates"
-    p_fit = 1.0
-    if dof > 0:
-        ratio = cost / dof / factor**2
-        if source == "cell":
-            below, p_fit = float(chdtr(dof, ratio * dof)), float(chdtrc(dof, ratio * dof))
-        else:
-            below, p_fit = float(fdtr(dof, repeats, ratio)), float(fdtrc(dof, repeats, ratio))
-        if 2.0 * min(below, p_fit) < _DISAGREE:
-            factor, source = float(np.sqrt(cost / dof)), "residual"
-    known = {"cell": np.inf, "replicates": repeats, "residual": dof}[source]
+        factor, source, known = own, "replicates", float(repeats)
+    below, p_fit = _chances(cost / factor**2, dof, known)
+    if 2.0 * min(below, p_fit) < _DISAGREE:
+        factor, source, known = float(np.sqrt(cost / dof)), "residual", float(dof)
     return NoiseLevel(believed, factor, source, known, own, p_fit, stated)
+
+
+def _chances(cost: float, dof: int, known: float) -> tuple[float, float]:
+    """Chances of a smaller and of a larger sum of squares, in noise of so many degrees of freedom."""
+    from scipy.special import chdtr, chdtrc, fdtr, fdtrc
+
+    if dof <= 0:
+        return 1.0, 1.0
+    if np.isinf(known):
+        return float(chdtr(dof, cost)), float(chdtrc(dof, cost))
+    return float(fdtr(dof, known, cost / dof)), float(fdtrc(dof, known, cost / dof))

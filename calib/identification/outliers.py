@@ -12,7 +12,7 @@ when it lies beyond what the largest of m such draws would reach once in a thous
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,9 +40,7 @@ class Judgement:
     limit: float
 
 
-def judged(
-    data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof: Callable[[], int]
-) -> Judgement:
+def judged(data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof: int) -> Judgement:
     """What a fit to the poses kept, shape (m,), says of every pose.
 
     linear : LinearProblem, of all poses; rows : int, of each; dof : of the poses kept
@@ -54,12 +52,10 @@ def judged(
         return Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((linear.r[kept] ** 2).sum())
     share = independent_share(data.in_place(linear.r).reshape(len(kept), -1), kept)
-    tested = statistics, counted, kept, cost, dof(), share
+    one = changed_pose(statistics, counted, kept, cost, dof, share)
     fresh = kept.copy()
-    if (back := wrongly_out(*tested)) is not None:
-        fresh[back] = True
-    elif (worst := next_outlier(*tested)) is not None:
-        fresh[worst] = False
+    if one is not None:
+        fresh[one] = not kept[one]
     return Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
 
 
@@ -152,10 +148,13 @@ def independent_share(r: Array, kept: Mask) -> float:
     return min(1.0, 1.0 / max(together * max(count, 1), 1e-12))
 
 
-def next_outlier(
+def changed_pose(
     statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
 ) -> int | None:
-    """The worst of the kept poses of a small set, if the fit without it says so, else None.
+    """The pose of a small set that the fit judges otherwise than it was counted, None where none is.
+
+    One that was left out and agrees with the fit without it comes back first; else the worst of the
+    kept goes, if the fit without it says so. Of a pose without rows nothing says that it agrees.
 
     statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
         :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
@@ -165,36 +164,23 @@ def next_outlier(
     """
     from scipy.special import fdtrc
 
-    m = len(kept)
-    if m - int(kept.sum()) >= max(1, int(_MOST * m)):
-        return None
+    m, out = len(kept), ~kept & (rows > 0)
+
+    def by_chance(mean_square: float, k: int, rest: float, left: int) -> bool:
+        F = mean_square * left / rest if rest > 1e-300 else np.inf
+        return float(fdtrc(share * k, share * left, F)) >= _ALPHA / m
+
+    if out.any() and dof > 0:
+        best = int(np.where(out, statistics, np.inf).argmin())
+        if by_chance(statistics[best], int(rows[best]), cost, dof):
+            return best
     drop = np.where(kept, statistics * rows, 0.0)
     worst = int(drop.argmax())
     k, left = int(rows[worst]), dof - int(rows[worst])
-    if not 0 < k <= left:
+    if m - int(kept.sum()) >= max(1, int(_MOST * m)) or not 0 < k <= left or not drop[worst]:
         return None
     rest = max(cost - drop[worst], np.finfo(float).eps * cost)
-    F = drop[worst] / k * left / rest if rest > 0.0 else 0.0
-    return worst if float(fdtrc(share * k, share * left, F)) < _ALPHA / m else None
-
-
-def wrongly_out(
-    statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
-) -> int | None:
-    """The pose of a small set that was left out and agrees best with the fit without it, else None.
-
-    The test of :func:`next_outlier`, the other way round; arguments, shapes (m,), as there. A pose
-    without rows stays out: nothing says that it agrees.
-    """
-    from scipy.special import fdtrc
-
-    out = ~kept & (rows > 0)
-    if not out.any() or dof <= 0:
-        return None
-    best = int(np.where(out, statistics, np.inf).argmin())
-    F = statistics[best] * dof / cost if cost > 1e-300 else np.inf
-    k = share * int(rows[best])
-    return best if float(fdtrc(k, share * dof, F)) >= _ALPHA / len(kept) else None
+    return None if by_chance(drop[worst] / k, k, rest, left) else worst
 
 
 # -- poses that stand alone ----------------------------------------------------------------------

@@ -12,14 +12,13 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import CalibError, NoEquilibrium
-from calib.identification.estimators import by_instrument
-from calib.identification.fit import Estimation
+from calib.identification.fit import Fit
 from calib.identification.outliers import fit_statistics, pose_statistics, threshold
 from calib.identification.start import whitening
 from calib.instruments import Channels, Instrument
 from calib.model import Model
 from calib.model.build import lacking
-from calib.observations import Points
+from calib.observations import Points, points_of
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
 
@@ -140,14 +139,14 @@ class Residuals:
 _REMEDIES = {"time": "add time_s to both tables, hold out a share of one table"}
 
 
-def predicted(cell: Cell, fit: Estimation, heldout: Measurements) -> Residuals:
+def predicted(cell: Cell, fit: Fit, heldout: Measurements) -> Residuals:
     """Residuals of poses that took no part, judged as those that did: by the instrument's noise alone.
 
     Raises CalibError where they do not say what the model asks, or stood at a station of their own.
     """
     model, values, observation = fit.model, fit.values, fit.observation
-    fitted = by_instrument(observation, values, fit.span)
     rows = math.prod(observation.weights.shape[-3:-1])
+    fitted = replace(points_of(observation), scatter=None).linear(values, fit.span)
     limit = threshold(pose_statistics(fitted, fit.kept)[0], rows)
     heldout = with_stations_of(observation.data, heldout)
     _check_covariates(model, observation.data, heldout)

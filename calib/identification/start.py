@@ -18,7 +18,6 @@ from calib.observations.shape import free_components
 from calib.poses import Measurements
 
 _ROOM = 10.0  # reaches of the arm
-_ABSURD = 1e3  # plausible sizes
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -40,7 +39,7 @@ def initial_values(model: Model, data: Measurements) -> Array:
         }
         read = instrument.read_of(len(markers))
         on = model.marker_frames[read].reshape(-1, instrument.each)[:, 0]
-        placed = set[int | str | None]()
+        done = set[int | str | None]()
         for station, tip, here in _sessions(instrument, data, part, on):
             own = data.take(here)
             start = instrument.start(
@@ -53,16 +52,16 @@ def initial_values(model: Model, data: Measurements) -> Array:
                     not bases,
                 ),
             )
-            told = _of_room(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
+            told = placed(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
             moved = start.place[told] - values[bases[station]][told] if told.any() else start.place
             lengths = np.abs([*moved, *(start.markers - markers[read]).ravel()])
-            if _room(model, data) < np.nan_to_num(lengths, nan=np.inf).max(initial=0.0):
+            if room(model, data) < np.nan_to_num(lengths, nan=np.inf).max(initial=0.0):
                 continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
-            if station in bases and station not in placed:
+            if station in bases and station not in done:
                 values[bases[station]] = start.place
-            placed.add(station)
+            done.add(station)
     for effect, part in model.parts:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
@@ -81,31 +80,18 @@ def _tip_before(
     return back @ R, rotate(back, o - frames.o[here, under])
 
 
-def missed_by(model: Model, data: Measurements, values: Array) -> Array:
-    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = model.off(values, data)
-    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
-
-
-def strayed(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
-    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
-    limits = _ABSURD * model.sizes
-    limits[_of_room(model)] = _room(model, data)
-    return np.asarray(~(np.abs(values - start) <= limits))
-
-
-def _room(model: Model, data: Measurements) -> float:
+def room(model: Model, data: Measurements) -> float:
     """How far from its guess anything may be, m."""
     channels = model.readout.channels
     read = np.abs(data.readings[data.seen[..., None] & channels.lengths])
     return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
 
 
-def _of_room(model: Model) -> Mask:
+def placed(model: Model) -> Mask:
     """Which values (p,) say where things are, unlike those of a lens, which no room holds."""
     found = np.zeros(len(model.parameters), dtype=bool)
-    placed = model.where(Base, Tool)
-    found[placed] = [model.parameters[i].unit in ("mm", "mrad") for i in placed]
+    own = model.where(Base, Tool)
+    found[own] = [model.parameters[i].unit in ("mm", "mrad") for i in own]
     return found
 
 

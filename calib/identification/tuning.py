@@ -7,16 +7,16 @@ The cost of a fit has many minima over cycles, a time constant or a moment, so i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
 from calib.identification.estimators import choose_directions
-from calib.identification.scan import Carried, carried, falls, times
-from calib.identification.start import strayed
-from calib.linear import LinearProblem, huber_weights
+from calib.identification.fit import diverged
+from calib.identification.scan import carried, falls, times
+from calib.linear import LinearProblem, huber_weights, unit
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
@@ -34,43 +34,83 @@ def with_tunings(points: Points, start: Array) -> tuple[Points, Array]:
 
     points : Points, of the model; start : ndarray, shape (p,), SI, base and markers in place
     All else is fitted first; of a pose that stands out only so much counts as others leave, for one
-    outlier is no jump. The effects are tuned one after the other, the one that gains most first,
-    and each once more beside the others. What diverges begins where it was.
+    outlier is no jump. What diverges begins where it was.
     """
-    model = points.model
-    tuned = [e for e in model.effects if isinstance(e, Tuned)]
+    tuned = [e for e in points.model.effects if isinstance(e, Tuned)]
     if not tuned:
         return points, start
     rest, known = points.model.without(tuned, start)
     values, span, share = _fitted(replace(points, model=rest), known)
     r, J, carriers = _linearised(replace(points, model=rest), values, tuned)
-    problem = LinearProblem(share[:, None] * r, J, span, mixing=points.mixing)
-    found = dict[int, Tuned]()
+    problem = LinearProblem(share[:, None] * r, J, span)
+    scans = [_Scan(*own, points.data.poses, problem) for own in zip(tuned, carriers, strict=True)]
+    found = _one_after_the_other(scans)
+    step = _step(problem, [scan.columns(e) for scan, e in zip(scans, found, strict=True)])
+    k = span.shape[1]
+    model, first = _together(points.model, tuned, found, values + span @ step[:k], step[k:])
+    away = diverged(model, points.data, start, first)
+    return replace(points, model=model), np.where(away, start, first)
 
-    def columns(i: int) -> Array:
-        functions = found[i].functions(points.data.poses, np.array(found[i].tuning))
-        return times(carriers[i], functions)
 
-    def scanned(i: int) -> tuple[float, float]:
-        others = [columns(j) for j in found if j != i]
-        beside = problem.complement
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """One effect that is tuned: whitened rows (m, R, b) of its carrier, and the problem beside it."""
+
+    effect: Tuned
+    carrier: Array
+    poses: Poses
+    problem: LinearProblem
+
+    def columns(self, tuned: Tuned) -> Array:
+        """Whitened rows of the effect once it is tuned, shape (m, R, f b)."""
+        return times(self.carrier, tuned.functions(self.poses, np.array(tuned.tuning)))
+
+    def best(self, others: Sequence[Array]) -> tuple[float, float]:
+        """The tuning that lowers the cost most beside the columns of others, and by how much."""
+        grid, beside = self.effect.grid(self.poses), self.problem.complement
+        if not len(grid):
+            return self.effect.tuning, 0.0
         if others:
             beside = beside.without(beside.columns(np.concatenate(others, axis=-1)))
-        return _best(tuned[i], points.data.poses, carried(beside, carriers[i]))
+        products = carried(beside, self.carrier)
 
-    alone = [scanned(i) for i in range(len(tuned))]
-    first, *others = sorted(range(len(tuned)), key=lambda i: -alone[i][1])
-    found[first] = tuned[first].tuned(alone[first][0])
+        def gains(tunings: Array) -> Array:
+            functions = self.effect.functions(self.poses, tunings)
+            sizes = np.array([p.size for p in self.effect.amplitudes])
+            return falls(products, functions, _ANY * sizes)
+
+        gain = gains(grid)
+        best = int(gain.argmax())
+        if self.effect.smooth and len(grid) > 1:
+            ends = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
+            grid = np.append(grid[best], np.linspace(*ends, 2 * _FINER + 1))
+            gain = gains(grid)
+            best = int(gain.argmax())
+        return float(grid[best]), float(gain[best])
+
+
+def _one_after_the_other(scans: Sequence[_Scan]) -> list[Tuned]:
+    """The effects tuned, the one that gains most first, and each once more beside the others."""
+    found: dict[int, Tuned] = {}
+
+    def tuned(i: int) -> Tuned:
+        others = [scans[j].columns(e) for j, e in found.items() if j != i]
+        return scans[i].effect.tuned(scans[i].best(others)[0])
+
+    alone = [scan.best(()) for scan in scans]
+    first, *others = sorted(range(len(scans)), key=lambda i: -alone[i][1])
+    found[first] = scans[first].effect.tuned(alone[first][0])
     for i in (*others, first, *others) if others else ():
-        found[i] = tuned[i].tuned(scanned(i)[0])
-    X = stacked(np.concatenate([J @ span, *map(columns, range(len(tuned)))], axis=-1))
+        found[i] = tuned(i)
+    return [found[i] for i in range(len(scans))]
+
+
+def _step(problem: LinearProblem, columns: Sequence[Array]) -> Array:
+    """Least-squares change (k + n,) of the k directions of a problem and of n amplitudes."""
+    X = stacked(np.concatenate([problem.J @ problem.span, *columns], axis=-1))
     size = np.linalg.norm(X, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    step = np.linalg.lstsq(X / size, problem.r.ravel(), rcond=_NOTHING)[0] / size
-    chosen, k = [found[i] for i in range(len(tuned))], span.shape[1]
-    model, begun = _together(model, tuned, chosen, values + span @ step[:k], step[k:])
-    away = strayed(model, points.data, start, begun)
-    return replace(points, model=model), np.where(away, start, begun)
+    found = np.linalg.lstsq(unit(X), problem.r.ravel(), rcond=_NOTHING)[0]
+    return np.asarray(found / np.where(size > 0.0, size, 1.0))
 
 
 def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
@@ -109,25 +149,3 @@ def _together(
     values[np.setdiff1d(np.arange(len(values)), own)] = rest
     values[np.setdiff1d(own, model.tunings)] = amplitudes
     return model, values
-
-
-def _best(effect: Tuned, poses: Poses, carried: Carried) -> tuple[float, float]:
-    """The tuning that lowers the cost most, and by how much."""
-    grid = effect.grid(poses)
-    if not len(grid):
-        return effect.tuning, 0.0
-    gain = _falls(effect, poses, carried, grid)
-    best = int(gain.argmax())
-    if effect.smooth and len(grid) > 1:
-        ends = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
-        grid = np.append(grid[best], np.linspace(*ends, 2 * _FINER + 1))
-        gain = _falls(effect, poses, carried, grid)
-        best = int(gain.argmax())
-    return float(grid[best]), float(gain[best])
-
-
-def _falls(effect: Tuned, poses: Poses, carried: Carried, tunings: Array) -> Array:
-    """By how much the cost falls with the effect at each tuning (C,), whatever its amplitudes, (C,)."""
-    f = effect.functions(poses, tunings).shape[-1]
-    sizes = np.array([p.size for p in effect.amplitudes]).reshape(f, -1)
-    return falls(carried, effect.functions(poses, tunings), _ANY * sizes.ravel())

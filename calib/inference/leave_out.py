@@ -7,12 +7,11 @@ Orthonormal columns make A the identity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size
-from calib.inference.design import Design, Variances
 from calib.inference.least_squares import independent_columns, inverse_triangle, joined_triangle
 
 _DETERMINED = 1e-8  # share of a direction's information that the other groups must hold
@@ -78,17 +77,3 @@ def leave_groups_out(
         left[index] += (root @ (np.swapaxes(root, -1, -2) @ e[index][..., None]))[..., 0]
         spread[index, : root.shape[-1]] = root
     return LeftOut(left, spread, growth, determined)
-
-
-def leave_out(design: Design, variances: Variances, group: IntArray) -> LeftOut:
-    """Leave out each group of poses of a design, fitted by noise and priors of blocks.
-
-    group : ndarray of int, shape (m,); the residual has shape (m, R), zero where no row takes part, the
-    spread the live rows
-    """
-    noise = np.sqrt(variances.instrument[design.instrument])
-    X = design.columns * design.column_scale(variances.amplitudes) / noise[:, None]
-    found = leave_groups_out(X, design.response / noise, group[design.pose], design.prior_rows)
-    residual = np.zeros(design.r.size)
-    residual[design.live] = found.residual * noise / design.pose_weight[design.pose]
-    return replace(found, residual=residual.reshape(design.r.shape))

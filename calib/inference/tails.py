@@ -52,13 +52,6 @@ def weighted_tail(weights: Array, value: float, freedom: float = np.inf) -> floa
     return _quadratic_tail(np.append(w - share, -share), counts, 0.0)
 
 
-def chi_square_quantile(probability: float, freedom: Array) -> Array:
-    """Value below which chi-square variables lie with a probability."""
-    from scipy.special import gammaincinv
-
-    return np.asarray(2.0 * gammaincinv(np.asarray(freedom) / 2.0, probability))
-
-
 def _quadratic_tail(d: Array, counts: Array, value: float) -> float:
     """Probability that ``sum(d chi2_count)`` exceeds a value; d of any sign, not all zero."""
     from scipy.special import ndtr

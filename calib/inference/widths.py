@@ -1,110 +1,239 @@
-"""Widths of the size prior: amplitudes of blocks by expectation and maximisation.
+"""How large errors of a kind are in this robot: widths of a normal prior, found from its own readings.
 
-Each free block is a class of errors of one kind and unit (``geometry_mrad``, ``geometry_mm``,
-``joint_zero``), its root the plausible sizes. With ``c = a R z``, and z and C the posterior mean and
-covariance of a class of k errors at the present widths,
+Every elementary error j, one of six constants at a frame or a parameter of another effect, is taken as
+``N(0, w_c^2 / u_g)``: w_c is the width of its class (kind and unit), u_g tells how much less the place
+g errs than others of its kind; a worn joint errs more. Both are variance components beside the levels
+of noise, and found by the same restricted likelihood: with X the columns, V the covariance of the
+readings, n its scale and D the covariance of the errors,
 
-    a^2 <- (a^2 (|z|^2 + trace C) + n) / (k + n)
+    -2 log L = log|n^2 V| + log|D| + log|X^T V^-1 X / n^2 + D^-1| + y^T P y
 
-climbs to the maximum of the restricted likelihood (Dempster, Laird, Rubin, J. R. Stat. Soc. B 39(1),
-1977), plausible sizes counting as n errors. It crosses no valley, and an error of a hundred plausible
-sizes has one before it, so each class starts with the likeliest of a few widths.
+(Patterson and Thompson, Biometrika 58(3), 1971). What is known beforehand stands beside it, each as an
+inverse gamma law: ``w_c^2`` about the plausible size of the kind, n about one, and ``1 / u_g`` about
+one, so that a place far beyond its kind is met (a multivariate t). The maximum is found by expectation
+and maximisation (Dempster, Laird and Rubin, J. R. Stat. Soc. B 39(1), 1977). That climbs and crosses no
+valley, and an error of a hundred plausible sizes has one before it: so each class begins with the most
+likely of a few widths.
+
+The constants of a model are an irreducible set, each a sum of elementary ones; base and markers, which
+stand anywhere, take up the rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
-from calib.arrays import Array
-from calib.inference.design import Design, Variances
-from calib.inference.least_squares import inverse_triangle, joined_triangle
-from calib.inference.restricted import MixedModel, RestrictedLikelihood
+from calib.arrays import Array, IntArray
 
-_KNOWN = 0.5  # errors of a class for which its plausible sizes count
-_STARTS = 10.0 ** np.arange(-1.0, 4.5, 0.5)
-_ROUNDS = 500
-_SETTLED = 1e-4  # of a width
+_KNOWN = 0.5  # errors of a kind that its plausible size stands for
+_TAIL = 1.0  # degrees of freedom of what a place errs more or less than others
+_STATED = 20.0  # numbers that the noise, as it was found without any prior, stands for
+_MOST_ROUNDS = 100
+_SETTLED = 0.01  # of a width
+_BEGUN = 10.0 ** np.arange(0.0, 4.5, 0.5)  # plausible sizes that a width may begin with
+_SAVED = 0.25  # parameters: where the prior determines fewer, it makes no difference that counts
+
+Key: TypeAlias = tuple[str, str, str]
+"""Effect, where and name of a parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class SizePrior:
+    """Parameters of a robot; base, tool and markers are never among them.
+
+    keys : tuple of Key; covariance : ndarray, shape (k, k), SI
+    """
+
+    keys: tuple[Key, ...]
+    covariance: Array
+
+    def only(self, keys: Collection[Key]) -> SizePrior:
+        """The marginal prior of some parameters."""
+        own = np.array([i for i, key in enumerate(self.keys) if key in keys], dtype=int)
+        return SizePrior(tuple(self.keys[i] for i in own), self.covariance[np.ix_(own, own)])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (k,), SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def whitening(self) -> Array:
+        """W (k, k) with ``W covariance W^T = I``."""
+        std = self.std
+        half = np.linalg.cholesky(self.covariance / np.outer(std, std))
+        return np.asarray(np.linalg.inv(half) / std)
+
+    def positions(self, keys: Collection[Key]) -> IntArray:
+        """Where its parameters stand among some keys, shape (k,); all of them must be there."""
+        order = {key: i for i, key in enumerate(keys)}
+        return np.array([order[key] for key in self.keys], dtype=int)
+
+
+@dataclass(frozen=True, eq=False)
+class Elementary:
+    """The e elementary errors that k parameters of a model stand for.
+
+    keys : tuple of Key, of the parameters; at : ndarray of int, shape (k,), where they stand
+    G : ndarray, shape (k, e), parameters from elementary errors
+    sizes : ndarray, shape (e,), SI, plausible ones
+    classes : tuple of (kind, unit); scales : ndarray, shape (c,), SI per unit
+    of_class, of_place : ndarray of int, shape (e,)
+    """
+
+    keys: tuple[Key, ...]
+    at: IntArray
+    G: Array
+    sizes: Array
+    classes: tuple[tuple[str, str], ...]
+    scales: Array
+    of_class: IntArray
+    of_place: IntArray
+
+    def without(self, lost: Collection[int]) -> Elementary:
+        """The errors behind all but the parameters at some positions."""
+        kept = ~np.isin(self.at, list(lost))
+        G = self.G[kept]
+        shown = np.abs(G).max(axis=0, initial=0.0) > 0.0
+        left, of_class = np.unique(self.of_class[shown], return_inverse=True)
+        return replace(
+            self,
+            keys=tuple(key for key, some in zip(self.keys, kept, strict=True) if some),
+            at=self.at[kept],
+            G=G[:, shown],
+            sizes=self.sizes[shown],
+            classes=tuple(self.classes[c] for c in left),
+            scales=self.scales[left],
+            of_class=of_class.reshape(-1),
+            of_place=np.unique(self.of_place[shown], return_inverse=True)[1].reshape(-1),
+        )
+
+    def prior(self, variances: Array) -> SizePrior:
+        """What is believed of the parameters, for variances (e,) of the elementary errors."""
+        cov = (self.G * variances) @ self.G.T
+        return SizePrior(self.keys, (cov + cov.T) / 2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Widths:
-    """Widths of a design's free blocks.
+    """How large errors are.
 
-    variances : Variances, with their amplitudes; converged : bool
-    by_prior : float, number of coefficients that the prior determines in place of the rows
+    widths : ndarray, shape (c,), SI, of the classes; variances : ndarray, shape (e,), SI, of the errors
+    noise : float, actual over assumed noise of the rows; prior : SizePrior, of the parameters
+    saved : float, how many parameters it determines in place of the readings
     """
 
-    variances: Variances
-    by_prior: float
-    converged: bool
+    of: Elementary
+    widths: Array
+    variances: Array
+    noise: float
+    prior: SizePrior
+    saved: float
+
+    @property
+    def shows(self) -> bool:
+        """Whether the readings leave so much open that the prior makes a difference."""
+        return self.saved > _SAVED
 
 
-def widths(design: Design, variances: Variances, known: float = _KNOWN) -> Widths:
-    """Estimate the amplitudes of free blocks, all other variances as given.
+def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
+    """Find the widths.
 
-    known : number of errors for which the plausible sizes of a class count
+    J : ndarray, shape (N, k), derivatives by the parameters in independent rows of unit variance, all
+        else projected out; y : ndarray, shape (N,), readings less those of the nominal arm, likewise
+    dof : int, rows that count less what was projected out
     """
-    search = _search(design, variances, known)
-    count = len(design.free_blocks)
-    found = search.likeliest(np.tile(_STARTS[:, None], (1, count)))
-    for j in range(count):
-        tried = np.tile(found, (len(_STARTS), 1))
-        tried[:, j] = _STARTS
-        found = search.likeliest(tried)
-    converged = False
-    for _ in range(_ROUNDS):
-        last, found = found, search.raised(found)
-        converged = np.allclose(found, last, rtol=_SETTLED, atol=0.0)
-        if converged:
+    found = _WidthSearch(of, J.T @ J, J.T @ y, float(y @ y), dof)
+    widths = found.begun()
+    share, noise = np.ones(len(of.sizes)), 1.0
+    for _ in range(_MOST_ROUNDS):
+        squares, noise = found.expected(widths[of.of_class] ** 2 / share, noise)
+        share = found.shares(squares, widths)
+        last, widths = widths, found.widths(share * squares)
+        if np.allclose(widths, last, rtol=_SETTLED):
             break
-    by_prior = float(search.posterior(found)[1].sum())
-    amplitudes = design.amplitudes(found)
-    return Widths(replace(variances, amplitudes=amplitudes), by_prior, bool(converged))
-
-
-def _search(design: Design, variances: Variances, known: float) -> _Search:
-    unit = replace(variances, amplitudes=design.amplitudes(np.ones(len(design.free_blocks))))
-    likelihood = RestrictedLikelihood(MixedModel.of(design), design.theta(unit))
-    of, width = design.block_of_column, len(likelihood.scale)
-    number = {block: j for j, block in enumerate(design.free_blocks)}
-    column = np.array([number.get(int(block), -1) for block in of], dtype=np.int_)
-    parts = (likelihood.outside.reshape(-1, width), likelihood.inside.reshape(-1, width))
-    member = np.eye(len(number) + 1)[column][:, :-1]
-    return _Search(joined_triangle(parts), likelihood.prior, member, known)
+    variances = widths[of.of_class] ** 2 / share
+    prior = of.prior(variances)
+    return Widths(of, widths, variances, noise, prior, found.saved(prior, noise))
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
-    """Reduced rows (f + 1, f + 1) at unit widths, prior rows, and blocks (f, b) of the columns."""
+class _WidthSearch:
+    """Normal equations ``A v = g`` of the parameters, ``square`` that of their right-hand side."""
 
-    rows: Array
-    prior: Array
-    member: Array
-    known: float
+    of: Elementary
+    A: Array
+    g: Array
+    square: float
+    dof: int
 
-    def _triangle(self, widths: Array) -> Array:
-        scale = self.member @ widths + (self.member.sum(axis=1) == 0.0)
-        return joined_triangle([self.rows * np.append(scale, 1.0), self.prior])
+    @property
+    def typical(self) -> Array:
+        """Plausible size of each class, shape (c,)."""
+        of = self.of
+        total = np.bincount(of.of_class, of.sizes**2, len(of.classes))
+        count = np.bincount(of.of_class, minlength=len(of.classes))
+        return np.asarray(np.sqrt(total / np.maximum(count, 1)))
 
-    def likeliest(self, tried: Array) -> Array:
-        """The likeliest of some widths (n, b), with what is known of them."""
-        values = []
-        for one in tried:
-            R = self._triangle(one)
-            known = self.known * (one**-2 + 2.0 * np.log(one)).sum()
-            values.append(2.0 * np.log(np.abs(np.diag(R)[:-1])).sum() + R[-1, -1] ** 2 + known)
-        return np.asarray(tried[int(np.argmin(values))])
+    def begun(self) -> Array:
+        """The most likely of a few widths, shape (c,): of all classes alike, then of each in turn."""
+        widths = self._likeliest(np.outer(_BEGUN, self.typical))
+        for c, size in enumerate(self.typical):
+            tried = np.tile(widths, (len(_BEGUN), 1))
+            tried[:, c] = _BEGUN * size
+            widths = self._likeliest(tried)
+        return widths
 
-    def posterior(self, widths: Array) -> tuple[Array, Array]:
-        """Sums of ``z^2`` and of their variances over each block, (b,) each."""
-        R = self._triangle(widths)
-        W = inverse_triangle(R[:-1, :-1])
-        return (W @ R[:-1, -1]) ** 2 @ self.member, (W**2).sum(axis=1) @ self.member
+    def _likeliest(self, tried: Array) -> Array:
+        return np.asarray(tried[int(np.argmin([self._value(widths) for widths in tried]))])
 
-    def raised(self, widths: Array) -> Array:
-        """Widths (b,) of a larger likelihood."""
-        squares, spread = self.posterior(widths)
-        total = widths**2 * (squares + spread) + self.known
-        return np.asarray(np.sqrt(total / (self.member.sum(axis=0) + self.known)))
+    def _value(self, widths: Array) -> float:
+        """-2 log likelihood of widths (c,) at the noise as it was found, with what is known of them."""
+        G, g = self.of.G, self.g
+        D = (G * widths[self.of.of_class] ** 2) @ G.T
+        both = np.eye(len(g)) + self.A @ D
+        value = np.linalg.slogdet(both)[1] - g @ D @ np.linalg.solve(both, g)
+        known = (self.typical / widths) ** 2 - np.log((self.typical / widths) ** 2)
+        return float(value + _KNOWN * known.sum())
+
+    def expected(self, variances: Array, noise: float) -> tuple[Array, float]:
+        """Expected squares (e,) of the errors at some variances (e,), and the noise that is left."""
+        G = self.of.G
+        W = np.linalg.solve((G * variances) @ G.T, G)
+        m, C = self._posterior(self.of.prior(variances), noise)
+        mean = variances * (W.T @ m)
+        told = (G * W).sum(axis=0) - (W * (C @ W)).sum(axis=0)
+        squares = mean**2 + np.maximum(variances - variances**2 * told, 0.0)
+        rest = self.square - 2.0 * float(m @ self.g) + float(m @ self.A @ m)
+        rest += float((self.A * C).sum())
+        return squares, float(np.sqrt((max(rest, 0.0) + _STATED) / (self.dof + _STATED)))
+
+    def _posterior(self, prior: SizePrior, noise: float) -> tuple[Array, Array]:
+        """Values (k,) and their covariance (k, k)."""
+        W = prior.whitening
+        C = np.linalg.inv(self.A / noise**2 + W.T @ W)
+        return C @ self.g / noise**2, np.asarray(C, dtype=np.float64)
+
+    def shares(self, squares: Array, widths: Array) -> Array:
+        """By how much each place errs less than others of its kind, shape (e,)."""
+        of = self.of
+        scaled = np.bincount(of.of_place, squares / widths[of.of_class] ** 2)
+        count = np.bincount(of.of_place)
+        return np.asarray(((_TAIL + count) / (_TAIL + scaled))[of.of_place])
+
+    def widths(self, squares: Array) -> Array:
+        """Width of each class, shape (c,)."""
+        of = self.of
+        total = np.bincount(of.of_class, squares, len(of.classes))
+        count = np.bincount(of.of_class, minlength=len(of.classes))
+        return np.asarray(np.sqrt((total + _KNOWN * self.typical**2) / (count + _KNOWN)))
+
+    def saved(self, prior: SizePrior, noise: float) -> float:
+        """How many of the k parameters the prior determines, not the readings."""
+        _, C = self._posterior(prior, noise)
+        return len(self.g) - float((self.A * C).sum()) / noise**2

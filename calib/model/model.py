@@ -42,11 +42,11 @@ from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import NoEquilibrium
+from calib.inference.widths import Key, SizePrior
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
 from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
 from calib.poses import Measurements, Poses
-from calib.prior import Key, Prior
 
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7
@@ -64,7 +64,7 @@ class Model:
     gravity : ndarray, shape (3,), m/s^2, base axes
     instruments : tuple of Instrument, that read the markers: C channels, r numbers each at most
     lengths : tuple of KnownDistance, that are known beside all readings
-    prior : Prior or None, what is believed beforehand of how large errors are; it counts of the
+    prior : SizePrior or None, what is believed beforehand of how large errors are; it counts of the
         model's parameters alone
     noise_scales : dict, instrument -> actual over stated noise, where it is known to differ
     marker_frames : ndarray of int, shape (M,), frames of these tips; without, that of ``robot.tip``
@@ -78,7 +78,7 @@ class Model:
     gravity: Array
     instruments: tuple[Instrument, ...]
     lengths: tuple[KnownDistance, ...] = field(default=(), kw_only=True)
-    prior: Prior | None = field(default=None, kw_only=True)
+    prior: SizePrior | None = field(default=None, kw_only=True)
     noise_scales: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     marker_frames: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int), kw_only=True)
     # The last linearisation: a fit, its judgement and its covariance ask for the same one.
@@ -394,7 +394,7 @@ class Model:
         return 0 if self.own_prior is None else len(self.own_prior.keys)
 
     @cached_property
-    def own_prior(self) -> Prior | None:
+    def own_prior(self) -> SizePrior | None:
         """What is believed beforehand of the parameters that the model has."""
         return None if self.prior is None else self.prior.only(self.keys)
 

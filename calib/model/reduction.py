@@ -21,10 +21,10 @@ from calib.effects.base import Base
 from calib.effects.instrument_scale import TrackerScale
 from calib.effects.protocol import Constant, ConstantTwist, Effect
 from calib.effects.tool import Tool
+from calib.inference.widths import Key
 from calib.instruments import TRACKER, Instrument, Tracker
 from calib.model import Model
 from calib.poses import Poses, poses_at
-from calib.prior import Key
 
 _DEPENDENT = 3e-3
 """Sine of the angle to the span of the others below which a column is dropped.

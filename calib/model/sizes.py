@@ -12,9 +12,9 @@ from calib.effects.protocol import Constant, ConstantTwist, Effect, Parameter
 from calib.effects.tool import Tool
 from calib.effects.tuned import Tuned
 from calib.errors import UnknownEffect
+from calib.inference.widths import Elementary, Key, SizePrior
 from calib.model.model import Model
 from calib.model.reduction import axis_component, carried_over
-from calib.prior import Elementary, Key, Prior
 
 OFFSET = "joint_offset"
 _ZEROS = 3.0
@@ -86,7 +86,7 @@ def _is_zero(model: Model, effect: Effect, k: int) -> bool:
     return effect.kind == OFFSET
 
 
-def stated(of: Elementary, widths: Mapping[str, float]) -> Prior:
+def stated(of: Elementary, widths: Mapping[str, float]) -> SizePrior:
     """The prior for widths that somebody states.
 
     widths : by ``kind_unit``, as in ``geometry_mrad``, which holds for zeros of joints as well where

@@ -30,7 +30,6 @@ class VarianceEstimate:
     variances : Variances
     levels : at which the arm's scatter pays for itself; none where the readings do not show it
     scale_estimated : bool, whether the instrument's noise is not as its maker states it
-    value : float, -2 log likelihood; alone : float, with nothing but what was known beforehand
     instrument_rows : int, that nothing but the instrument moves
     approaches : bool, whether configurations were approached again: then ``approach`` is the arm's
         repeatability, else that counts with ``configuration``
@@ -41,8 +40,6 @@ class VarianceEstimate:
     variances: Variances
     levels: tuple[ScatterLevel, ...]
     scale_estimated: bool
-    value: float
-    alone: float
     instrument_rows: int
     approaches: bool
     mixed: inference.Variances

@@ -22,8 +22,8 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib import Identification
     from calib.arrays import Array, Mask
+    from calib.inference.widths import Widths
     from calib.instruments import Camera
-    from calib.prior import Widths
 
 
 _PLACED = ("base", "tool")

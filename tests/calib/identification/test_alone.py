@@ -11,7 +11,7 @@ import calib
 from calib import Cell, Measurements, Poses
 from calib.identification import fit
 from calib.identification.noise_level import replicate_factor
-from calib.identification.outliers import next_outlier, wrongly_out
+from calib.identification.outliers import changed_pose
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -116,23 +116,21 @@ def test_rows_that_were_copied_say_nothing_of_the_noise(kr270: Cell, table_two: 
 
 def test_what_agrees_comes_back_and_what_says_nothing_does_not() -> None:
     statistics, rows = np.array([0.0, 1.2, 1.0, 50.0, *[1.0] * 10]), np.array([0, *[6] * 13])
-    kept = np.ones(14, dtype=bool)
-    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    kept = np.arange(14) != 3
+    assert changed_pose(statistics, rows, kept, 60.0, 60) is None
     kept[0] = False  # its markers are hidden
-    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
-    kept[[1, 3]] = False
-    assert wrongly_out(statistics, rows, kept, 60.0, 60) == 1
-    kept[1] = True
-    assert wrongly_out(statistics, rows, kept, 60.0, 60) is None
+    assert changed_pose(statistics, rows, kept, 60.0, 60) is None
+    kept[1] = False
+    assert changed_pose(statistics, rows, kept, 60.0, 60) == 1
 
 
 def test_beside_residuals_of_nothing_a_wrong_pose_stands_out() -> None:
     """Where the rest fits exactly, what one pose adds is all, and no number overflows."""
     statistics, rows = np.array([1e10, 0.0, 0.0, 0.0, 0.0]), np.full(5, 3)
     every = np.ones(5, dtype=bool)
-    assert next_outlier(statistics, rows, every, 3e10, 6) == 0
-    assert next_outlier(0.0 * statistics, rows, every, 0.0, 6) is None
-    assert wrongly_out(statistics, rows, statistics == 0.0, 0.0, 6) is None
+    assert changed_pose(statistics, rows, every, 3e10, 6) == 0
+    assert changed_pose(0.0 * statistics, rows, every, 0.0, 6) is None
+    assert changed_pose(statistics, rows, statistics == 0.0, 0.0, 6) is None
 
 
 def test_a_gross_error_among_the_repeats_is_not_the_noise() -> None:

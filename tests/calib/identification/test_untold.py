@@ -110,7 +110,7 @@ def test_what_runs_away_is_told_and_stays(kr270: Cell, monkeypatch: pytest.Monke
         )
         return out
 
-    monkeypatch.setattr(fit, "strayed", lost)
+    monkeypatch.setattr(fit, "diverged", lost)
     found = calib.identify(cell, data)
     (lost_one,) = found.unidentifiable
     assert lost_one.names == ("tool:marker:m1.x",)

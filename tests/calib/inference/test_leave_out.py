@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from calib.inference.least_squares import solve
-from calib.inference.leave_out import leave_groups_out, leave_out
-from tests.calib.inference.designs import PLACE, POSES, random_design, random_theta
+from calib.inference.leave_out import leave_groups_out
 
 
 @pytest.mark.parametrize("sizes", [[1, 2, 3, 4, 20], [5] * 8])
@@ -40,26 +37,6 @@ def test_predictions_spread_as_the_other_groups_leave_the_coefficients(sizes: li
         np.testing.assert_allclose(spread @ spread.T, own @ rest @ own.T, rtol=1e-9, atol=1e-12)
         inside = np.trace(own @ np.linalg.inv(X.T @ X) @ own.T)
         assert found.growth[number] == pytest.approx(np.trace(own @ rest @ own.T) / inside)
-
-
-def test_a_design_is_refitted_without_its_places() -> None:
-    """By noise and priors of blocks; in the unit of the rows, whatever the weight."""
-    design = random_design()
-    variances = design.variances(random_theta(design))
-    found = leave_out(design, variances, PLACE)
-    for place in (2, 5):
-        rest = np.where(place == PLACE, 0.0, design.pose_weight)
-        less = replace(design, pose_weight=rest)
-        noise = np.sqrt(variances.instrument[less.instrument])
-        scale = less.column_scale(variances.amplitudes)
-        X = less.columns * scale / noise[:, None]
-        values = scale * solve(X, less.response / noise, less.prior_rows).values
-        full = replace(design, pose_weight=np.ones(POSES))
-        left = full.response - full.columns @ values
-        residual = found.residual.reshape(-1)[full.live]
-        own = (place == PLACE[full.pose]) & (design.pose_weight[full.pose] > 0.0)
-        np.testing.assert_allclose(residual[own], left[own], rtol=1e-8, atol=1e-10)
-    assert not found.residual[6].any()
 
 
 def test_what_no_other_group_determines_is_said() -> None:

@@ -10,9 +10,9 @@ import pytest
 import doe
 from calib import Cell
 from calib.cell.planned import Planned
+from calib.inference.widths import SizePrior
 from calib.model.build import build
 from calib.poses import poses_at
-from calib.prior import Prior
 from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
 from doe.problem.problem import RIDGE, Problem, problem_of
@@ -27,7 +27,7 @@ def cell() -> Cell:
     return replace(embedded_cell(), effects=effects, load=None, knots={}, design=Planned())
 
 
-def of_known_sizes(cell: Cell, width: float) -> tuple[Cell, Prior]:
+def of_known_sizes(cell: Cell, width: float) -> tuple[Cell, SizePrior]:
     """The cell that states how large errors of its constants are, mm and mrad, and what that says."""
     known = replace(cell, size_prior={"geometry_mrad": width, "geometry_mm": width})
     prior = build(known).model.own_prior

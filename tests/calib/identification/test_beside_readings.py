@@ -15,7 +15,7 @@ import doe
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
-from calib.prior import Key
+from calib.inference.widths import Key
 from tests.plain_arm import shift, turn
 
 Given = tuple[Array, Array, Array, Array]

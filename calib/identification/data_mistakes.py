@@ -36,7 +36,7 @@ _COLUMNS = [both for pair in _PAIRS for both in (pair, pair[::-1])]
 
 
 @dataclass(frozen=True, eq=False)
-class Slip:
+class DataMistake:
     """One mistake.
 
     name : str; said : str, what is wrong; remedy : str, what to do
@@ -51,7 +51,7 @@ class Slip:
     freed: Callable[[Model, Measurements], Model] = lambda model, _: model
 
 
-def tables(model: Model) -> tuple[tuple[Slip, ...], ...]:
+def tables(model: Model) -> tuple[tuple[DataMistake, ...], ...]:
     """All that could be wrong with every reading of this arm and these markers, likelier ones first.
 
     Of the entries of one table several may explain the same readings.
@@ -61,15 +61,15 @@ def tables(model: Model) -> tuple[tuple[Slip, ...], ...]:
     return (tuple(itertools.chain(*columns)), *((slip,) for slip in _taken_as_known(model)))
 
 
-def two_zeros(model: Model) -> tuple[Slip, ...]:
+def two_zeros(model: Model) -> tuple[DataMistake, ...]:
     """Zeros of two joints at once, as another convention of DH tables has them: asked last."""
     return tuple(_zeros(model.robot, 2))
 
 
-def _mirrored(model: Model) -> Iterator[Slip]:
+def _mirrored(model: Model) -> Iterator[DataMistake]:
     """Mirrored frames. Where the base is free one reading stands for all: they differ by a turn."""
     if any(isinstance(effect, Base) for effect in model.effects):
-        yield Slip(
+        yield DataMistake(
             "mirrored",
             "the points are mirrored (a left-handed frame)",
             "turn the sign of one of x, y and z, or exchange two of them if they were mixed up",
@@ -78,12 +78,12 @@ def _mirrored(model: Model) -> Iterator[Slip]:
         return
     for axis, sign in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
         said = f"the points are mirrored ({axis} has the wrong sign)"
-        yield Slip(f"mirrored {axis}", said, f"turn the sign of {axis}", _points(sign))
+        yield DataMistake(f"mirrored {axis}", said, f"turn the sign of {axis}", _points(sign))
     said, remedy = "the points have the wrong sign", "turn the signs of x, y and z"
-    yield Slip("negated", said, remedy, _points([-1.0, -1.0, -1.0]))
+    yield DataMistake("negated", said, remedy, _points([-1.0, -1.0, -1.0]))
 
 
-def _units(robot: Robot) -> Iterator[Slip]:
+def _units(robot: Robot) -> Iterator[DataMistake]:
     """Units of points, of the joints that slide, and of all that turn, which columns are named by."""
     sliding = " and ".join(np.array(robot.joints)[robot.prismatic].tolist())
     for holds, named in _COLUMNS:
@@ -92,19 +92,21 @@ def _units(robot: Robot) -> Iterator[Slip]:
         what, times = f"in {holds}, not in {named}", f"by {factor:.6g}"
         robot_too = "" if "inches" in what else " (or is the robot's file in the wrong unit?)"
         remedy = f"multiply x, y and z {times}{robot_too}"
-        yield Slip(f"points in {holds} for {named}", f"the points are {what}", remedy, points)
+        yield DataMistake(
+            f"points in {holds} for {named}", f"the points are {what}", remedy, points
+        )
         if not sliding:
             continue
         said, remedy = f"{sliding} is {what}", f"multiply {sliding} {times}"
-        yield Slip(f"slides in {holds} for {named}", said, remedy, slides)
+        yield DataMistake(f"slides in {holds} for {named}", said, remedy, slides)
         said, remedy = (
             f"the points and {sliding} are {what}",
             f"multiply x, y, z and {sliding} {times}",
         )
-        yield Slip(f"lengths in {holds} for {named}", said, remedy, _both(points, slides))
+        yield DataMistake(f"lengths in {holds} for {named}", said, remedy, _both(points, slides))
     first = robot.joints[int(np.argmin(robot.prismatic))]
     for factor, holds, unit in ((1.0 / _DEGREE, "radians", "deg"), (_DEGREE, "degrees", "rad")):
-        yield Slip(
+        yield DataMistake(
             f"joints in {holds}",
             f"the joint angles are {holds} in columns of {unit}",
             f"name the columns {first}_{holds[:3]} and so on",
@@ -112,12 +114,12 @@ def _units(robot: Robot) -> Iterator[Slip]:
         )
 
 
-def _joints(robot: Robot) -> Iterator[Slip]:
+def _joints(robot: Robot) -> Iterator[DataMistake]:
     """One that runs the other way; two that are swapped; one whose drive rides on no link before it."""
     names, eye = robot.joints, np.eye(robot.dof)
     free = np.flatnonzero(robot.free).tolist()
     for k in free:
-        yield Slip(
+        yield DataMistake(
             f"{names[k]} reversed",
             f"joint {names[k]} runs the other way",
             f"turn the sign of {names[k]} in the table, or its axis in the robot's file",
@@ -125,7 +127,7 @@ def _joints(robot: Robot) -> Iterator[Slip]:
         )
     for a, b in itertools.combinations(free, 2):
         if robot.prismatic[a] == robot.prismatic[b]:
-            yield Slip(
+            yield DataMistake(
                 f"{names[a]} and {names[b]} swapped",
                 f"joints {names[a]} and {names[b]} are swapped",
                 f"exchange the columns of {names[a]} and {names[b]}",
@@ -138,7 +140,7 @@ def _joints(robot: Robot) -> Iterator[Slip]:
         if abs(float(robot.axes[b] @ robot.origins[k, :3, :3] @ robot.axes[k])) < _PARALLEL:
             continue
         for sign, word in ((1.0, "+"), (-1.0, "-")):
-            yield Slip(
+            yield DataMistake(
                 f"{names[k]} {word} {names[b]}",
                 f"joint {names[k]} is given relative to the base and not to the link before it",
                 f"put {names[k]} {word} {names[b]} in its place",
@@ -146,7 +148,7 @@ def _joints(robot: Robot) -> Iterator[Slip]:
             )
 
 
-def _zeros(robot: Robot, count: int) -> Iterator[Slip]:
+def _zeros(robot: Robot, count: int) -> Iterator[DataMistake]:
     """Zeros of so many joints that another convention puts a quarter or half a turn away."""
     turning = np.flatnonzero(robot.free & ~robot.prismatic)
     for joints in itertools.combinations(turning, count):
@@ -156,7 +158,7 @@ def _zeros(robot: Robot, count: int) -> Iterator[Slip]:
             add = [f"add {t:g} deg to {j}" for j, t in own]
             offsets = np.zeros(robot.dof)
             offsets[list(joints)] = np.radians(turns)
-            yield Slip(
+            yield DataMistake(
                 " and ".join(f"{j} off by {_QUARTERS[t]} deg" for j, t in own),
                 f"{' and '.join(said)} (another convention)",
                 f"{' and '.join(add)} in the table, or move the zero in the robot's file",
@@ -164,12 +166,12 @@ def _zeros(robot: Robot, count: int) -> Iterator[Slip]:
             )
 
 
-def _renamed(model: Model) -> Iterator[Slip]:
+def _renamed(model: Model) -> Iterator[DataMistake]:
     """Two markers exchanged in every reading, which only harms where the cell knows their places."""
     free, names = [bool(row.all()) for row in free_components(model)], model.marker_names
     for a, b in itertools.combinations(range(len(free)), 2):
         if not (free[a] and free[b]):
-            yield Slip(
+            yield DataMistake(
                 f"{names[a]} and {names[b]} exchanged",
                 f"markers {names[a]} and {names[b]} are exchanged",
                 "exchange their names in the table or in [markers_mm]",
@@ -177,7 +179,7 @@ def _renamed(model: Model) -> Iterator[Slip]:
             )
 
 
-def _taken_as_known(model: Model) -> Iterator[Slip]:
+def _taken_as_known(model: Model) -> Iterator[DataMistake]:
     """Base or markers that the model takes as known and that are elsewhere, one alone before both."""
     said: dict[type[Effect], tuple[str, str]] = {
         Base: ("base", "the points are not in the robot's base frame"),
@@ -187,7 +189,7 @@ def _taken_as_known(model: Model) -> Iterator[Slip]:
     for count in range(1, len(lacks) + 1):
         for own in itertools.combinations(lacks, count):
             names = [name for name, _ in own]
-            yield Slip(
+            yield DataMistake(
                 f"{' and '.join(names)} taken as known",
                 ", and ".join(what for _, what in own),
                 "add " + " and ".join(f'"{name}"' for name in names) + " to [model] effects",

@@ -148,6 +148,9 @@ def compensate(
     there = replace(poses, q=found.q)
     before, turn_before = goal.missed(tip_of(model, values, poses))
     left, turn_left = goal.missed(tip_of(model, values, there))
+    error = ExpectedError(replace(estimate, model=model), there)
+    moved_on = float(np.sqrt(weights @ error.trend**2 / weights.sum()))
+    notes = (*estimate.notes, *_notes(estimate, poses, found.q), *_on_tips(cell, frame))
     return Compensation(
         targets=poses,
         weights=weights,
@@ -157,9 +160,9 @@ def compensate(
         left=left,
         turn_before=turn_before,
         turn_left=turn_left,
-        error=ExpectedError(replace(estimate, model=model), there),
+        error=error,
         limited_by=_reasons(robot, found, np.maximum(left, turn_left) > _NOTHING),
-        notes=(*estimate.notes, *_notes(estimate, poses, found.q), *_on_tips(cell, frame)),
+        notes=(*notes, *_on_trend(moved_on, cell.design.targets_after)),
     )
 
 
@@ -168,7 +171,8 @@ def _known(cell: Cell, result: Known) -> Estimate:
         from calib.files.estimate import load_estimate
 
         return load_estimate(cell, result)
-    estimate = result if isinstance(result, Estimate) else estimate_of(result)
+    after = cell.design.targets_after or 0.0
+    estimate = result if isinstance(result, Estimate) else estimate_of(result, after)
     if estimate.model.robot.joints != cell.robot.joints:
         raise CalibError(
             f"the result is of a robot with joints {', '.join(estimate.model.robot.joints)}, the "
@@ -283,6 +287,20 @@ def _on_approach(joints: list[int], poses: Poses, q: Array) -> Iterator[str]:
         yield (
             f"the corrections turn a small move round before {_shortened(turned_at)}: approach these "
             "from the side of the nominal commands"
+        )
+
+
+def _on_trend(moved_on: float, after: float | None) -> Iterator[str]:
+    """How far the trend of the day will have gone, RMS, m, and what to do."""
+    if moved_on and after is None:
+        yield (
+            f"the readings drift, by {1e3 * moved_on:.3g} mm RMS at the end of the day: the error holds"
+            " for then. Set [design] targets_after_h, or run `posecal diagnose`"
+        )
+    elif moved_on and after is not None:
+        yield (
+            f"the readings drift: by {1e3 * moved_on:.3g} mm RMS, {after / 3600.0:g} h after the last "
+            "one. Run `posecal diagnose`, or measure when all is warm"
         )
 
 

@@ -83,8 +83,10 @@ def lasting_error(
     )
     rest, seen = none, None
     if found is not None:
-        known = estimate_of(found)
+        known = estimate_of(found, cell.design.targets_after or 0.0)
         at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
+        moved_on = task_error(ExpectedError(known, targets).trend, weights)[0]
+        rest = replace(rest, rms=float(np.hypot(rest.rms, moved_on)))
         seen = _seen(found)
 
     def rms(errors: Array) -> float:

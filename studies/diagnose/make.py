@@ -393,6 +393,4 @@ def _caption(found: ErrorCurve) -> str:
             "(such as a constant part) might as well be errors of what the model contains; they are "
             "taken out of all that is drawn."
         )
-    if not found.converged:
-        parts.append("The fit did not converge: take it as a sketch.")
     return " ".join(parts)

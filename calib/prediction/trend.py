@@ -16,8 +16,9 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.base import Base
+from calib.identification.components import design_of
 from calib.identification.scan import times
-from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
+from calib.inference import GaussianBlock, Marginal, Prior, RandomEffect
 from calib.prediction.discrepancy import FittedModel
 
 _ODDS = 100.0  # to one: that there is a trend
@@ -38,11 +39,13 @@ def trend_of(fit: FittedModel, after: float = 0.0) -> Array | None:
     session = float(np.ptp(poses.clock))
     now, then = poses.clock - poses.clock.min(), np.array([session + after])
     rows = _TYPICAL * times(fit.linear.J[..., own], _functions(now / session))
-    alone = _design(fit)
-    k = rows.shape[-1]
-    block = GaussianBlock("trend", _padded(rows, len(alone.r)), np.eye(k), np.zeros(k), None)
-    found = Marginal.fitted(replace(alone, blocks=(block,)), Prior())
-    if found.log_likelihood - Marginal.fitted(alone, Prior()).log_likelihood < np.log(_ODDS):
+    design, k = design_of(fit.linear, tuple(_scatter(fit))), rows.shape[-1]
+    block = GaussianBlock("trend", rows, np.eye(k), np.zeros(k), None)
+    alone = Marginal.fitted(design, Prior())
+    if alone.evidence(block).gain <= 0.0:  # beside the scatter as it is, the cheaper question
+        return None
+    found = Marginal.fitted(replace(design, blocks=(*design.blocks, block)), Prior())
+    if found.log_likelihood - alone.log_likelihood < np.log(_ODDS):
         return None
     off = -fit.linear.followed(rows)
     off[own] += _TYPICAL * np.kron(_functions(then / session), np.eye(len(own)))
@@ -55,19 +58,7 @@ def _functions(shares: Array) -> Array:
     return np.asarray(np.expm1(-shares[:, None] / _TAUS) / np.expm1(-1.0 / _TAUS))
 
 
-def _design(fit: FittedModel) -> Design:
-    """Rows of a fit, what is known beside them as further poses, and the scatter that it found."""
-    problem, (m, R) = fit.linear, fit.linear.r.shape
-    count = m + -(-len(problem.off) // R)
-    r, J = _padded(problem.r[..., None], count), _padded(problem.J, count)
-    known = slice(m * R, m * R + len(problem.off))
-    r.reshape(-1)[known], J.reshape(count * R, -1)[known] = problem.off, problem.held
-    present = np.where(J.any(axis=-1), 0, -1)
-    effects = tuple(_scatter(fit, count))
-    return Design(r[..., 0], J, problem.span, (), effects, present, np.ones(count))
-
-
-def _scatter(fit: FittedModel, count: int) -> Iterator[RandomEffect]:
+def _scatter(fit: FittedModel) -> Iterator[RandomEffect]:
     """Scatter by approach and by configuration, in units of what was found."""
     scatter, v = fit.scatter, fit.scatter.variances
     levers = fit.points.rows(scatter.levers)
@@ -77,11 +68,4 @@ def _scatter(fit: FittedModel, count: int) -> Iterator[RandomEffect]:
     ):
         size = np.sqrt(own[scatter.kinds])
         if size.any():
-            K = _padded((levers * size)[..., size > 0.0], count)
-            alone = np.full(count - len(group), group.max() + 1)
-            yield RandomEffect(name, K, name, np.append(group, alone))
-
-
-def _padded(rows: Array, count: int) -> Array:
-    """Rows (m, R, k) of so many poses, those beyond m of zeros."""
-    return np.pad(rows, ((0, count - len(rows)), (0, 0), (0, 0)))
+            yield RandomEffect(name, (levers * size)[..., size > 0.0], name, group)

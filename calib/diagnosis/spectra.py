@@ -239,7 +239,7 @@ class _Joint:
         fine = np.exp(1j * np.outer(np.arange(count) * step, q))
         coarse = np.exp(1j * np.outer(np.arange(count) * count * step, q))
         in_step = np.abs((coarse * energy) @ fine.T).ravel() / (float(energy.sum()) or 1.0)
-        peaks = _peaks(np.arange(count**2) * step, in_step, _ALIKE)
+        peaks = _peaks(step * np.arange(float(count**2)), in_step, _ALIKE)
         return next((float(c) for c in peaks if c > self.width), None)
 
 

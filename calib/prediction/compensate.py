@@ -39,6 +39,7 @@ from calib.poses import Poses, hung
 from calib.poses.moves import with_moves
 from calib.prediction.commands import Goal, Reached, reach, tip_of
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
+from calib.prediction.trend import drift_words
 from calib.result import Result
 from calib.threads import one_blas_thread
 
@@ -162,7 +163,7 @@ def compensate(
         turn_left=turn_left,
         error=error,
         limited_by=_reasons(robot, found, np.maximum(left, turn_left) > _NOTHING),
-        notes=(*notes, *_on_trend(moved_on, cell.design.targets_after)),
+        notes=(*notes, *drift_words(moved_on, cell.design.targets_after)),
     )
 
 
@@ -287,20 +288,6 @@ def _on_approach(joints: list[int], poses: Poses, q: Array) -> Iterator[str]:
         yield (
             f"the corrections turn a small move round before {_shortened(turned_at)}: approach these "
             "from the side of the nominal commands"
-        )
-
-
-def _on_trend(moved_on: float, after: float | None) -> Iterator[str]:
-    """How far the trend of the day will have gone, RMS, m, and what to do."""
-    if moved_on and after is None:
-        yield (
-            f"the readings drift, by {1e3 * moved_on:.3g} mm RMS at the end of the day: the error holds"
-            " for then. Set [design] targets_after_h, or run `posecal diagnose`"
-        )
-    elif moved_on and after is not None:
-        yield (
-            f"the readings drift: by {1e3 * moved_on:.3g} mm RMS, {after / 3600.0:g} h after the last "
-            "one. Run `posecal diagnose`, or measure when all is warm"
         )
 
 

@@ -53,6 +53,23 @@ def trend_of(fit: FittedModel, after: float = 0.0) -> Array | None:
     return np.asarray(off @ (np.outer(mean, mean) + cov) @ off.T)
 
 
+def drift_words(moved_on: float, after: float | None) -> Iterator[str]:
+    """What a trend does to the targets, and what to do; nothing without one.
+
+    moved_on : float, m, RMS at the targets; after : s, None where nobody says when they come
+    """
+    if moved_on and after is None:
+        yield (
+            f"the readings drift, by {1e3 * moved_on:.3g} mm RMS at the end of the day: the error holds"
+            " for then. Set [design] targets_after_h, or run `posecal diagnose`"
+        )
+    elif moved_on and after is not None:
+        yield (
+            f"the readings drift: by {1e3 * moved_on:.3g} mm RMS, {after / 3600.0:g} h after the last "
+            "one. Run `posecal diagnose`, or measure when all is warm"
+        )
+
+
 def _functions(shares: Array) -> Array:
     """Each function at times (m,), shares of the session at whose end it is one, shape (m, K)."""
     return np.asarray(np.expm1(-shares[:, None] / _TAUS) / np.expm1(-1.0 / _TAUS))

@@ -15,17 +15,20 @@ import calib
 from calib.files.estimate import load_estimate
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
 from doe.ahead.enough import enough
+from studies.enough.record import enough_record
+from studies.enough.telling import told
+from studies.record import envelope
 from studies.research.benchmarks.day import Day, Floor, Setting, draw_day, write_day
 
 _HERE = Setting("6R", 0.0, 1, 40, 3)
 _HOUR = 3600.0
 
 
-def _warming(index: int, size: float = 1e-4, told: bool = True) -> Day:
+def _warming(index: int, size: float = 1e-4, timed: bool = True) -> Day:
     """As far as m and rad of one standard deviation."""
     rng = np.random.default_rng([index, 5])
     far, tau = rng.normal(size=6) * size, rng.uniform(0.5, 2.0)
-    floor = Floor(lambda h: far * (1.0 - np.exp(-h / tau))[:, None], told=told)
+    floor = Floor(lambda h: far * (1.0 - np.exp(-h / tau))[:, None], told=timed)
     return draw_day(_HERE, index, 5, floor=floor)
 
 
@@ -72,11 +75,16 @@ def test_a_base_that_stands_has_none(tmp_path: Path) -> None:
     assert all(trend is None for trend in found)
 
 
-def test_more_poses_do_not_lower_it(tmp_path: Path) -> None:
+def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
+    """Unless the cell says when the targets come: then the bound is for that time."""
     for told_when in (False, True):
-        cell, data, known, came = _known(tmp_path, _warming(2, told=told_when))
+        cell, data, _, came = _known(tmp_path, _warming(2, timed=told_when))
         answer = enough(cell, data, goal=1e-2)
-        said = "targets_after_h" in " ".join(calib.compensate(cell, known, data.poses).notes)
-        assert said == (not told_when)
+        record = enough_record(answer, 0, "targets.csv", envelope(cell.name, [cell.path], 0))
+        said = " ".join(sentence.text for sentence in told(record).headline)
+        assert record.lacking.trend_mm > 0.0
+        assert ("You may stop" in said) == told_when
+        assert ("targets_after_h" in said) == (not told_when)
+        assert "run `posecal diagnose`" in said.lower()
     assert came <= answer.steps[0].task_most
     assert enough(cell, data, goal=0.9 * came).needed is None

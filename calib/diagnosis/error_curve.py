@@ -164,13 +164,7 @@ def _fitted(
     known = alone.stated_prior_residuals(rest)
     problem = LinearProblem(r, alone.rows(by_rest), span, *known)
     columns = times(alone.rows(moves), hats)
-    lengths = np.linalg.norm(columns, axis=(0, 1))
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    X = problem.complement.columns(columns) / lengths
-    d, V = np.linalg.eigh(X.T @ X)
-    d, V = d[d > _ABSORBED**2], V[:, d > _ABSORBED**2]
-    root = V / lengths[:, None]
-    g = (root / d) @ (V.T @ (X.T @ problem.complement.left))
+    g, cov, projection = _beside(problem, columns)
     line = np.pad(stacked(columns) @ g, (0, len(known[0])))
     step = span @ least_squares(problem.fitted[0] - line, problem.fitted[1] @ span)
     shape = (hats.shape[1], directions.shape[1])
@@ -179,11 +173,26 @@ def _fitted(
     seen: Mask = np.logical_and(data.seen, ~result.outlier[:, None])
     return _Line(
         g.reshape(shape),
-        (result.scale**2 * (root / d) @ root.T).reshape(shape * 2),
-        (V @ V.T) * lengths / lengths[:, None],
+        (result.scale**2 * cov).reshape(shape * 2),
+        projection,
         _as_error(moves, left, seen),
         _as_error(moves, shift, np.ones_like(seen)),
     )
+
+
+def _beside(problem: LinearProblem, columns: Array) -> tuple[Array, Array, Array]:
+    """Coefficients (k,) of whitened columns (m, R, k) beside a problem, in what only they explain.
+
+    Also their covariance for noise of one, and the projection onto that, both (k, k).
+    """
+    lengths = np.linalg.norm(columns, axis=(0, 1))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    X = problem.complement.columns(columns) / lengths
+    d, V = np.linalg.eigh(X.T @ X)
+    d, V = d[d > _ABSORBED**2], V[:, d > _ABSORBED**2]
+    root = V / lengths[:, None]
+    g = (root / d) @ (V.T @ (X.T @ problem.complement.left))
+    return g, (root / d) @ root.T, (V @ V.T) * lengths / lengths[:, None]
 
 
 def _with_frame(model: Model, frame: int) -> Model:

@@ -187,9 +187,8 @@ def _beside(
             of="arm",
         )  # fmt: skip
     lacks = f"what the model lacks, from {rest.source if rest.rms else 'the fitted poses'}"
-    beside = np.sqrt(np.maximum(error.model**2 - error.trend**2, 0.0))
     trend = "trend of the day, carried on to the targets' time"
-    for name, own in ((lacks, beside), (trend, error.trend)):
+    for name, own in ((lacks, error.discrepancy), (trend, error.trend)):
         if own.any():
             spread = own[:, None, None] * as_one
             yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")

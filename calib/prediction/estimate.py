@@ -76,9 +76,13 @@ class ExpectedError:
 
     @cached_property
     def model(self) -> Array:
-        """What the model lacks (m,): from configuration to configuration, beside that, and in time."""
-        beside = np.hypot(self.estimate.discrepancy.rms, self.trend)
-        return np.hypot(self._scatter(1), beside)
+        """What the model lacks (m,)."""
+        return np.hypot(self.discrepancy, self.trend)
+
+    @cached_property
+    def discrepancy(self) -> Array:
+        """Model discrepancy (m,), from configuration to configuration and beside that."""
+        return np.hypot(self._scatter(1), self.estimate.discrepancy.rms)
 
     @cached_property
     def trend(self) -> Array:

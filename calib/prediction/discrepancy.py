@@ -148,7 +148,7 @@ class FittedModel:
         Weighed by the instrument, and beside them what :mod:`calib.inference.leave_out` says of the
         whitened rows.
         """
-        r, J = Points(self.model, self.data, self.weights).whitened(self.values)
+        r, J = self.linear.r, self.linear.J
         rows = np.repeat(group, r.shape[1])
         found = leave_groups_out(stacked(J @ self.span), r.ravel(), rows, least=_FREE)
         off = self.data.in_place(found.residual.reshape(r.shape))

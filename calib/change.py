@@ -20,7 +20,8 @@ from calib.cell.targets import targets_of
 from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.identification.identification import Identification
-from calib.inference.coverage import Interval, freedom, lengths
+from calib.inference.coverage import Interval, effective_freedom, freedom, lengths
+from calib.inference.tails import f_tail
 from calib.inference.widths import Key
 from calib.model.covariance import working_points
 from calib.poses import Poses
@@ -53,6 +54,32 @@ class DayEstimate:
     markers: Mapping[str, Array]
     dof: float
 
+    @property
+    def open_keys(self) -> list[Key]:
+        """What was not determined."""
+        return [key for key, out in zip(self.keys, self.lost, strict=True) if out]
+
+    @cached_property
+    def known(self) -> dict[Key, float]:
+        """Every value, SI; of a marker where it is in the tip frame, for guesses may differ."""
+        known = dict(zip(self.keys, self.values.tolist(), strict=True))
+        for name, at in self.markers.items():
+            known |= {
+                ("tool", f"marker:{name}", axis): x for axis, x in zip("xyz", at, strict=True)
+            }
+        return known
+
+    def by_noise(self, keys: Sequence[Key], lost: Sequence[Key]) -> tuple[Array, Array]:
+        """Covariance (k, k) by the noise alone, and how values follow what was not determined, (k, l).
+
+        lost : of this day and others, each of plausible size
+        """
+        own = [self.keys.index(key) for key in keys]
+        opened = self.covariance[own][:, self.lost] / np.sqrt(np.diag(self.covariance)[self.lost])
+        placed = np.zeros((len(keys), len(lost)))
+        placed[:, [lost.index(key) for key in self.open_keys]] = opened
+        return self.covariance[np.ix_(own, own)] - opened @ opened.T, placed
+
 
 def known_of(found: Identification) -> DayEstimate:
     """The estimate of one day from its identification."""
@@ -71,7 +98,7 @@ class Difference:
     keys : tuple of Key, the k parameters that are compared
     apart : tuple of str, bases and markers that stand elsewhere, ``base:..`` or ``tool:marker:..``
     change : ndarray, shape (k,), SI; std : ndarray, shape (k,), NaN where a day does not determine it
-    noise : ndarray, shape (k, k), SI, of both days; later : what the later day does not know
+    noise : ndarray, shape (k, k), SI, of both days
     half : ndarray, shape (n, k), of unit variance and blind to what a day left open
     dof : float, degrees of freedom behind the noise
     """
@@ -81,7 +108,6 @@ class Difference:
     change: Array
     std: Array
     noise: Array
-    later: Array
     half: Array
     dof: float
 
@@ -93,13 +119,8 @@ class Difference:
     @property
     def p_value(self) -> float:
         """Probability of so large a difference where nothing changed."""
-        from scipy.special import chdtrc, fdtrc
-
-        rows, statistic = len(self.whitened), float(self.whitened @ self.whitened)
-        if not rows:
-            return 1.0
-        known = self.dof > 1e8
-        return float(chdtrc(rows, statistic) if known else fdtrc(rows, self.dof, statistic / rows))
+        rows = len(self.whitened)
+        return f_tail(float((self.whitened**2).mean()), rows, self.dof) if rows else 1.0
 
     @cached_property
     def family_p(self) -> Array:
@@ -120,47 +141,34 @@ class Difference:
 
 def difference(before: DayEstimate, after: DayEstimate) -> Difference:
     """What lies between two results. Raises CalibError: other models, or nothing in common."""
+    apart = _apart(before, after)
+    keys = _compared(before, after, apart)
+    lost = tuple(dict.fromkeys([*before.open_keys, *after.open_keys]))
+    (then, opened_then), (now, opened_now) = (day.by_noise(keys, lost) for day in (before, after))
+    noise, unseen = then + now, opened_now - opened_then
+    change = np.array([after.known[key] - before.known[key] for key in keys])
+    variance = np.maximum(np.diag(noise), 0.0)
+    scale = np.where(variance > 0.0, np.sqrt(variance), 1.0)
+    roots, axes = np.linalg.eigh(noise / np.outer(scale, scale))
+    shown = roots > _NUMERICAL * roots.max()
+    W = (axes[:, shown] / np.sqrt(roots[shown])).T / scale
+    U, felt, _ = np.linalg.svd(W @ unseen, full_matrices=True)
+    std = np.where((unseen**2).sum(axis=1) < _FELT**2 * variance, np.sqrt(variance), np.nan)
+    half = U[:, (felt > _FELT).sum() :].T @ W
+    days = ((then, before.dof), (now, after.dof))
+    dof = effective_freedom((np.trace(W @ own @ W.T), nu) for own, nu in days)
+    return Difference(keys, apart, change, std, noise, half, float(dof))
+
+
+def _compared(before: DayEstimate, after: DayEstimate, apart: tuple[str, ...]) -> tuple[Key, ...]:
+    """Parameters that both days may share: the robot's own, and places that stand where they stood."""
     alone = sorted("{}:{}.{}".format(*k) for k in {*before.keys} ^ {*after.keys} if lasting(k))
     if alone:
         raise CalibError(f"one result lacks {', '.join(alone)}; identify both with one [model]")
-    apart = _apart(before, after)
-    of_the_day = [k for k in after.keys if k in before.keys and f"{k[0]}:{k[1]}" not in apart]
-    keys = tuple(k for k in of_the_day if k[0] in _PLACES or lasting(k))
-    if not any(map(lasting, keys)):
+    common = [k for k in after.keys if k in before.keys and f"{k[0]}:{k[1]}" not in apart]
+    if not any(map(lasting, common)):
         raise CalibError("the results have no parameter of the robot in common")
-    days = (before, after)
-    rows = [[day.keys.index(key) for key in keys] for day in days]
-    opened = [  # how the values follow what was not determined, of plausible size
-        day.covariance[own][:, day.lost] / np.sqrt(np.diag(day.covariance)[day.lost])
-        for day, own in zip(days, rows, strict=True)
-    ]
-    known = [day.covariance[np.ix_(own, own)] for day, own in zip(days, rows, strict=True)]
-    then, now = (C - V @ V.T for C, V in zip(known, opened, strict=True))  # by the noise alone
-    change = after.values[rows[1]] - before.values[rows[0]]
-    for i, (effect, where, name) in enumerate(keys):
-        marker = where.removeprefix("marker:")
-        if effect == "tool" and marker in after.markers:  # guesses may differ
-            change[i] = (after.markers[marker] - before.markers[marker])["xyz".index(name)]
-    lost = [[key for key, out in zip(day.keys, day.lost, strict=True) if out] for day in days]
-    every = list(dict.fromkeys([*lost[0], *lost[1]]))
-    unseen = np.zeros((len(keys), len(every)))
-    unseen[:, [every.index(key) for key in lost[1]]] += opened[1]
-    unseen[:, [every.index(key) for key in lost[0]]] -= opened[0]
-
-    noise, variance = then + now, np.maximum(np.diag(then + now), 0.0)
-    scale = np.where(variance > 0.0, np.sqrt(variance), 1.0)
-    shares = [own / np.outer(scale, scale) for own in (noise, then, now)]
-    roots, axes = np.linalg.eigh(shares[0])
-    seen = roots > _NUMERICAL * roots.max()
-    W = (axes[:, seen] / np.sqrt(roots[seen])).T / scale
-    U, felt, _ = np.linalg.svd(W @ unseen, full_matrices=True)
-    std = np.where((unseen**2).sum(axis=1) < _FELT**2 * variance, np.sqrt(variance), np.nan)
-    # Degrees of freedom by Welch and Satterthwaite, by the share that each day has of the sum.
-    inverse = np.linalg.pinv(shares[0], rcond=_NUMERICAL, hermitian=True)
-    share = np.array([np.trace(inverse @ own) for own in shares[1:]])
-    dof = 1.0 / max(((share / share.sum()) ** 2 / (before.dof, after.dof)).sum(), 1e-12)
-    half = U[:, (felt > _FELT).sum() :].T @ W
-    return Difference(keys, apart, change, std, noise, known[1], half, float(dof))
+    return tuple(k for k in common if k[0] in _PLACES or lasting(k))
 
 
 def lasting(key: Key) -> bool:
@@ -170,12 +178,9 @@ def lasting(key: Key) -> bool:
 
 def _apart(before: DayEstimate, after: DayEstimate) -> tuple[str, ...]:
     """Bases and markers of both results that stand elsewhere."""
-    then, now = (dict(zip(day.keys, day.values, strict=True)) for day in (before, after))
-    bases = [key for key in now if key[0] == "base" and key in then]
-    far = [f"base:{key[1]}" for key in bases if abs(now[key] - then[key]) > _SAME_PLACE]
-    for name in after.markers:
-        moved = after.markers[name] - before.markers.get(name, after.markers[name])
-        far += [f"tool:marker:{name}"] * bool(np.abs(moved).max() > _SAME_PLACE)
+    then, now = before.known, after.known
+    places = [key for key in now if key[0] in _PLACES and key in then]
+    far = [f"{k[0]}:{k[1]}" for k in places if abs(now[k] - then[k]) > _SAME_PLACE]
     return tuple(dict.fromkeys(far))
 
 
@@ -196,14 +201,16 @@ def changes(cell: Cell, before: DayEstimate, after: DayEstimate, estimate: Estim
     if not estimate.converged:
         raise CalibError("the later result did not converge; mend the identification first")
     found = difference(before, after)
-    wider = found.dof / (found.dof - 2.0) if found.dof > 3.0 else 3.0  # variance of Student's t
+    wider = 1.0 / (1.0 - 2.0 / max(found.dof, 3.0))  # variance of Student's t
     targets, weights = targets_of(cell)
     targets = replace(targets, start=estimate.start)
     follows, back = _rows(estimate, found.keys, targets, weights), found.noise @ found.half.T
     expected = ExpectedError(estimate, targets)
     rest = weights / weights.sum() @ (expected.arm**2 + expected.model**2)
     there, _ = errors_at(follows, back @ found.whitened, back @ back.T * wider, weights)
-    rms, worst = errors_at(follows, found.change, found.later * wider, weights)
+    own = [after.keys.index(key) for key in found.keys]
+    later = after.covariance[np.ix_(own, own)] * wider
+    rms, worst = errors_at(follows, found.change, later, weights)
     return Changes(found, there, (rms.combined(rest**0.5), worst.combined(rest**0.5)))
 
 

@@ -60,6 +60,7 @@ class Estimated(Entry):
     session_clock: Annotated[str, From("clock_unit")]
     unexplained: Annotated[UnexplainedEntry, From("discrepancy")]
     scatter_si: ScatterEntry | None = Field(alias="scatter_SI")
+    trend_si: tuple[Row, ...] | None = Field(alias="trend_SI")
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool
@@ -71,6 +72,7 @@ def estimated(estimate: Estimate) -> Estimated:
     return Estimated.from_result(
         estimate,
         parameters=EstimatedParameter.from_each(estimate.model.parameters, value=estimate.values),
+        trend_si=estimate.trend,
         scatter_si=variances and ScatterEntry.from_result(variances, estimate),
     )
 

@@ -176,7 +176,7 @@ class Planned:
     targets_after: Annotated[
         Annotated[NotNegative, times(3600.0)] | None, key("targets_after_h")
     ] = None
-    """hours from the last reading to the work at the targets; no figure depends on it yet"""
+    """hours from the last reading to the work at the targets; the end of the day without it"""
     repeats: Flag = False
     """whether a pose may be chosen twice"""
     reapproaches: Count | None = None

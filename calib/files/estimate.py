@@ -61,6 +61,9 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         source = str(entry["unexplained"]["source"])
         discrepancy = ModelDiscrepancy(float(unexplained) * 1e-3, source)
         variances, owner = _variances(cell, entry["scatter_SI"])
+        trend = entry.get("trend_SI")
+        if trend is not None:
+            trend = _numbers(trend, _LARGEST_SQUARE).reshape(cov.shape)
         converged = entry["converged"] is True
         undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -73,7 +76,7 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
     notes = (*notes, *_changed(cell, path, result))
     return Estimate(
         model, values, cov, float(start), discrepancy, undetermined, notes, converged, variances,
-        clock, owner,
+        clock, owner, trend,
     )  # fmt: skip
 
 

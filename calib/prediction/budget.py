@@ -186,10 +186,12 @@ def _beside(
             "A" if shown else "B", error.arm[:, None, None] * as_one, found.freedom, basis=_NOISE,
             of="arm",
         )  # fmt: skip
-    if error.model.any():
-        name = f"what the model lacks, from {rest.source if rest.rms else 'the fitted poses'}"
-        spread = error.model[:, None, None] * as_one
-        yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")
+    lacks = f"what the model lacks, from {rest.source if rest.rms else 'the fitted poses'}"
+    trend = "trend of the day, carried on to the targets' time"
+    for name, own in ((lacks, error.discrepancy), (trend, error.trend)):
+        if own.any():
+            spread = own[:, None, None] * as_one
+            yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")
 
 
 def _poses_behind(found: Identification) -> float:

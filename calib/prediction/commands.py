@@ -20,8 +20,8 @@ from calib.poses import Poses
 _ROUNDS = 25
 _SETTLED = 1e-10  # rad or m, largest step of a joint
 _STILL = 1e-8  # the same where other targets take longer
-_SWINGS = (0.4, 0.2, 0.1, 0.05, 0.02)
-"""The most a direction may ask of a joint, rad or share of the reach; less where that went astray."""
+_SWINGS = (0.4, 0.2, 0.05)
+"""The most a direction may ask of a joint, rad or share of the reach; less where much was given up."""
 _FARTHEST = 0.6  # the same of the whole way
 _WEAKEST = 2e-3  # over the swing: lever, in lengths of the tool, below which a direction is none
 _TOOL = 0.1  # of the reach: length of a tool of which only the tip's origin is known
@@ -35,12 +35,14 @@ class Reached(NamedTuple):
     held : ndarray of bool, shape (m, n), joints that stopped at a limit
     lost : ndarray of int, shape (m,), directions given up because the arm hardly moves along them
     settled : ndarray of bool, shape (m,); where it is false, q is the command as given
+    missed : ndarray, shape (m,), m, root of what was minimised
     """
 
     q: Array
     held: Mask
     lost: IntArray
     settled: Mask
+    missed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,15 +101,23 @@ def reach(model: Model, values: Array, poses: Poses, goal: Goal) -> Reached:
 
     Raises CalibError where the arm finds no equilibrium.
     """
-    left, none = np.arange(len(poses)), np.zeros(len(poses), dtype=np.int_)
-    found = Reached(poses.q.copy(), np.zeros(poses.q.shape, dtype=bool), none, none.astype(bool))
+    m, left = len(poses), np.arange(len(poses))
+    found = Reached(
+        poses.q.copy(),
+        np.zeros(poses.q.shape, dtype=bool),
+        np.zeros(m, dtype=np.int_),
+        np.zeros(m, dtype=bool),
+        np.full(m, np.inf),
+    )
     for swing in _SWINGS:
         tried = _descend(model, values, poses.take(left), goal.take(left), swing)
         way = np.abs((tried.q - poses.q[left]) / _units(model.robot)).max(axis=1)
         good = tried.settled & (way <= _FARTHEST)
+        better = good & (tried.missed < found.missed[left])
         for mine, theirs in zip(found, tried, strict=True):
-            mine[left[good]] = theirs[good]
-        left = left[~good]
+            mine[left[better]] = theirs[better]
+        # What went astray, stopped at a limit or gave up a direction may be nearer on a shorter way.
+        left = left[~good | (tried.lost > 0) | tried.held.any(axis=1)]
         if not len(left):
             break
     return found
@@ -124,7 +134,7 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
     low, high = reachable(robot.ties, robot.limits).T
     low, high = np.minimum(low, poses.q), np.maximum(high, poses.q)
     q, held = poses.q.copy(), np.zeros(poses.q.shape, dtype=bool)
-    rank, size = np.full(m, -1), np.full(m, np.inf)
+    rank, size, missed = np.full(m, -1), np.full(m, np.inf), np.zeros(m)
     for _ in range(_ROUNDS):
         now = np.flatnonzero(size > _SETTLED)
         if not len(now):
@@ -132,6 +142,7 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         arm = tip_of(model, values, replace(poses.take(now), q=q[now]))
         free = ~held[now] * units
         J, error = _equations(robot, arm, goal.take(now))
+        missed[now] = np.linalg.norm(error, axis=1)
         step, rank[now] = _step(J * free[:, None], error, swing, goal.length(robot), rank[now])
         asked = q[now] + step * free
         moved = np.clip(asked, low[now], high[now])
@@ -144,7 +155,7 @@ def _descend(model: Model, values: Array, poses: Poses, goal: Goal, swing: float
         renewed = now[stopped.any(axis=1)]
         rank[renewed], size[renewed] = -1, np.inf
     lost = np.minimum(6, robot.free.sum() - held.sum(axis=1)) - rank
-    return Reached(q, held, lost, size < _STILL)
+    return Reached(q, held, lost, size < _STILL, missed)
 
 
 def _equations(robot: Robot, arm: Frames, goal: Goal) -> tuple[Array, Array]:

@@ -39,6 +39,7 @@ from calib.poses import Poses, hung
 from calib.poses.moves import with_moves
 from calib.prediction.commands import Goal, Reached, reach, tip_of
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
+from calib.prediction.trend import drift_words
 from calib.result import Result
 from calib.threads import one_blas_thread
 
@@ -148,6 +149,9 @@ def compensate(
     there = replace(poses, q=found.q)
     before, turn_before = goal.missed(tip_of(model, values, poses))
     left, turn_left = goal.missed(tip_of(model, values, there))
+    error = ExpectedError(replace(estimate, model=model), there)
+    moved_on = float(np.sqrt(weights @ error.trend**2 / weights.sum()))
+    notes = (*estimate.notes, *_notes(estimate, poses, found.q), *_on_tips(cell, frame))
     return Compensation(
         targets=poses,
         weights=weights,
@@ -157,9 +161,9 @@ def compensate(
         left=left,
         turn_before=turn_before,
         turn_left=turn_left,
-        error=ExpectedError(replace(estimate, model=model), there),
+        error=error,
         limited_by=_reasons(robot, found, np.maximum(left, turn_left) > _NOTHING),
-        notes=(*estimate.notes, *_notes(estimate, poses, found.q), *_on_tips(cell, frame)),
+        notes=(*notes, *drift_words(moved_on, cell.design.targets_after)),
     )
 
 
@@ -168,7 +172,8 @@ def _known(cell: Cell, result: Known) -> Estimate:
         from calib.files.estimate import load_estimate
 
         return load_estimate(cell, result)
-    estimate = result if isinstance(result, Estimate) else estimate_of(result)
+    after = cell.design.targets_after or 0.0
+    estimate = result if isinstance(result, Estimate) else estimate_of(result, after)
     if estimate.model.robot.joints != cell.robot.joints:
         raise CalibError(
             f"the result is of a robot with joints {', '.join(estimate.model.robot.joints)}, the "

@@ -7,18 +7,20 @@ predict it. Their mean square error is ``u^2 + noise + parameters + arm``, the l
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.identification.noise_level import refuted
 from calib.inference.leave_out import LeftOut, leave_groups_out
+from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import half
 from calib.noise import counted, unwhitened
 from calib.observations import Points
 from calib.poses import Measurements
-from calib.scatter import Variances, scatter_variance
+from calib.scatter import Scatter, Variances, scatter_of, scatter_variance
 
 _NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it
@@ -106,6 +108,22 @@ class FittedModel:
         """Which numbers of the readings are lengths, shape (C, r)."""
         return self.model.readout.channels.lengths
 
+    @cached_property
+    def scatter(self) -> Scatter:
+        """How the arm scatters at the poses."""
+        variances = self.variances or Variances.none(self.model.robot.dof)
+        return scatter_of(self.model, self.values, self.data.poses, variances)
+
+    @cached_property
+    def points(self) -> Points:
+        """Its readings, weighed by the instrument."""
+        return Points(self.model, self.data, self.weights)
+
+    @cached_property
+    def linear(self) -> LinearProblem:
+        """The fit to first order."""
+        return self.points.linear(self.values, self.span)
+
     def predicted(self, data: Measurements) -> tuple[Array, Array]:
         """Errors (m, C, r) at readings, and the root of their covariance by the parameters, (.., k)."""
         points, J = self.model.jacobian(self.values, data.poses)
@@ -130,7 +148,7 @@ class FittedModel:
         Weighed by the instrument, and beside them what :mod:`calib.inference.leave_out` says of the
         whitened rows.
         """
-        r, J = Points(self.model, self.data, self.weights).whitened(self.values)
+        r, J = self.linear.r, self.linear.J
         rows = np.repeat(group, r.shape[1])
         found = leave_groups_out(stacked(J @ self.span), r.ravel(), rows, least=_FREE)
         off = self.data.in_place(found.residual.reshape(r.shape))

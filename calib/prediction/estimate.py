@@ -17,6 +17,7 @@ from calib.model import Model
 from calib.model.covariance import errors_at, ignorance, working_points
 from calib.poses import Poses
 from calib.prediction.discrepancy import FittedModel, ModelDiscrepancy, model_discrepancy
+from calib.prediction.trend import trend_of
 from calib.scatter import Variances, scatter_variance
 from calib.scatter.owner import Owner, parted, pose_to_pose
 
@@ -34,6 +35,8 @@ class Estimate:
     notes : tuple of str, what a user of the values should know
     variances : Variances or None, of what errs as a whole and is new at every target
     configuration_of : whose those of the configurations are
+    trend : ndarray, shape (p, p), SI, or None: mean square of what the values are off by at the time of
+        the targets, as the trend of the day goes on (:mod:`calib.prediction.trend`)
     clock_unit : str, of the session's clock, "s" or "reading"
     """
 
@@ -48,6 +51,7 @@ class Estimate:
     variances: Variances | None = None
     clock_unit: str = "s"
     configuration_of: Owner = "undecided"
+    trend: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +67,7 @@ class ExpectedError:
     @cached_property
     def parameters(self) -> Array:
         """Standard error (m,) by the uncertainty of the parameters, less how the instrument errs."""
-        model, targets = self.estimate.model, self.targets
-        kept = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
-        arm = model.with_effects(
-            tuple(e for e in model.effects if not isinstance(e, ReadingEffect))
-        )
-        values, cov = self.estimate.values[kept], self.estimate.covariance[np.ix_(kept, kept)]
-        parts = in_parts(len(targets), 3 * len(model.markers) * len(kept))
-        return np.concatenate([errors_at(arm, values, cov, targets.take(part)) for part in parts])
+        return self._by(self.estimate.covariance)
 
     @cached_property
     def arm(self) -> Array:
@@ -79,13 +76,35 @@ class ExpectedError:
 
     @cached_property
     def model(self) -> Array:
+        """What the model lacks (m,)."""
+        return np.hypot(self.discrepancy, self.trend)
+
+    @cached_property
+    def discrepancy(self) -> Array:
         """Model discrepancy (m,), from configuration to configuration and beside that."""
         return np.hypot(self._scatter(1), self.estimate.discrepancy.rms)
+
+    @cached_property
+    def trend(self) -> Array:
+        """How far the trend of the day will have gone (m,), zero where there is none."""
+        trend = self.estimate.trend
+        return np.zeros(len(self.targets)) if trend is None else self._by(trend)
 
     @cached_property
     def rms(self) -> Array:
         """All of it, shape (m,)."""
         return np.asarray(np.sqrt(self.parameters**2 + self.arm**2 + self.model**2))
+
+    def _by(self, square: Array) -> Array:
+        """Error (m,) by a mean square (p, p) of what the values are off by."""
+        model, targets = self.estimate.model, self.targets
+        kept = np.setdiff1d(np.arange(len(model.parameters)), model.where(ReadingEffect))
+        arm = model.with_effects(
+            tuple(e for e in model.effects if not isinstance(e, ReadingEffect))
+        )
+        values, own = self.estimate.values[kept], square[np.ix_(kept, kept)]
+        parts = in_parts(len(targets), 3 * len(model.markers) * len(kept))
+        return np.concatenate([errors_at(arm, values, own, targets.take(part)) for part in parts])
 
     def _scatter(self, part: int) -> Array:
         """Error (m,) of poses that err as a whole, by the arm's variances (0) or the model's (1)."""
@@ -95,9 +114,14 @@ class ExpectedError:
         return np.asarray(np.sqrt(found.mean(axis=-1)))
 
 
-def estimate_of(result: Identification | Diagnosis) -> Estimate:
-    """The identified model of an identification or a diagnosis, for the next command."""
-    return _identified(result) if isinstance(result, Identification) else _diagnosed(result)
+def estimate_of(result: Identification | Diagnosis, after: float = 0.0) -> Estimate:
+    """The identified model of an identification or a diagnosis, for the next command.
+
+    after : s after the last reading at which the arm comes to its targets
+    """
+    if isinstance(result, Identification):
+        return _identified(result, after)
+    return _diagnosed(result, after)
 
 
 def fitted_of(result: Identification) -> FittedModel:
@@ -116,7 +140,7 @@ def fitted_of(result: Identification) -> FittedModel:
     )
 
 
-def _identified(result: Identification) -> Estimate:
+def _identified(result: Identification, after: float) -> Estimate:
     fit, lost = fitted_of(result), np.diag(result.covariance) <= 0.0
     lost[result.model.still] = False
     held = None if result.heldout is None else result.heldout.data
@@ -132,6 +156,7 @@ def _identified(result: Identification) -> Estimate:
         fit.variances,
         fit.data.poses.clock_unit,
         pose_to_pose(result.levels, result.scatter, fit.model.robot.reach).of,
+        trend_of(fit, after),
     )
 
 
@@ -161,7 +186,7 @@ def _doubts_of_noise(result: Identification) -> Iterator[str]:
         )
 
 
-def _diagnosed(result: Diagnosis) -> Estimate:
+def _diagnosed(result: Diagnosis, after: float) -> Estimate:
     """The model with all causes that have a name; what is merely located is model discrepancy."""
     fit, scale, stage = result.after, result.scale, result.stage
     if any(not e.candidate.named for e in result.outcome.entries):
@@ -190,6 +215,7 @@ def _diagnosed(result: Diagnosis) -> Estimate:
         variances,
         result.data.poses.clock_unit,
         pose_to_pose(levels, stage.scatter, fit.model.robot.reach).of,
+        trend_of(fitted, after),
     )
 
 

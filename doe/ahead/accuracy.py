@@ -45,6 +45,8 @@ class LastingError:
     surely : whether what the model lacks, or half of it, is more than chance
     at_targets : ndarray, shape (targets,), m, all of it
     hidden : scatter that the data neither show nor rule out, for which a bound allows beside all that
+    trend : the part of the discrepancy by which the day's trend goes on
+    after : s after the last reading at which the arm comes to the targets; None where nobody says it
     """
 
     scatter: float
@@ -55,6 +57,8 @@ class LastingError:
     surely: bool
     at_targets: Array
     hidden: float = 0.0
+    trend: float = 0.0
+    after: float | None = None
 
     @property
     def of_model(self) -> float:
@@ -81,10 +85,12 @@ def lasting_error(
     at = Estimate(
         model, values, unknown, 0.0, none, (), variances=arm, configuration_of="instrument"
     )
-    rest, seen = none, None
+    rest, seen, moved_on = none, None, 0.0
     if found is not None:
-        known = estimate_of(found)
+        known = estimate_of(found, cell.design.targets_after or 0.0)
         at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
+        moved_on = task_error(ExpectedError(known, targets).trend, weights)[0]
+        rest = replace(rest, rms=float(np.hypot(rest.rms, moved_on)))
         seen = _seen(found)
 
     def rms(errors: Array) -> float:
@@ -111,6 +117,7 @@ def lasting_error(
         return lacking
     unseen = None if found.undetected is None else found.undetected[1].variances
     hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
+    lacking = replace(lacking, trend=moved_on, after=cell.design.targets_after)
     return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
 
 

@@ -75,6 +75,7 @@ def diagnosed(session: MeasuredTable, *, figures: bool = True) -> tuple[Diagnosi
         spectra=spectra(found),
         shown=shown(found) if figures else None,
         holdout=session.holdout,
+        targets_after=cell.design.targets_after or 0.0,
         warnings=(*held.warnings, *found.warnings),
     )
     return found, record
@@ -87,11 +88,13 @@ def diagnose_record(
     spectra: Sequence[Spectrum] = (),
     shown: DiagnosisShown | None = None,
     holdout: str | None = None,
+    targets_after: float = 0.0,
     warnings: tuple[str, ...] = (),
 ) -> DiagnoseRecord:
     """The record of a diagnosis.
 
     shown : for figures; holdout : as the user gave it
+    targets_after : s after the last reading at which the arm comes to its targets
     warnings : of the tables
     """
     noise, model, poses = found.noise, found.after.model, found.data.poses
@@ -106,7 +109,7 @@ def diagnose_record(
         **made_from,
         warnings=warnings,
         holdout=holdout,
-        estimate=estimated(estimate_of(found)),
+        estimate=estimated(estimate_of(found, targets_after)),
         noise=DiagnoseNoise.from_result(
             noise,
             **noise_fields(noise, found.after.levels, found.stage.scatter, model, footprint),
@@ -394,6 +397,4 @@ def _caption(found: ErrorCurve) -> str:
             "(such as a constant part) might as well be errors of what the model contains; they are "
             "taken out of all that is drawn."
         )
-    if not found.converged:
-        parts.append("The fit did not converge: take it as a sketch.")
     return " ".join(parts)

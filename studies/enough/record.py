@@ -54,6 +54,7 @@ class LackingEntry(Entry):
     scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
     unexplained_mm : what the model lacks, from pose to pose and at poses that the fit was without
     unexplained_surely : whether that is more than chance
+    trend_mm : the part of it by which the trend of the day goes on until the targets' time
     """
 
     rms_mm: NotNegative
@@ -62,6 +63,8 @@ class LackingEntry(Entry):
     unexplained_mm: Annotated[NotNegative, From("of_model")]
     unexplained_from: Annotated[str, From("discrepancy.source")]
     unexplained_surely: Annotated[bool, From("surely")]
+    trend_mm: NotNegative
+    targets_after_h: Annotated[NotNegative | None, From("after")]
     seen: SeenElsewhere | None
 
 

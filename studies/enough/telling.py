@@ -84,9 +84,11 @@ def _goal(record: EnoughRecord) -> Iterator[doc.Sentence]:
 
 
 def _met(record: EnoughRecord, needed: int) -> tuple[doc.Mood, str]:
-    """After so many poses."""
+    """After so many poses. Nobody may stop on a figure that holds for the end of the day alone."""
     names = ", ".join(step.pose or "" for step in record.order[:needed])
     after = f"after {needed} more: {names}" if needed else "now"
+    if record.lacking.trend_mm and record.lacking.targets_after_h is None:
+        return "warn", f"is reached {after}, but only if the drift stops"
     if needed:
         return "good", f"is reached {after}"
     most = mm(record.now.task_most_mm)
@@ -123,6 +125,12 @@ def _systematic(record: EnoughRecord) -> Iterator[doc.Sentence]:
     worth = lacking.unexplained_surely and counts(lacking.unexplained_mm, record.now.task_rms_mm)
     if worth and not said:
         yield doc.Sentence(f"More poses will not help: {lacks(lacking.unexplained_mm)}.", "warn")
+    if lacking.trend_mm:
+        from calib.prediction.trend import drift_words
+
+        after = lacking.targets_after_h
+        for drift in drift_words(lacking.trend_mm / 1e3, None if after is None else 3600.0 * after):
+            yield doc.Sentence(f"{drift[0].upper()}{drift[1:]}.", "warn")
 
 
 def _parts(record: EnoughRecord) -> Iterator[doc.Part]:

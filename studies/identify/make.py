@@ -87,7 +87,7 @@ def identified(
 def _record(session: MeasuredTable, found: Identification, **asked: object) -> IdentifyRecord:
     """The record of an identification; asked : warnings, and what the caller chose."""
     cell, fit, held = session.cell, found.fit, found.heldout
-    estimate = estimate_of(found)
+    estimate = estimate_of(found, cell.design.targets_after or 0.0)
     accuracy = accuracy_at_targets(cell, found, estimate)
     tracked = found.model.tracked(session.whole)
     parts = [part for part in (fit, held) if part is not None]

@@ -239,7 +239,7 @@ def test_holm_steps_down() -> None:
     z = -ndtri(np.array([0.01, 0.5, 0.04, 0.03]) / 2.0)
     std = np.array([1.0, np.nan, 1.0, 1.0])
     keys = tuple(("joint_offset", f"j{i}", "offset") for i in range(4))
-    found = Difference(keys, (), z, std, np.eye(4), np.eye(4), np.eye(4), np.inf)
+    found = Difference(keys, (), z, std, np.eye(4), np.eye(4), np.inf)
     np.testing.assert_allclose(found.family_p, [0.03, np.nan, 0.06, 0.06], rtol=1e-6)
 
 

@@ -18,6 +18,7 @@ from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import errors_at, ignorance
 from calib.poses import poses_at
+from calib.prediction import commands
 from calib.prediction.commands import tip_of
 from calib.prediction.compensate import Compensation
 from calib.prediction.discrepancy import ModelDiscrepancy
@@ -246,6 +247,24 @@ def test_a_joint_stops_at_its_limit(kr270: Cell) -> None:
     np.testing.assert_allclose(found.q[0, rest], best.x, atol=1e-5)
     assert 0.0 < found.left[0] < found.before[0]
     assert found.expected[0] == found.left[0]
+
+
+def test_a_stop_at_a_limit_leaves_no_more_than_a_shorter_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A joint that a long step takes to its limit stays there, far from where a short one ends."""
+    rng = np.random.default_rng(25)
+    robot = random_robot(rng, 6)
+    elastic = ("joint_compliance", "base_compliance", "bearing_compliance")
+    cell = cell_of(robot, MARKERS, [*GEOMETRY, "transmission_harmonic", *elastic])
+    known = drawn(cell, rng)
+    wrench = rng.normal(size=(80, 6)) * 100.0
+    targets = poses_at(rng.uniform(*robot.sample_limits().T, (80, 6)), wrench=wrench)
+    found = calib.compensate(cell, known, targets)
+    monkeypatch.setattr(commands, "_SWINGS", commands._SWINGS[:1])
+    far = calib.compensate(cell, known, targets)
+    assert any("limit" in why for why in far.limited_by)
+    assert found.rms(found.left) < 0.2 * far.rms(far.left)
 
 
 def test_straight_wrist_is_not_swung_round(kr270: Cell) -> None:

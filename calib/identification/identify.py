@@ -79,7 +79,16 @@ def identify(
         weights = whitening(cell, model, start, data)
         refuse_mistakes(model, data, start)
         points, start = with_tunings(Points(model, data, weights), start)
-        observation, start = _observation(cell, points, start, approach, weighting, length)
+        if approach == "pose":
+            check_orientable(model, data, start)
+            if len(model.where(Tool)):
+                start = with_measured_shape(points.model, data, start)
+        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+        points = replace(points, known=scatter_of(points.model, start, data.poses, arm))
+        observation: Observation = points
+        if approach == "pose":
+            shape = points.model.marker_positions(start)
+            observation = as_poses(points, shape, weighting, length)
         errors = elementary(model, built.full) if asked else None
         found = estimated(cell, method, observation, start, errors)
     except np.linalg.LinAlgError:
@@ -87,27 +96,6 @@ def identify(
     held = None if heldout is None else predicted(cell, found, heldout)
     nominal = _nominal(found.observation, start)
     return _result(found, approach, built.dropped, held, nominal)
-
-
-def _observation(
-    cell: Cell,
-    points: Points,
-    start: Array,
-    approach: Approach,
-    weighting: Weighting,
-    length: float,
-) -> tuple[Observation, Array]:
-    """The readings or the poses that they make, as the arm is known to scatter, and where to start."""
-    model, data = points.model, points.data
-    if approach == "pose":
-        check_orientable(model, data, start)
-        if len(model.where(Tool)):
-            start = with_measured_shape(model, data, start)
-    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-    points = replace(points, known=scatter_of(model, start, data.poses, arm))
-    if approach == "points":
-        return points, start
-    return as_poses(points, model.marker_positions(start), weighting, length), start
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:

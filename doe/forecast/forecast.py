@@ -3,14 +3,13 @@
 A model is linearised about what is known of it. The readings in hand, or those of a plan, are
 independent rows of unit variance, ``V^-1/2 J`` with V the covariance by instrument and arm. A
 configuration to come brings rows of the same kind, under the conditions in which it will be read. All
-that is asked stands on these two: the error at the targets (:mod:`~doe.ahead.accuracy`), and which
-causes are found (:mod:`~doe.ahead.foresee`).
+that is asked stands on these two: the error at the targets (:mod:`~doe.forecast.accuracy`), and which
+causes are found (:mod:`~doe.forecast.foresee`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -25,8 +24,6 @@ from doe.problem.linearisation import Linearisation
 from doe.problem.pool import drawn
 
 _DRAWN = 8192
-_FEW_ROWS = 12  # of a configuration, which are not worth condensing
-_ROUNDING = 1e-12  # of the largest singular value of all
 _MANY = 2  # rows of a configuration for each parameter, beyond which their triangle stands for them
 
 
@@ -47,10 +44,11 @@ class Forecast(Linearisation):
         known = replace(known, off=off, held=held)
         return cls(**vars(at), data=data, known=known)
 
-    def offered(self, q: Array) -> Offer:
-        """Candidates (m, dof) with their rows, each read as a pose of a plan, where the data end.
+    def offered(self, q: Array) -> Array:
+        """Independent rows of configurations (m, dof), each read as a pose of a plan, (m, r, p).
 
-        Where the arm stands no more, so soft would it be, they tell nothing.
+        They are read where the data end. Where the arm stands no more, so soft would it be, they tell
+        nothing.
         """
         load, station = self.cell.load, self.data.poses.station[in_order(self.data.poses)[-1]]
         masses = [0.0] if load is None else [0.0, load.mass]
@@ -65,7 +63,7 @@ class Forecast(Linearisation):
         parts = in_parts(len(q), int(self.model.readout.channels.rows.sum()) * each * p)
         own = (poses.take(slice(part.start * each, part.stop * each)) for part in parts)
         read = [self._read(q[part], at, each) for part, at in zip(parts, own, strict=True)]
-        return Offer(q, np.concatenate(read))
+        return np.concatenate(read)
 
     def _read(self, q: Array, poses: Poses, each: int) -> Array:
         """Independent rows of configurations (m, dof), read so often as ``poses`` say, (m, r, p)."""
@@ -99,30 +97,3 @@ class Forecast(Linearisation):
             for constraint in constraints_of(replace(self.cell, load=load)):
                 q = q[constraint.allows(scene_of(self.cell, q))] if len(q) else q
         return q
-
-
-@dataclass(frozen=True, eq=False)
-class Offer:
-    """Candidates with their rows.
-
-    q : ndarray, shape (m, dof); rows : ndarray, shape (m, r, p)
-    """
-
-    q: Array
-    rows: Array
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    @cached_property
-    def condensed(self) -> Array:
-        """No more rows of each than tell anything: what rows add depends on ``A^T A``.
-
-        A camera's image is of a hundred rows and tells of a dozen directions.
-        """
-        if self.rows.shape[1] <= _FEW_ROWS:
-            return self.rows
-        U, s, _ = np.linalg.svd(self.rows, full_matrices=False)
-        told = s > _ROUNDING * s.max(initial=0.0)
-        turn = np.swapaxes(U[..., : int(told.sum(axis=1).max(initial=0))], 1, 2)
-        return np.asarray(turn @ self.rows)

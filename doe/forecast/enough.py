@@ -20,10 +20,16 @@ from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.accuracy import Accuracy, ForecastStep, LastingError, TaskError, lasting_error
-from doe.ahead.coming import Match, match, whole_day
-from doe.ahead.forecast import Forecast, Offer
 from doe.curve import stops_paying
+from doe.forecast.accuracy import (
+    ForecastStep,
+    LastingError,
+    TaskError,
+    lasting_error,
+    most_useful_first,
+)
+from doe.forecast.coming import Match, match, whole_day
+from doe.forecast.forecast import Forecast
 from doe.plan import named
 from doe.problem.linearisation import Linearisation, moved_rows, nominal
 
@@ -167,7 +173,7 @@ def enough(
     unplanned = any(e.uses for e in model.effects) or any(i.touches for i in cell.instruments)
     if goal is None or known_after_all or unplanned:
         return result
-    q = _fresh(day, task, seed)
+    q = day.fresh(task, seed)
     if not len(q):
         return result
     names = [f"fresh{k + 1}" for k in range(len(q))]
@@ -254,25 +260,24 @@ class Day:
     def order(self, task: TaskError) -> list[int]:
         """The poses still to come, each the one that adds most beside those before it."""
         poses = np.unique(self.pose[self.pose >= 0])
-        if not len(poses):
-            return []
         each = [stacked(self.forecast.known.by_reading[self.pose == k]) for k in poses]
-        most = max(map(len, each))
-        rows = np.stack([np.pad(own, ((0, most - len(own)), (0, 0))) for own in each])
-        offer = Offer(np.zeros((len(poses), 0)), rows)
-        return [int(poses[i]) for i in self.accuracy(task, self.pose < 0).greedy(offer, len(poses))]
+        most = max(map(len, each), default=0)
+        rows = [np.pad(own, ((0, most - len(own)), (0, 0))) for own in each]
+        return [int(poses[i]) for i in self._best(task, self.pose < 0, rows, len(rows))]
 
-    def accuracy(self, task: TaskError, done: Mask) -> Accuracy:
-        """For the error at the targets, beside some of the readings."""
+    def fresh(self, task: TaskError, seed: int) -> Array:
+        """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
+        q = self.forecast.feasible(_CANDIDATES, seed)
+        rows = self.forecast.offered(q) if len(q) else q
+        return q[self._best(task, np.full(len(self.pose), True), rows, _MOST_FRESH)]
+
+    def _best(
+        self, task: TaskError, done: Mask, rows: Sequence[Array] | Array, count: int
+    ) -> list[int]:
+        """So many poses of these rows, the most useful first, beside some of the readings."""
+        if not len(rows):
+            return []
         known = self.forecast.known
-        rows = np.concatenate([stacked(known.by_reading[done]), known.held])
-        return Accuracy.of(task.targets, rows, task.model.sizes)
-
-
-def _fresh(day: Day, task: TaskError, seed: int) -> Array:
-    """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
-    q = day.forecast.feasible(_CANDIDATES, seed)
-    if not len(q):
-        return q
-    offer, every = day.forecast.offered(q), np.full(len(day.pose), True)
-    return offer.q[day.accuracy(task, every).greedy(offer, _MOST_FRESH)]
+        beside = np.concatenate([stacked(known.by_reading[done]), known.held])
+        sizes = task.model.sizes
+        return most_useful_first(task.targets, beside, np.asarray(rows), sizes, count)

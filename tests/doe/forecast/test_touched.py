@@ -10,8 +10,8 @@ import pytest
 import calib
 from calib.cell import Repeatability
 from calib.poses import Measurements, Poses, poses_at
-from doe.ahead.enough import Enough, enough
-from doe.ahead.foresee import foresee
+from doe.forecast.enough import Enough, enough
+from doe.forecast.foresee import foresee
 from tests.doe.constraints.test_touching import KINDS, settled, to_socket, touching
 from tests.helpers import all_seen
 

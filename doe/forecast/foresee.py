@@ -33,9 +33,9 @@ from calib.poses.moves import before_the_first_move
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.coming import readings_of
-from doe.ahead.forecast import Forecast
-from doe.ahead.information import Likeness, likeness, plausible
+from doe.forecast.coming import readings_of
+from doe.forecast.forecast import Forecast
+from doe.forecast.likeness import Likeness, likeness, plausible
 from doe.problem.linearisation import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike

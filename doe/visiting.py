@@ -56,28 +56,21 @@ class Reapproaches:
         return float(1.0 / np.sqrt(2.0 * self.dof))
 
 
-def reapproaches_of(cell: Cell, count: int | None) -> int | None:
-    """How many poses are visited again as asked for; the cell's if None. Raises CalibError."""
-    found = cell.design.reapproaches if count is None else count
-    if found is not None and found < 0:
-        raise CalibError(f"{found} poses cannot be visited again; ask for 1 or more, or 0")
-    return found
-
-
 def usual_reapproaches(cell: Cell, request: Request) -> int:
     """Second visits among the poses of a plan, where nobody said how many: a tenth, at least four.
 
     None where the arm's repeatability is stated, where levels, rivals or repeats say what each pose is
-    for, where the plan to extend visits poses again, and where they would cost too much: of 20 poses
-    four second visits raise the expected error by 2 to 4 %, of 16 by 5 to 10 % (three arms).
+    for, where the candidates are just the plan, where the plan to extend visits poses again, and where
+    they would cost too much: of 20 poses four second visits raise the expected error by 2 to 4 %, of 16
+    by 5 to 10 % (three arms).
     """
-    fixed = request.fixed
-    comes_back = fixed is not None and len(np.unique(visits(fixed))) > len(
-        np.unique(fixed.configuration)
+    fixed, source = request.fixed, request.candidates
+    settled = isinstance(source, Poses) and len(source) <= request.poses
+    known = cell.repeatability is not None or (
+        fixed is not None and len(np.unique(visits(fixed))) > len(np.unique(fixed.configuration))
     )
-    known = cell.repeatability is not None or comes_back
     placed = request.levels is not None or request.rivals is not None or request.repeats
-    if known or placed or request.poses < _LEAST_POSES:
+    if settled or known or placed or request.poses < _LEAST_POSES:
         return 0
     return max(_FEWEST, round(request.poses / _ONE_IN))
 

@@ -95,7 +95,7 @@ class WorstTask(WorstVariance):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        rows = question.targets()[question.target_weights > 0.0]
+        rows = question.targets[question.target_weights > 0.0]
         return cls(np.swapaxes(rows, -1, -2))
 
     def shown(self, value: float) -> float:

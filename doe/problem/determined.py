@@ -49,10 +49,10 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
-    cell, model = regressor.cell, regressor.model
-    _, count, p = rows.shape
+    cell, model, p = regressor.cell, regressor.model, rows.shape[2]
     extra = 0 if request.fixed is None else len(request.fixed)
-    each, held = count // 2 if is_silent(cell, rows) else count, regressor.known
+    # Free of load a pose may tell nothing.
+    each, held = int(rows.any(axis=(0, 2)).sum()), regressor.known
     equations = (request.poses + extra) * each + len(held)
     if equations < p:
         least = -(-(p - len(held)) // each) - extra
@@ -86,11 +86,6 @@ def told(lost: Sequence[Unidentifiable]) -> str:
         f"{', '.join(names[:_NAMED])}{' ..' * (len(names) > _NAMED)}: {reason}"
         for reason, names in by_reason.items()
     )
-
-
-def is_silent(cell: Cell, rows: Array) -> bool:
-    """Whether the free readings carry nothing; they are the first half of the rows."""
-    return cell.load is not None and not rows[:, : rows.shape[1] // 2].any()
 
 
 def _undetermined(

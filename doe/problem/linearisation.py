@@ -137,11 +137,9 @@ class Regressor(Linearisation):
     """Candidates of a cell before anything is known, in the coordinates of the criteria.
 
     T : ndarray, shape (p, p), ``theta = T y``
-    loaded_only : whether readings free of load carry nothing, and are left out
     """
 
     T: Array = field(kw_only=True)
-    loaded_only: bool = field(default=False, kw_only=True)
 
     @classmethod
     def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
@@ -157,9 +155,9 @@ class Regressor(Linearisation):
     @property
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
-        readings_each = 1 if self.loaded_only or self.cell.load is None else 2
+        readings_each = 1 if self.cell.load is None else 2
         numbers = int(self.model.readout.channels.rows.sum())
-        return int(min(numbers * readings_each, self.T.shape[1]))
+        return int(min(numbers * readings_each, len(self.T)))
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
@@ -168,13 +166,9 @@ class Regressor(Linearisation):
         visible : ndarray, shape (m, M), markers in sight, all without it
         """
         poses, visit = self._readings(q)
-        # What carries nothing of the model still tells what the approach was off by.
-        first = len(q) if self.loaded_only else 0
-        if not self.cell.scatters:
-            poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
         rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
-        turned = stacked(rows[first:]) @ self.T
+        turned = stacked(rows) @ self.T
         return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:

@@ -167,6 +167,7 @@ class DesignRecord(Record, PlanAccuracy):
     against: dict[str, RivalPlan]
     curve: tuple[CurveStepEntry, ...]
     notes: tuple[str, ...]
+    granted: tuple[str, ...]
     seconds: NotNegative
     seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
     pays_until: Count | None
@@ -194,7 +195,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
     from doe.constraints.self_collision import unchecked
     from doe.curve import poses_that_match, stops_paying
-    from doe.day.duration import travel
+    from doe.day import travel
 
     problem, judged = found.problem, found.assessment
     robot = problem.cell.robot

@@ -25,13 +25,14 @@ from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.plan import named
 from doe.problem.levels import levels_of
-from doe.problem.request import Request
-from doe.visiting import reapproaches_of, usual_reapproaches, with_reapproaches
+from doe.problem.request import Request, request_of
+from doe.visiting import usual_reapproaches, with_reapproaches
 from studies.design.record import design_record
+from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
 from tests.studies.command_line import paper_cell, run
 
-QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "criterion": "D"}
+QUICK: dict[str, Any] = {"candidates": 300, "criterion": "D"}
 FEW: dict[str, Any] = QUICK | {"candidates": 250}
 ARM = Repeatability(4e-5, 2e-4)
 
@@ -43,7 +44,7 @@ def cell(kr270: Cell) -> Cell:
 
 @pytest.fixture(scope="module")
 def plain(cell: Cell) -> doe.Design:
-    return doe.design(cell, poses=9, **QUICK)
+    return unpolished(cell, poses=9, **QUICK)
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
@@ -78,7 +79,7 @@ def test_they_are_spread(plain: doe.Design) -> None:
 @pytest.mark.long
 def test_they_count_as_what_they_are(cell: Cell) -> None:
     known = replace(cell, repeatability=ARM)
-    plan = doe.design(known, poses=9, reapproach=4, **QUICK)
+    plan = unpolished(visiting_again(known, 4), poses=9, **QUICK)
     alone = assess(plan.problem, plan.poses.q[:9])
     assert (plan.assessment.std < alone.std).all()
     assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
@@ -92,7 +93,7 @@ def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
     cell: Cell, markers: int, coordinates: int
 ) -> None:
     few = first_markers(cell, markers)
-    found = doe.design(few, poses=9, reapproach=4, **QUICK).reapproaches
+    found = unpolished(visiting_again(few, 4), poses=9, **QUICK).reapproaches
     assert found is not None
     assert found.dof == pytest.approx(4 * coordinates)
     assert found.common == pytest.approx(1.0 / np.sqrt(8 * coordinates))
@@ -106,7 +107,7 @@ def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
 def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     """Days of measurement, their levels estimated: the scatter of the estimate is what was stated."""
     truth = replace(cell, repeatability=ARM)
-    plan = doe.design(truth, poses=12, reapproach=8, **QUICK)
+    plan = unpolished(visiting_again(truth, 8), poses=12, **QUICK)
     assert plan.reapproaches is not None
     model = build(cell, plan.poses).model
     values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
@@ -126,10 +127,9 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
 def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     path = paper_cell(tmp_path)
     path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#"))
-    assert reapproaches_of(load_cell(path), None) == 4
-    assert reapproaches_of(load_cell(path), 0) == 0
+    assert request_of(load_cell(path), poses=15).reapproaches == 4
     done = run(
-        "design", path, "--poses", 15, "--candidates", 700, "--no-polish", "--levels", "A2=5x3",
+        "design", path, "--poses", 15, "--candidates", 700, "--levels", "A2=5x3",
         "--reapproach", 3, "--json", tmp_path / "best.json", "-o", tmp_path / "best.csv",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -147,7 +147,7 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
     with pytest.raises(CalibError, match="9 poses cannot be visited again: 8 of 9 can"):
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
-        doe.design(cell, poses=7, reapproach=-1, **QUICK)
+        unpolished(visiting_again(cell, -1), poses=7, **QUICK)
     assert design_record(plain, MADE_FROM).reapproaches is None
 
 
@@ -175,7 +175,7 @@ def test_none_where_something_speaks_against_it(cell: Cell) -> None:
 
 @pytest.fixture(scope="module")
 def usual(cell: Cell) -> doe.Design:
-    return doe.design(cell, poses=20, **FEW)
+    return unpolished(cell, poses=20, **FEW)
 
 
 def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Design) -> None:
@@ -186,7 +186,7 @@ def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Des
     counts = np.bincount(visits(usual.poses))
     assert counts.max() == 1
     assert sorted(np.bincount(usual.poses.configuration)) == [1] * 12 + [2] * 4
-    asked = doe.design(cell, poses=16, reapproach=4, **FEW)
+    asked = unpolished(visiting_again(cell, 4), poses=16, **FEW)
     np.testing.assert_array_equal(usual.poses.q, asked.poses.q)
     assert (usual.value, usual.bound) == (asked.value, asked.bound)
     assert asked.reapproaches is not None
@@ -196,7 +196,7 @@ def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Des
 def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
     """Against a plan without them, and the way to that plan."""
     assert usual.reapproaches is not None
-    without = doe.design(cell, poses=20, reapproach=0, **FEW)
+    without = unpolished(visiting_again(cell, 0), poses=20, **FEW)
     assert without.reapproaches is None
     assert len(np.unique(without.poses.configuration)) == 20
     assert not any("second" in note for note in without.notes)
@@ -210,7 +210,7 @@ def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
 
 def test_none_where_the_candidates_are_the_plan(cell: Cell) -> None:
     q = np.random.default_rng(1).uniform(*cell.robot.sample_limits().T, (20, 6))
-    plan = doe.design(cell, poses=20, **{**FEW, "candidates": poses_at(q)})
+    plan = unpolished(cell, poses=20, **{**FEW, "candidates": poses_at(q)})
     np.testing.assert_allclose(np.sort(plan.poses.q, axis=0), np.sort(q, axis=0))
 
 
@@ -222,8 +222,8 @@ def test_no_plan_of_as_many_stops_is_above_the_bound(criterion: str, repeats: bo
     robot = random_robot(rng, 4)
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["base", "joint_offset"])
     table = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
-    options: dict[str, Any] = {"candidates": table, "repeats": repeats}
-    plan = doe.design(cell, poses=4, criterion=criterion, reapproach=1, **options)
+    again = replace(cell, design=Planned(repeats=repeats, reapproaches=1))
+    plan = doe.design(again, poses=4, criterion=criterion, candidates=table)
     T = plan.problem.regressor.T
     B = calib.observation(cell, table) @ T / cell.noise.along
     blocks = np.swapaxes(B, -1, -2) @ B
@@ -243,7 +243,7 @@ def test_all_poses_are_kept_where_fewer_leave_the_model_open(kr270: Cell) -> Non
     effects = ("base", "tool", "geometry", "transmission_harmonic:A1,A2,A3,A4,A5,A6")
     one = first_markers(with_effects(kr270, *effects), 1)
     one = replace(one, load=None, design=Planned())
-    plan = doe.design(one, poses=20, **FEW)
+    plan = unpolished(one, poses=20, **FEW)
     assert 48 < len(plan.problem.model.parameters) <= 60
     assert plan.reapproaches is None
     assert len(np.unique(plan.poses.configuration)) == 20

@@ -28,8 +28,7 @@ from doe.forecast.accuracy import (
     lasting_error,
     most_useful_first,
 )
-from doe.forecast.coming import Match, match, whole_day
-from doe.forecast.forecast import Forecast
+from doe.forecast.coming import Match, feasible, match, rows_of, whole_day
 from doe.plan import named
 from doe.problem.linearisation import Linearisation, moved_rows, nominal
 
@@ -165,7 +164,7 @@ def enough(
     lacking = lasting_error(cell, at.model, at.values, arm, found)
     day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
     steps = tuple(day.steps(task, day.order(task), plan.names))
-    model, read = at.model, day.forecast.data
+    model, read = at.model, day.data
     footprint = model.footprint(at.values, data)
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
@@ -211,13 +210,16 @@ def _linearised(
 class Day:
     """Readings in hand and to come, to first order.
 
-    pose : ndarray of int, shape (m,), of what is to come, -1 for what is in hand
-    forecast : Forecast, in which all of them are known, those to come where they are expected
+    data : Measurements, those to come where they are expected; pose : ndarray of int, shape (m,), of
+        what is to come, -1 for what is in hand
+    known : LinearProblem, of all of them and what is known beside
     moved : ndarray, shape (m, R, b), how they follow errors common to all readings
     """
 
+    at: Linearisation
+    data: Measurements
     pose: IntArray
-    forecast: Forecast
+    known: LinearProblem
     moved: Array
 
     @classmethod
@@ -239,13 +241,7 @@ class Day:
         if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
         moved = moved_rows(at, data, at.weights(data, kept), known).J
-        forecast = Forecast.after(at, known, data)
-        return cls(pose, forecast, moved)
-
-    def read(self, done: Mask) -> LinearProblem:
-        """What some of the readings tell, (m,), and what is known beside them."""
-        known = self.forecast.known
-        return replace(known, J=known.J * done[:, None, None])
+        return cls(at, data, pose, known, moved)
 
     def steps(
         self, task: TaskError, order: Iterable[int], names: Sequence[str]
@@ -254,21 +250,21 @@ class Day:
         done = self.pose < 0
         for k in (-1, *order):
             done = done | (self.pose == k)
-            name = names[k] if k >= 0 else None
-            yield task.expected(name, int(done.sum()), self.read(done), self.moved)
+            read = replace(self.known, J=self.known.J * done[:, None, None])
+            yield task.expected(names[k] if k >= 0 else None, int(done.sum()), read, self.moved)
 
     def order(self, task: TaskError) -> list[int]:
         """The poses still to come, each the one that adds most beside those before it."""
         poses = np.unique(self.pose[self.pose >= 0])
-        each = [stacked(self.forecast.known.by_reading[self.pose == k]) for k in poses]
+        each = [stacked(self.known.by_reading[self.pose == k]) for k in poses]
         most = max(map(len, each), default=0)
         rows = [np.pad(own, ((0, most - len(own)), (0, 0))) for own in each]
         return [int(poses[i]) for i in self._best(task, self.pose < 0, rows, len(rows))]
 
     def fresh(self, task: TaskError, seed: int) -> Array:
         """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
-        q = self.forecast.feasible(_CANDIDATES, seed)
-        rows = self.forecast.offered(q) if len(q) else q
+        q = feasible(self.at.cell, self.data, _CANDIDATES, seed)
+        rows = rows_of(self.at, self.data, q) if len(q) else q
         return q[self._best(task, np.full(len(self.pose), True), rows, _MOST_FRESH)]
 
     def _best(
@@ -277,7 +273,6 @@ class Day:
         """So many poses of these rows, the most useful first, beside some of the readings."""
         if not len(rows):
             return []
-        known = self.forecast.known
-        beside = np.concatenate([stacked(known.by_reading[done]), known.held])
+        beside = np.concatenate([stacked(self.known.by_reading[done]), self.known.held])
         sizes = task.model.sizes
         return most_useful_first(task.targets, beside, np.asarray(rows), sizes, count)

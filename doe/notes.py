@@ -112,24 +112,15 @@ def _unmoved(design: Design) -> Iterator[str]:
         )
 
 
-def _unchecked(design: Design) -> Iterator[str]:
-    """Which shapes are checked and which are not, where that is more than the cell says."""
-    cell = design.problem.cell
-    bare = not set(cell.shapes.capsules) - {"base"}
-    if bare and cell.design.obstacles:
-        yield "The arm is not checked against the obstacles: [robot.capsules_mm] is missing."
-    elif bare and cell.design.floor is not None:
-        yield "Only the markers are checked against the floor: [robot.capsules_mm] is missing."
-    if cell.shapes.own:
-        count = sum(len(own) for own in cell.shapes.capsules.values())
+def _checked(design: Design) -> Iterator[str]:
+    """Which shapes of the robot's file are checked, and which are exempt."""
+    shapes = design.problem.cell.shapes
+    if shapes.own:
         yield (
-            f"The arm is checked against itself by {count} capsules around the shapes in the robot's "
-            "file. [robot.capsules_mm] replaces them."
+            f"The arm is checked against itself by {sum(map(len, shapes.capsules.values()))} capsules "
+            "around the shapes in the robot's file. [robot.capsules_mm] replaces them."
         )
-    if len(cell.shapes.unread) > 1:
-        more = f" and {len(cell.shapes.unread) - 3} more" if len(cell.shapes.unread) > 3 else ""
-        yield f"Shapes that cannot be read: {', '.join(cell.shapes.unread[:3])}{more}."
-    where = "at every pose or at zero" if cell.shapes.own else "at every pose"
+    where = "at every pose or at zero" if shapes.own else "at every pose"
     for constraint in design.problem.constraints:
         if isinstance(constraint, Floor) and constraint.exempt:
             yield f"Always below the floor and not checked: {', '.join(constraint.exempt)}."
@@ -165,6 +156,6 @@ _NOTES = (
     _weak,
     _outside,
     _unmoved,
-    _unchecked,
+    _checked,
     _coefficients,
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from doe.problem.levels import AngleLevels, steer_the_model, with_even_knots
 from doe.problem.pool import Pool
 from doe.problem.request import CANDIDATES, CannotIdentify, Request, request_of
 from doe.solve import certified, choose, new_poses_instead, polished
-from doe.visiting import Reapproaches, usual_reapproaches, with_reapproaches
+from doe.visiting import Reapproaches, with_reapproaches
 
 
 def design(
@@ -71,18 +70,14 @@ def design(
 
 @one_blas_thread
 def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
-    """The plan, with as many second visits as usual where the request leaves that open.
-
-    They are among its poses, unless the others alone would leave the model open.
-    """
-    if request.reapproaches is not None:
+    """The plan of a request; without second visits that nobody asked for where they cost too much."""
+    try:
         return _planned(cell, request, against)
-    again = usual_reapproaches(cell, request)
-    with suppress(CannotIdentify):
-        if again:
-            fewer = replace(request, poses=request.poses - again, reapproaches=again, asked=False)
-            return _planned(cell, fewer, against)
-    return _planned(cell, replace(request, reapproaches=0), against)
+    except CannotIdentify:
+        if request.asked or not request.reapproaches:
+            raise
+        poses = request.poses + request.reapproaches
+        return _planned(cell, replace(request, poses=poses, reapproaches=0), against)
 
 
 def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:

@@ -17,17 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
-from calib.poses.moves import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
-from doe.problem.request import Request
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
-_LEAST_POSES, _FEWEST, _ONE_IN = 20, 4, 10
 
 
 @dataclass(frozen=True)
@@ -54,25 +50,6 @@ class Reapproaches:
     def common(self) -> float:
         """Relative standard deviation of the repeatability if the ratio of both is known."""
         return float(1.0 / np.sqrt(2.0 * self.dof))
-
-
-def usual_reapproaches(cell: Cell, request: Request) -> int:
-    """Second visits among the poses of a plan, where nobody said how many: a tenth, at least four.
-
-    None where the arm's repeatability is stated, where levels, rivals or repeats say what each pose is
-    for, where the candidates are just the plan, where the plan to extend visits poses again, and where
-    they would cost too much: of 20 poses four second visits raise the expected error by 2 to 4 %, of 16
-    by 5 to 10 % (three arms).
-    """
-    fixed, source = request.fixed, request.candidates
-    settled = isinstance(source, Poses) and len(source) <= request.poses
-    known = cell.repeatability is not None or (
-        fixed is not None and len(np.unique(visits(fixed))) > len(np.unique(fixed.configuration))
-    )
-    placed = request.levels is not None or request.rivals is not None or request.repeats
-    if settled or known or placed or request.poses < _LEAST_POSES:
-        return 0
-    return max(_FEWEST, round(request.poses / _ONE_IN))
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,8 @@ from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.plan import named
-from doe.problem.levels import levels_of
-from doe.problem.request import Request, request_of
-from doe.visiting import usual_reapproaches, with_reapproaches
+from doe.problem.request import request_of
+from doe.visiting import with_reapproaches
 from studies.design.record import design_record
 from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
@@ -156,21 +156,22 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
 
 @pytest.mark.parametrize(("poses", "again"), [(19, 0), (20, 4), (40, 4), (55, 6), (100, 10)])
 def test_a_tenth_at_least_four_of_twenty_poses_or_more(cell: Cell, poses: int, again: int) -> None:
-    assert usual_reapproaches(cell, Request(poses, "D")) == again
+    asked = request_of(cell, poses=poses)
+    assert (asked.poses, asked.reapproaches) == (poses - again, again)
 
 
 def test_none_where_something_speaks_against_it(cell: Cell) -> None:
-    asked = Request(30, "D")
     q = np.random.default_rng(0).uniform(*cell.robot.sample_limits().T, (6, 6))
     back = named(np.concatenate([q, q[:2]]))
-    assert usual_reapproaches(cell, replace(asked, fixed=named(q))) == 4
-    assert usual_reapproaches(cell, replace(asked, fixed=back)) == 0
-    assert usual_reapproaches(cell, replace(asked, rivals=("backlash:A2", "backlash:A3"))) == 0
-    assert usual_reapproaches(cell, replace(asked, repeats=True)) == 0
-    levels = levels_of(cell, {"A2": AskedLevels(10, 3)}, None)
-    assert usual_reapproaches(cell, replace(asked, levels=levels)) == 0
+    asked = partial(request_of, cell, poses=30)
+    assert asked(extend=named(q)).reapproaches == 4
+    assert asked(extend=back).reapproaches == 0
+    assert asked(discriminate=("backlash:A2", "backlash:A3")).reapproaches == 0
+    assert asked(levels={"A2": AskedLevels(10, 3)}).reapproaches == 0
+    repeated = replace(cell, design=Planned(repeats=True))
+    assert request_of(repeated, poses=30).reapproaches == 0
     for known in (Repeatability(2e-5, 0.0), Repeatability(0.0, 0.0)):
-        assert usual_reapproaches(replace(cell, repeatability=known), asked) == 0
+        assert request_of(replace(cell, repeatability=known), poses=30).reapproaches == 0
 
 
 @pytest.fixture(scope="module")

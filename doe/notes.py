@@ -11,7 +11,7 @@ from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
-from doe.problem.determined import told
+from doe.problem.parameters import told
 
 
 def granted_by(design: Design) -> tuple[str, ...]:

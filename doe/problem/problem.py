@@ -22,10 +22,16 @@ from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.selection import Selection
-from doe.problem.determined import check_identifiable, without_idle
 from doe.problem.levels import at_level
 from doe.problem.linearisation import Regressor, nominal
-from doe.problem.parameters import interest_of, rival_rows, with_rivals, without_unplanned
+from doe.problem.parameters import (
+    check_identifiable,
+    interest_of,
+    rival_rows,
+    with_rivals,
+    without_idle,
+    without_unplanned,
+)
 from doe.problem.pool import (
     MOST_PROBED,
     PROBE,

@@ -167,12 +167,7 @@ class Design(Result):
         return self.certificate.efficiency
 
 
-def named(q: Array, letter: str = "p") -> Poses:
-    """Poses p01, p02 .. at joint values (N, dof), or by another letter."""
-    return poses_at(q, names=pose_names(len(q), letter))
-
-
-def pose_names(count: int, letter: str = "p") -> tuple[str, ...]:
-    """Names p01, p02 .. of poses, or by another letter."""
-    width = max(2, len(str(count)))
-    return tuple(f"{letter}{i + 1:0{width}d}" for i in range(count))
+def named(q: Array) -> Poses:
+    """Poses p01, p02 .. at joint values (N, dof)."""
+    width = max(2, len(str(len(q))))
+    return poses_at(q, names=tuple(f"p{i + 1:0{width}d}" for i in range(len(q))))

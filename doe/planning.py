@@ -86,7 +86,7 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
         request = replace(request, levels=_levels(cell, request))
         clock.lap("levels")
     problem = problem_of(cell, request)
-    pool = problem.candidates()
+    offered = pool = problem.candidates()
     clock.lap("pool")
     chosen = found = choose(problem, pool)
     clock.lap("exchange")
@@ -97,18 +97,18 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
     second = poses.q[len(found.plan) :]
     certificate = certified(problem, pool, chosen, found, second)
     left = problem.posed(pool).survivors(found.relaxed.G, found.value)
-    tried = pool.feasible
+    tried = offered.feasible
     result = Design(
         problem=problem,
         poses=poses,
         levels=_settled(problem, poses.q),
         assessment=assess(problem, poses.q),
         certificate=certificate,
-        candidates=Candidates(tried.drawn, len(pool), tried.removed, len(left)),
+        candidates=Candidates(tried.drawn, len(offered), tried.removed, len(left)),
         rivals={
             name: _judged(problem, plan.q, certificate.bound) for name, plan in against.items()
         },
-        curve=accuracy_curve(problem, pool) if request.curve else (),
+        curve=accuracy_curve(problem, offered) if request.curve else (),
         reapproaches=again,
         day=day_of(cell, poses),
     )

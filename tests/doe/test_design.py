@@ -390,6 +390,7 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
     robot = light_chain(origins, np.tile([-np.pi, np.pi], (2, 1)))
     cell = cell_of(robot, np.zeros((1, 3)), ["joint_offset"])
     plan = doe.design(cell, poses=2, criterion="D", candidates=500)
+    assert plan.candidates.drawn == 500 == plan.candidates.feasible
     assert np.cos(plan.poses.q[:, 1]).sum() == pytest.approx(0.0, abs=0.02)
     expected = 2.0 * 0.7 * 0.4 / 1e-10 * 1e-12
     assert plan.value == pytest.approx(expected, rel=1e-4)

@@ -11,7 +11,7 @@ from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.plan import Design
-from doe.problem.parameters import told
+from doe.problem.parameters import by_reason
 
 
 def granted_by(design: Design) -> tuple[str, ...]:
@@ -46,24 +46,20 @@ def _odd_limits(design: Design) -> Iterator[str]:
 
 
 def _reapproaches(design: Design) -> Iterator[str]:
-    """What second visits tell, what they cost, and how to plan without them."""
+    """What second visits tell, and how to plan without them."""
     found = design.reapproaches
     if found is None:
         return
     count, both = len(found.again), {"translation": found.translation, "rotation": found.rotation}
-    told = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
+    stated = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
     unsure = ", if it is well above the noise of the instrument"
     yield (
         f"{count} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-        f"repeatability to {' and '.join(told) or f'+-{100 * found.common:.0f} %'}"
+        f"repeatability to {' and '.join(stated) or f'+-{100 * found.common:.0f} %'}"
         f"{'' if design.problem.cell.scatters else unsure}."
     )
-    if np.isfinite(found.task_rms_instead):
-        now, instead = design.assessment.task_rms * 1e3, found.task_rms_instead * 1e3
-        yield (
-            f"{count} new poses in their place would lower the expected error from {now:.3g} mm to "
-            f"{instead:.3g} mm{'' if found.asked else ' (--reapproach 0)'}"
-        )
+    if not found.asked:
+        yield "posecal design --reapproach 0 plans new poses in their place."
 
 
 def _unplanned(design: Design) -> Iterator[str]:
@@ -73,7 +69,7 @@ def _unplanned(design: Design) -> Iterator[str]:
             "posecal diagnose --plan-only says what a plan shows of such causes."
         )
     if lost := design.problem.left_out:
-        yield f"not planned for, as the arm's own weight does not show it: {told(lost)}"
+        yield f"not planned for, as the arm's own weight does not show it: {by_reason(lost)}"
 
 
 def _weak(design: Design) -> Iterator[str]:

@@ -18,13 +18,11 @@ from doe.assess import assess
 from doe.curve import accuracy_curve
 from doe.day import day_of, quickest_order
 from doe.notes import granted_by, notes_of
-from doe.optimal.search import WholePlan
 from doe.plan import Candidates, Design, Rival, named
 from doe.problem import Problem, problem_of
 from doe.problem.levels import AngleLevels, steer_the_model, with_even_knots
-from doe.problem.pool import Pool
 from doe.problem.request import CANDIDATES, CannotIdentify, Request, request_of
-from doe.solve import certified, choose, new_poses_instead, polished
+from doe.solve import certified, choose, polished
 from doe.visiting import Reapproaches, with_reapproaches
 
 
@@ -88,15 +86,15 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
     problem = problem_of(cell, request)
     offered = pool = problem.candidates()
     clock.lap("pool")
-    chosen = found = choose(problem, pool)
+    chosen = final = choose(problem, pool)
     clock.lap("exchange")
     if request.polish and isinstance(request.candidates, int):
-        pool, found = polished(problem, pool, chosen)
+        pool, final = polished(problem, pool, chosen)
         clock.lap("polish")
-    poses, again = _visited(problem, pool, found)
-    second = poses.q[len(found.plan) :]
-    certificate = certified(problem, pool, chosen, found, second)
-    left = problem.posed(pool).survivors(found.relaxed.G, found.value)
+    poses, again = _visited(problem, pool.q[final.plan])
+    second = poses.q[len(final.plan) :]
+    certificate = certified(problem, pool, chosen, final, second)
+    left = problem.posed(pool).survivors(final.relaxed.G, final.value)
     tried = offered.feasible
     result = Design(
         problem=problem,
@@ -136,14 +134,12 @@ def _settled(problem: Problem, q: Array) -> AngleLevels | None:
     return levels.only(np.unique(q[:, levels.joint]))
 
 
-def _visited(problem: Problem, pool: Pool, found: WholePlan) -> tuple[Poses, Reapproaches | None]:
+def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None]:
     """The poses in the order of a day, then those that are read again."""
-    request, q, again = problem.request, pool.q[found.plan], None
+    again: Reapproaches | None = None
     poses = named(q[quickest_order(problem.cell, q)])
-    if request.reapproaches:
-        poses, own = with_reapproaches(problem, poses, request.reapproaches)
-        instead = new_poses_instead(problem, pool, found.plan, len(own.again))
-        again = replace(own, task_rms_instead=instead, asked=request.asked)
+    if problem.request.reapproaches:
+        poses, again = with_reapproaches(problem, poses, problem.request.reapproaches)
     return replace(poses, order=np.arange(float(len(poses)))), again
 
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from doe.assess import assess, open_parameters
+from doe.assess import open_parameters
 from doe.constraints import scene_of
-from doe.optimal.allowed import Allowed
-from doe.optimal.exchange import greedy
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.optimal.selection import Selection
@@ -25,28 +23,27 @@ _TRIES = 24  # neighbours of each pose in one round
 _ROUNDS = 30
 _WIDEST = 0.12  # of the joint range, shrinking to a two-hundredth of it
 _NARROWEST = 6e-4
-_TRIED = 300  # candidates of the largest scores, to be visited in place of a pose twice
 
 
 def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
     """Best weights over the pool and the best whole plan found. Raises CannotIdentify."""
     posed = problem.posed(pool)
-    found = best_plan(posed, relax(posed), seed=problem.request.seed, thorough=thorough)
+    best = best_plan(posed, relax(posed), seed=problem.request.seed, thorough=thorough)
     if problem.criterion.whole:
-        _check_determined(problem, posed.blocks.total(found.plan))
-    return _reported(problem, posed, found)
+        _check_determined(problem, posed.blocks.total(best.plan))
+    return _reported(problem, posed, best)
 
 
-def _reported(problem: Problem, posed: Selection, found: WholePlan) -> WholePlan:
+def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
     """A plan with value and bound of the criterion that people read.
 
     The search goes by one with a little more in it, and a bound of the one is none of the other: at a
     single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
     """
-    plain, relaxed = posed.by(problem.criterion.plain), found.relaxed
+    plain, relaxed = posed.by(problem.criterion.plain), best.relaxed
     if plain.criterion is not posed.criterion:
         relaxed = bounded(plain, relaxed)
-    return replace(found, value=plain.value(found.plan), relaxed=relaxed)
+    return replace(best, value=plain.value(best.plan), relaxed=relaxed)
 
 
 def _check_determined(problem: Problem, M: Array) -> None:
@@ -64,21 +61,21 @@ def _check_determined(problem: Problem, M: Array) -> None:
 
 
 def certified(
-    problem: Problem, pool: Pool, before: WholePlan, found: WholePlan, again: Array
+    problem: Problem, pool: Pool, before: WholePlan, final: WholePlan, again: Array
 ) -> Certificate:
     """What is proved of a plan whose poses ``again`` (m, dof) are visited twice.
 
-    before : the plan before its poses were polished; found : its poses among those of the pool
+    before : the plan before its poses were polished; final : its poses among those of the pool
     """
-    posed, relaxed = problem.posed(pool).by(problem.criterion.plain), found.relaxed
+    posed, relaxed = problem.posed(pool).by(problem.criterion.plain), final.relaxed
     blocks, scores = posed.blocks, posed.blocks.scores(relaxed.G)
     best = posed.allowed.again(scores, len(again))
-    M = blocks.total(found.plan)
+    M = blocks.total(final.plan)
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
     rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
     bound = relaxed.bound + float(scores[best].sum())
     value = float(posed.criterion.value(M + problem.information(again).sum(axis=0)))
-    if not posed.allowed.admits(found.plan) or value > bound * (1.0 + rounding):
+    if not posed.allowed.admits(final.plan) or value > bound * (1.0 + rounding):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
     return Certificate(
         value=min(value, bound),
@@ -149,20 +146,3 @@ def _neighbours(
             kept = constraint.allows(scene_of(problem.cell, tries))
             tries, owner = tries[kept], owner[kept]
     return tries, owner
-
-
-def new_poses_instead(problem: Problem, pool: Pool, chosen: IntArray, count: int) -> float:
-    """Task RMS [m] with so many more poses in place of second visits, the chosen (N,) kept.
-
-    The poses that add most to the problem's criterion, one after the other; NaN where there are none.
-    """
-    blocks = problem.blocks(pool)
-    scores = blocks.scores(problem.criterion.gradient(blocks.total(chosen)))
-    others = np.setdiff1d(np.arange(len(scores)), chosen)
-    some: IntArray = others[np.argsort(-scores[others])[:_TRIED]]
-    if len(some) < count:
-        return np.nan
-    beside = replace(blocks.take(some), fixed=blocks.total(chosen))
-    any_of = Allowed.any_of(len(some), count)
-    more = some[greedy(Selection(problem.criterion, beside, any_of))]
-    return assess(problem, pool.q[np.concatenate([chosen, more])]).task_rms

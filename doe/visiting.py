@@ -34,7 +34,6 @@ class Reapproaches:
     dof : float, coordinates that tell of the repeatability, each for as much as the instrument lets it
     translation, rotation : float, relative standard deviations with which each is known beside the
         other, NaN where the markers do not tell them apart, or one is none
-    task_rms_instead : float, m, with as many new poses in their place, NaN where there are none
     asked : bool, else they are among the poses that were asked for
     """
 
@@ -43,8 +42,7 @@ class Reapproaches:
     dof: float
     translation: float
     rotation: float
-    task_rms_instead: float = np.nan
-    asked: bool = True
+    asked: bool
 
     @property
     def common(self) -> float:
@@ -61,13 +59,14 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     Raises CalibError where the plan has too few poses.
     """
     chosen = _spread(problem, poses, count)
-    own = tuple(poses.names[i] for i in chosen)
-    again = tuple(f"{name}_again" for name in own)
+    names = tuple(poses.names[i] for i in chosen)
+    again = tuple(f"{name}_again" for name in names)
     order = np.concatenate([np.arange(len(poses)), chosen])
-    found = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
+    visited = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
     K = shares(problem, poses.q[chosen])
     alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
-    return found, Reapproaches(own, again, float((K**2).sum()), *alone)
+    dof, asked = float((K**2).sum()), problem.request.asked
+    return visited, Reapproaches(names, again, dof, *alone, asked)
 
 
 def shares(problem: Problem, q: Array) -> Array:
@@ -107,14 +106,14 @@ def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
             f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
             "at the last one; ask for fewer, or for more poses"
         )
-    told = (shares(problem, poses.q[may]) ** 2).sum(axis=(1, 2))
+    shown = (shares(problem, poses.q[may]) ** 2).sum(axis=(1, 2))
     low, high = problem.cell.robot.sample_limits().T
     at = poses.q[may] / np.maximum(high - low, 1e-9)
     apart = np.abs(at[:, None] - at).max(axis=-1)
     chosen: list[int] = []
     for _ in range(count):
         free = np.setdiff1d(np.arange(len(may)), chosen)
-        free = free[told[free] >= told[free].max() - _NO_DIFFERENCE]
+        free = free[shown[free] >= shown[free].max() - _NO_DIFFERENCE]
         away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
         chosen.append(int(free[away.argmax()]))
     found: IntArray = may[np.sort(chosen)]

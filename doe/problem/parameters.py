@@ -193,18 +193,18 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
             "name others",
         )
     raise CannotIdentify(
-        tuple(lost), f"no plan determines {told(found)}; {_help(cell, model, lost)}"
+        tuple(lost), f"no plan determines {by_reason(found)}; {_help(cell, model, lost)}"
     )
 
 
-def told(lost: Sequence[Unidentifiable]) -> str:
+def by_reason(lost: Sequence[Unidentifiable]) -> str:
     """Parameters by the reason why they are lost, each reason once."""
-    by_reason: dict[str, list[str]] = {}
+    names_of: dict[str, list[str]] = {}
     for entry in lost:
-        by_reason.setdefault(entry.reason, []).extend(entry.names)
+        names_of.setdefault(entry.reason, []).extend(entry.names)
     return "; ".join(
         f"{', '.join(names[:_NAMED])}{' ..' * (len(names) > _NAMED)}: {reason}"
-        for reason, names in by_reason.items()
+        for reason, names in names_of.items()
     )
 
 

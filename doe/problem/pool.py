@@ -190,10 +190,10 @@ class Pool:
 
     def without(self, q: Array) -> Pool:
         """The candidates that are none of these configurations (m, dof)."""
-        known, own = {tuple(row) for row in np.round(q, 9)}, self.feasible
+        known, every = {tuple(row) for row in np.round(q, 9)}, self.feasible
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        removed = {**own.removed, "already measured": int((~fresh).sum())}
-        left = Feasible(own.q[fresh], own.level[fresh], own.seen[fresh], own.drawn, removed)
+        removed = {**every.removed, "already measured": int((~fresh).sum())}
+        left = Feasible(every.q[fresh], every.level[fresh], every.seen[fresh], every.drawn, removed)
         return Pool(left, self.packed[fresh])
 
     def plus(self, regressor: Regressor, levels: AngleLevels | None, q: Array) -> Pool:
@@ -222,22 +222,22 @@ def pool_of(
         )
 
     def judged(q: Array) -> tuple[Feasible, Array]:
-        own = Feasible.of(regressor.cell, constraints, levels, q)
-        return own, _packed(regressor, own)
+        part = Feasible.of(regressor.cell, constraints, levels, q)
+        return part, _packed(regressor, part)
 
     packed, parts, start = np.empty((count, size)), [], 0
     with ThreadPoolExecutor(_WORKERS) as executor:
-        for own, rows in executor.map(judged, chunks):
+        for part, rows in executor.map(judged, chunks):
             packed[start : start + len(rows)] = rows
-            parts.append(own)
+            parts.append(part)
             start += len(rows)
     return Pool(Feasible.together(parts), packed[:start])
 
 
-def _packed(regressor: Regressor, own: Feasible) -> Array:
-    if not len(own.q):
+def _packed(regressor: Regressor, part: Feasible) -> Array:
+    if not len(part.q):
         return np.zeros((0, packed_size(len(regressor.T))))
-    return pack(regressor.information(own.q, None if own.seen.all() else own.seen))
+    return pack(regressor.information(part.q, None if part.seen.all() else part.seen))
 
 
 def probe_of(

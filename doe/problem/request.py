@@ -103,16 +103,17 @@ def request_of(
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
-    found, own = poses or by_levels or cell.design.poses, cell.design.poses
-    if not found:
+    by_cell = cell.design.poses
+    count = poses or by_levels or by_cell
+    if not count:
         raise CalibError("how many poses? ask for a number, or give poses in the cell's [design]")
-    if poses is None and by_levels and own and own != by_levels:
+    if poses is None and by_levels and by_cell and by_cell != by_levels:
         raise CalibError(
-            f"the levels make {by_levels} poses and [design] poses is {own}; change one of them"
+            f"the levels make {by_levels} poses and [design] poses is {by_cell}; change one of them"
         )
-    if found > _MOST_POSES:
-        raise CalibError(f"{found} poses are too many to choose; ask for at most {_MOST_POSES}")
-    return int(found)
+    if count > _MOST_POSES:
+        raise CalibError(f"{count} poses are too many to choose; ask for at most {_MOST_POSES}")
+    return int(count)
 
 
 def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, ...]) -> str:

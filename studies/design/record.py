@@ -113,14 +113,13 @@ class RelativeStd(Entry):
 class ReapproachesEntry(Entry):
     """Poses that are visited again, and the names of their second visits.
 
-    task_rms_instead_mm : with as many new poses in their place; asked : else planned by default
+    asked : else planned by default
     """
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: NotNegative
     repeatability_relative_std: RelativeStd
-    task_rms_instead_mm: Maybe
     asked: bool
 
 

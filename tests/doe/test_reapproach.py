@@ -194,19 +194,13 @@ def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Des
     assert asked.reapproaches.asked
 
 
-def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
-    """Against a plan without them, and the way to that plan."""
-    assert usual.reapproaches is not None
+def test_how_to_plan_without_them_is_said(cell: Cell, usual: doe.Design) -> None:
     without = unpolished(visiting_again(cell, 0), poses=20, **FEW)
     assert without.reapproaches is None
     assert len(np.unique(without.poses.configuration)) == 20
-    assert not any("second" in note for note in without.notes)
-    assert usual.reapproaches.task_rms_instead == pytest.approx(
-        without.assessment.task_rms, rel=0.03
-    )
-    (cost,) = [note for note in usual.notes if "--reapproach 0" in note]
-    assert f"{usual.reapproaches.task_rms_instead * 1e3:.3g} mm" in cost
-    assert f"{usual.assessment.task_rms * 1e3:.3g} mm" in cost
+    assert not any("repeat visits" in note for note in without.notes)
+    assert any("--reapproach 0" in note for note in usual.notes)
+    assert usual.assessment.task_rms < 1.1 * without.assessment.task_rms
 
 
 def test_none_where_the_candidates_are_the_plan(cell: Cell) -> None:

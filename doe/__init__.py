@@ -17,8 +17,8 @@ Before the day, a plan and what it will see; on the day, whether what was measur
 extend="measurements.csv", discriminate=(a, b))`` which poses tell two of them apart.
 """
 
-from doe.ahead.enough import Enough, enough
-from doe.ahead.foresee import PowerAnalysis, foresee
+from doe.forecast.enough import Enough, enough
+from doe.forecast.foresee import PowerAnalysis, foresee
 from doe.plan import Design
 from doe.planning import design
 from doe.problem.request import CannotIdentify

@@ -13,6 +13,7 @@ from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
+_KNOWN = 1e12  # information on what is no unknown, in plausible sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,34 +48,33 @@ class Assessment:
 
 def assess(problem: Problem, q: Array) -> Assessment:
     """Judge the poses of a plan (m, dof) together with those that are measured in any case."""
-    blocks = problem.information(q)
-    M = problem.fixed + blocks.sum(axis=0)
+    blocks, each = problem.information(q), problem.crossed(q)
+    M, crossed = problem.fixed + blocks.sum(axis=0), problem.crossed_fixed + each.sum(axis=0)
     units = np.array([p.scale for p in problem.model.parameters])
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    each = problem.crossed(q)
-    crossed = problem.crossed_fixed + each.sum(axis=0)
     common = _common(problem, M, crossed)
-    squared = _squared_errors(problem, M) + common
+    rows, weights = problem.at_targets.rows, problem.at_targets.weights
+    squared = _squared_errors(rows, M) + common
     by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
-    criterion, weights = problem.criterion, problem.at_targets.weights
+
+    def without(block: Array, own: Array) -> float:
+        """Task RMS without a pose."""
+        left = M - block
+        return _rms(weights, _squared_errors(rows, left) + _common(problem, left, crossed - own))
+
     return Assessment(
-        value=criterion.shown(float(criterion.plain.value(M))),
+        value=problem.criterion.shown(float(problem.criterion.plain.value(M))),
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
         trace=np.inf if lost.any() else float(np.trace(cov)),
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
-        task_rms=_task(problem, M, crossed),
+        task_rms=_rms(weights, squared),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
-        without_pose=np.array(
-            [
-                _task(problem, M - block, crossed - own)
-                for block, own in zip(blocks, each, strict=True)
-            ]
-        ),
+        without_pose=np.array([without(*own) for own in zip(blocks, each, strict=True)]),
         without_marker=_without_markers(problem, q, seen, common),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
@@ -90,9 +90,11 @@ def open_parameters(problem: Problem, M: Array) -> Mask:
     return np.asarray(lost > 1e-3 * np.linalg.norm(sized, axis=1))
 
 
-def _squared_errors(problem: Problem, M: Array) -> Array:
-    """Expected squared error at each target, shape (K,), m^2; inf where an open direction shows."""
-    rows = problem.at_targets.rows
+def _squared_errors(rows: Array, M: Array) -> Array:
+    """Expected squared error at each target, shape (K,), m^2; inf where an open direction shows.
+
+    rows : ndarray, shape (K, r, p), of the targets
+    """
     values, vectors = np.linalg.eigh(M)
     along = rows @ vectors
     squared = (along**2 / np.maximum(values, 0.1 * RIDGE)).sum(axis=(1, 2))
@@ -110,13 +112,9 @@ def _common(problem: Problem, M: Array, crossed: Array) -> Array:
     return np.asarray((missed**2).sum(axis=(1, 2)))
 
 
-def _task(problem: Problem, M: Array, crossed: Array) -> float:
-    """Task RMS, m; inf where an open direction shows at the targets."""
-    squared = _squared_errors(problem, M)
-    if not np.isfinite(squared).all():
-        return np.inf
-    squared = squared + _common(problem, M, crossed)
-    return float(np.sqrt(squared @ problem.at_targets.weights))
+def _rms(weights: Array, squared: Array) -> float:
+    """Over the targets, m; inf where it is so at one, whatever it weighs."""
+    return float(np.sqrt(squared @ weights)) if np.isfinite(squared).all() else np.inf
 
 
 def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
@@ -142,31 +140,22 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
 
     common : ndarray, shape (K,), m^2, what all markers err by together: no marker less changes it much
     """
-    model, T = problem.model, problem.regressor.T
-    if len(model.marker_names) == 1 or at_points_read(model) is not model:
+    model, at = problem.model, problem.at_targets
+    count = len(model.marker_names)
+    if count == 1 or at_points_read(model) is not model:
         return {}  # nothing to lose, or readings that are no markers by themselves
-    back = np.linalg.inv(T / model.sizes[:, None])
+    sized = problem.regressor.T / model.sizes[:, None]
     found = {}
     for lost, name in enumerate(model.marker_names):
-        kept = np.delete(np.arange(len(model.marker_names)), lost)
-        mask = seen.copy()
+        mask, rows = seen.copy(), at.rows
         mask[:, lost] = False
+        own = [part for e, part in model.parts if isinstance(e, Tool) and e.marker == lost]
+        known = np.concatenate([sized[:0], *(sized[part] for part in own)])
         M = problem.fixed + problem.regressor.information(q, mask).sum(axis=0)
-        own = np.zeros(len(T), dtype=bool)
-        for effect, part in model.parts:
-            own[part] = isinstance(effect, Tool) and effect.marker == lost
-        rows = problem.at_targets.rows
-        if rows.shape[1] > 3:  # they count at the markers, of which there are several
-            # The mean over the markers that are left.
-            rows = rows.reshape(len(rows), -1, 3, rows.shape[-1])[:, kept]
-            rows = rows.reshape(len(rows), -1, rows.shape[-1])
-            rows = rows * np.sqrt((len(kept) + 1) / len(kept))
-        sized = (back.T @ M @ back)[np.ix_(~own, ~own)]
-        if np.linalg.eigvalsh(sized)[0] < 1e-3:
-            found[name] = np.inf
-            continue
-        rows = (rows @ back)[..., ~own]
-        solved = np.linalg.solve(sized, np.swapaxes(rows, -1, -2))
-        squared = np.einsum("krp,kpr->k", rows, solved) + common
-        found[name] = float(np.sqrt(problem.at_targets.weights @ squared))
+        if rows.shape[1] > 3:  # they count at the markers: the mean over those that are left
+            each = rows.reshape(len(rows), count, 3, -1)
+            rows = np.delete(each, lost, axis=1).reshape(len(rows), -1, rows.shape[-1])
+            rows = rows * np.sqrt(count / (count - 1))
+        squared = _squared_errors(rows, M + _KNOWN * known.T @ known) + common
+        found[name] = _rms(at.weights, squared)
     return found

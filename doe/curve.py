@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,8 @@ from doe.assess import assess
 from doe.plan import CurveStep, Design
 from doe.problem import Problem
 from doe.problem.pool import Pool
-from doe.problem.request import CannotIdentify
-from doe.solve import Progress, choose
+from doe.problem.request import CannotIdentify, Request
+from doe.solve import choose
 
 _STEPS = 8
 _PAYS = 0.05  # squared error times poses, above its least, that is still as good
@@ -21,36 +22,27 @@ _PAYS = 0.05  # squared error times poses, above its least, that is still as goo
 def accuracy_curve(problem: Problem, pool: Pool) -> tuple[CurveStep, ...]:
     """Plans of the same candidates with fewer and with more poses, up to twice as many."""
     steps = []
-    for smaller in _sizes(problem):
-        try:
-            chosen = choose(smaller, pool, Progress(), thorough=False)
-        except CannotIdentify:
-            continue
-        judged = assess(smaller, pool.q[chosen.plan])
-        steps.append(
-            CurveStep(
-                smaller.request.poses,
-                judged.value,
-                judged.task_rms,
-                min(1.0, chosen.value / chosen.relaxed.bound),
-            )
-        )
+    for request in _sizes(problem):
+        with suppress(CannotIdentify):
+            sized = replace(problem, request=request)
+            chosen = choose(sized, pool, thorough=False)
+            judged = assess(sized, pool.q[chosen.plan])
+            proved = min(1.0, chosen.value / chosen.relaxed.bound)
+            steps.append(CurveStep(request.poses, judged.value, judged.task_rms, proved))
     return tuple(steps)
 
 
-def _sizes(problem: Problem) -> list[Problem]:
-    request, rows = problem.request, int(problem.model.readout.channels.rows.sum())
-    least = -(-len(problem.model.parameters) // rows)
+def _sizes(problem: Problem) -> Iterator[Request]:
+    request = problem.request
     if request.levels is not None:
-        counts = range(1, 2 * request.levels.per_level + 1)
-        levels = [replace(request.levels, per_level=k) for k in counts]
-        requests = [replace(request, levels=own, poses=own.poses) for own in levels]
-    else:
-        sizes = np.unique(
-            np.geomspace(max(least, 2), 2 * request.poses, _STEPS).round().astype(int)
-        )
-        requests = [replace(request, poses=int(n)) for n in np.union1d(sizes, [request.poses])]
-    return [replace(problem, request=own) for own in requests]
+        for count in range(1, 2 * request.levels.per_level + 1):
+            levels = replace(request.levels, per_level=count)
+            yield replace(request, levels=levels, poses=levels.poses)
+        return
+    least = -(-len(problem.model.parameters) // int(problem.model.readout.channels.rows.sum()))
+    sizes = np.geomspace(max(least, 2), 2 * request.poses, _STEPS).round().astype(int)
+    for poses in np.union1d(sizes, request.poses).tolist():
+        yield replace(request, poses=poses)
 
 
 def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
@@ -68,10 +60,10 @@ def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
 
 def poses_that_match(steps: tuple[CurveStep, ...], design: Design) -> dict[str, int | None]:
     """Fewest poses of an optimal plan that do what each plan judged beside it does, by name."""
-    larger = design.problem.criterion.larger_is_better
+    sign = 1.0 if design.problem.criterion.larger_is_better else -1.0
     found: dict[str, int | None] = {}
     for name, rival in design.rivals.items():
         value = rival.assessment.value
-        good = [s.poses for s in steps if (s.value >= value if larger else s.value <= value)]
-        found[name] = min(good) if good else None
+        good = [s.poses for s in steps if sign * s.value >= sign * value]
+        found[name] = min(good, default=None)
     return found

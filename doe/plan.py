@@ -10,7 +10,7 @@ from calib.arrays import Array
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
-from doe.day.day import PlannedDay
+from doe.day import PlannedDay
 from doe.problem import Problem
 from doe.problem.levels import AngleLevels
 from doe.visiting import Reapproaches
@@ -106,6 +106,7 @@ class Design(Result):
     rivals : dict, name -> Rival
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
+    granted : tuple of str, what the expected error takes for granted
     seconds : dict, part -> time
     reapproaches : Reapproaches or None
     day : PlannedDay, the order of the poses and the time that it takes
@@ -121,6 +122,7 @@ class Design(Result):
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()
+    granted: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     reapproaches: Reapproaches | None = None
 
@@ -165,12 +167,7 @@ class Design(Result):
         return self.certificate.efficiency
 
 
-def named(q: Array, letter: str = "p") -> Poses:
-    """Poses p01, p02 .. at joint values (N, dof), or by another letter."""
-    return poses_at(q, names=pose_names(len(q), letter))
-
-
-def pose_names(count: int, letter: str = "p") -> tuple[str, ...]:
-    """Names p01, p02 .. of poses, or by another letter."""
-    width = max(2, len(str(count)))
-    return tuple(f"{letter}{i + 1:0{width}d}" for i in range(count))
+def named(q: Array) -> Poses:
+    """Poses p01, p02 .. at joint values (N, dof)."""
+    width = max(2, len(str(len(q))))
+    return poses_at(q, names=tuple(f"p{i + 1:0{width}d}" for i in range(len(q))))

@@ -17,17 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray
-from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
-from calib.poses.moves import visits
 from doe.constraints import scene_of, visible
 from doe.problem import Problem
-from doe.problem.request import Request
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
-_LEAST_POSES, _FEWEST, _ONE_IN = 20, 4, 10
 
 
 @dataclass(frozen=True)
@@ -38,7 +34,6 @@ class Reapproaches:
     dof : float, coordinates that tell of the repeatability, each for as much as the instrument lets it
     translation, rotation : float, relative standard deviations with which each is known beside the
         other, NaN where the markers do not tell them apart, or one is none
-    task_rms_instead : float, m, with as many new poses in their place, NaN where there are none
     asked : bool, else they are among the poses that were asked for
     """
 
@@ -47,39 +42,12 @@ class Reapproaches:
     dof: float
     translation: float
     rotation: float
-    task_rms_instead: float = np.nan
-    asked: bool = True
+    asked: bool
 
     @property
     def common(self) -> float:
         """Relative standard deviation of the repeatability if the ratio of both is known."""
         return float(1.0 / np.sqrt(2.0 * self.dof))
-
-
-def reapproaches_of(cell: Cell, count: int | None) -> int | None:
-    """How many poses are visited again as asked for; the cell's if None. Raises CalibError."""
-    found = cell.design.reapproaches if count is None else count
-    if found is not None and found < 0:
-        raise CalibError(f"{found} poses cannot be visited again; ask for 1 or more, or 0")
-    return found
-
-
-def usual_reapproaches(cell: Cell, request: Request) -> int:
-    """Second visits among the poses of a plan, where nobody said how many: a tenth, at least four.
-
-    None where the arm's repeatability is stated, where levels, rivals or repeats say what each pose is
-    for, where the plan to extend visits poses again, and where they would cost too much: of 20 poses
-    four second visits raise the expected error by 2 to 4 %, of 16 by 5 to 10 % (three arms).
-    """
-    fixed = request.fixed
-    comes_back = fixed is not None and len(np.unique(visits(fixed))) > len(
-        np.unique(fixed.configuration)
-    )
-    known = cell.repeatability is not None or comes_back
-    placed = request.levels is not None or request.rivals is not None or request.repeats
-    if known or placed or request.poses < _LEAST_POSES:
-        return 0
-    return max(_FEWEST, round(request.poses / _ONE_IN))
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:
@@ -91,13 +59,14 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     Raises CalibError where the plan has too few poses.
     """
     chosen = _spread(problem, poses, count)
-    own = tuple(poses.names[i] for i in chosen)
-    again = tuple(f"{name}_again" for name in own)
+    names = tuple(poses.names[i] for i in chosen)
+    again = tuple(f"{name}_again" for name in names)
     order = np.concatenate([np.arange(len(poses)), chosen])
-    found = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
+    visited = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
     K = shares(problem, poses.q[chosen])
     alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
-    return found, Reapproaches(own, again, float((K**2).sum()), *alone)
+    dof, asked = float((K**2).sum()), problem.request.asked
+    return visited, Reapproaches(names, again, dof, *alone, asked)
 
 
 def shares(problem: Problem, q: Array) -> Array:
@@ -137,14 +106,14 @@ def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
             f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
             "at the last one; ask for fewer, or for more poses"
         )
-    told = (shares(problem, poses.q[may]) ** 2).sum(axis=(1, 2))
+    shown = (shares(problem, poses.q[may]) ** 2).sum(axis=(1, 2))
     low, high = problem.cell.robot.sample_limits().T
     at = poses.q[may] / np.maximum(high - low, 1e-9)
     apart = np.abs(at[:, None] - at).max(axis=-1)
     chosen: list[int] = []
     for _ in range(count):
         free = np.setdiff1d(np.arange(len(may)), chosen)
-        free = free[told[free] >= told[free].max() - _NO_DIFFERENCE]
+        free = free[shown[free] >= shown[free].max() - _NO_DIFFERENCE]
         away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
         chosen.append(int(free[away.argmax()]))
     found: IntArray = may[np.sort(chosen)]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from calib.arm.se3 import skew
+from calib.arm.statics import loads_of, transmitted
 from calib.arrays import Array, Mask
 from calib.cell import Cell, Load
-from doe.constraints.scene import Constraint, Scene, turned
+from calib.poses import poses_at
+from doe.constraints.scene import Constraint, Scene
 
 _SLACK = 1e-9  # rad or m; a limit that is converted from degrees is still reached
 
@@ -84,39 +84,14 @@ def joint_torque(cell: Cell) -> JointTorque | None:
 
 
 def static_torques(scene: Scene) -> Array:
-    """Torque [N m] or force [N] along each joint, shape (2, n, dof): free, and with the load.
-
-    What :func:`calib.arm.statics.transmitted` gives in all six components, at several times the cost.
-    """
-    cell, robot = scene.cell, scene.cell.robot
-    load, payload = cell.load or Load(0.0, (0.0, 0.0, 0.0)), cell.payload
-    hung = load.mass * scene.placed(robot.loaded, load.com)
-    mass, moment = np.zeros(robot.frame_count), np.zeros((robot.frame_count, len(scene), 3))
-    mass[payload.frame] = payload.mass
-    moment[payload.frame] = payload.mass * scene.placed(payload.frame, payload.com)
-    torques = np.empty((robot.dof, 2, len(scene)))
-    for frame, parent in reversed(list(enumerate(robot.parents, 1))):
-        if (k := frame - 1) < robot.dof:
-            if robot.masses[k]:
-                mass[frame] += robot.masses[k]
-                moment[frame] += robot.masses[k] * scene.placed(frame, robot.coms[k])
-            axis, o = turned(scene.frames.R[:, frame], robot.axes[k]), scene.frames.o[:, frame]
-            along = partial(_along, axis, o, bool(robot.prismatic[k]))
-            torques[k] = along(float(mass[frame]), moment[frame], cell.gravity)
-            if robot.carries[frame, robot.loaded]:
-                torques[k, 1] += along(load.mass, hung, cell.gravity)
-        mass[parent] += mass[frame]
-        moment[parent] += moment[frame]
+    """Torque [N m] or force [N] along each joint, shape (2, n, dof): free, and with the load."""
+    robot, load = scene.cell.robot, scene.cell.load or Load(0.0, (0.0, 0.0, 0.0))
+    joints, found = slice(1, robot.dof + 1), []
+    for mass in (0.0, load.mass):
+        poses = poses_at(scene.q, load_mass=np.full(len(scene), mass), load_com=np.array(load.com))
+        loads = loads_of(robot, poses, scene.cell.payload, scene.cell.gravity)
+        local = transmitted(robot, loads, scene.frames, scene.origins).local[:, joints]
+        kind = np.where(robot.prismatic[:, None], local[..., :3], local[..., 3:])
+        found.append(np.einsum("nki,ki->nk", kind, robot.axes))
     # By virtual work a drive holds its share of what couplings move, too.
-    own = np.moveaxis(torques, 0, -1)
-    return own @ robot.driven if robot.couplings else own
-
-
-def _along(
-    axis: Array, o: Array, slides: bool, mass: float, moment: Array, gravity: Array
-) -> Array:
-    """What a weight of first moment (n, 3) in kg m adds along axes (n, 3) through o, shape (n,)."""
-    if slides:
-        return np.asarray(mass * (axis @ gravity))
-    # a . ((c - o) x m g), the mass m at c.
-    return np.asarray(np.einsum("ni,ni->n", moment - mass * o, axis @ skew(gravity).T))
+    return np.array(found) @ robot.driven if robot.couplings else np.array(found)

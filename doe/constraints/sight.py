@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -76,46 +77,70 @@ def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
                 why, read = "out of reach", instrument.within(points)
             for channel, own in enumerate(read.T, part.start):
                 yield why, channel, ~own
-        for channels, marker, at, printed in _beams(scene, instrument, part):
-            obstacles = [
-                o
-                for o in obstacles_of(scene.cell)
-                if o.ball is not None and o.from_point(np.atleast_2d(at)).max() > 0.0
-            ]
-            for why, hidden in _hidden(scene, marker, at, obstacles, printed):
-                for channel in channels:
+        for beam in _beams(scene, instrument, part):
+            for why, hidden in _hidden(scene, beam):
+                for channel in beam.channels:
                     yield why, channel, hidden
 
 
-def _beams(
-    scene: Scene, instrument: Instrument, part: slice
-) -> Iterator[tuple[list[int], int, Array, bool]]:
-    """Lines of sight, one for each channel; of a board, a few for all its points.
+@dataclass(frozen=True, eq=False)
+class _Beam:
+    """A line of sight.
 
-    Yields the channels that it stands for, its marker on the arm, its end, (3,) in the world or (n, 3)
-    where the instrument rides, and whether that marker is on a print.
+    channels : those that it stands for: of a board, a few of its points
+    marker : int, at its one end; eye : ndarray, shape (n, 3), m, base axes, its other end
+    rides : whether the instrument does; printed : whether the marker is on a print
     """
+
+    channels: list[int]
+    marker: int
+    eye: Array
+    rides: bool
+    printed: bool = False
+
+
+def _beams(scene: Scene, instrument: Instrument, part: slice) -> Iterator[_Beam]:
+    """Lines of sight, one for each channel; of a board, a few for all its points."""
     marker, single = scene.cell.channels.marker, set(range(part.start, part.stop))
+    rides = instrument.seat is not None
     if isinstance(instrument, Camera):
         for board in instrument.boards:
             own = _channels(board, part)
             single -= set(own.tolist())
+            printed = board.printed > 0.0 and instrument.each == 1
             for few, one in board.parts():
                 if (at := instrument.sees_from(board, one)) is not None:
-                    printed = board.printed > 0.0 and instrument.each == 1
-                    at = _placed(scene, instrument, at)
-                    yield own[few].tolist(), int(marker[own[one]]), at, printed
+                    eye = _placed(scene, instrument, at)
+                    yield _Beam(own[few].tolist(), int(marker[own[one]]), eye, rides, printed)
     if (at := instrument.position) is not None:
+        eye = _placed(scene, instrument, at)
         for channel in sorted(single):
-            yield [channel], int(marker[channel]), _placed(scene, instrument, at), False
+            yield _Beam([channel], int(marker[channel]), eye, rides)
 
 
 def _placed(scene: Scene, instrument: Instrument, at: Array) -> Array:
-    """A place (3,) as an instrument states it, in base axes: (n, 3) where it rides on a link."""
+    """A place (3,) as an instrument states it, in base axes, shape (n, 3)."""
     if instrument.seat is None:
-        return at
+        return np.broadcast_to(at, (len(scene), 3))
     origin, axes = frame_of(scene.markers[:, instrument.seat])
-    return origin + at @ axes
+    return np.asarray(origin + at @ axes)
+
+
+def _hidden(scene: Scene, beam: _Beam) -> Iterator[tuple[str, Mask]]:
+    """Cause by cause, the configurations (n,) where it is the first to hide a beam's marker."""
+    free, holders = _facing(scene, beam), _holders(scene, beam.marker)
+    yield "turned away", ~free
+    for capsule in scene.capsules:
+        # A board is in no link but those it is mounted on.
+        may_hold = not beam.printed or capsule.body in holders
+        hidden = _behind_capsule(scene, capsule, beam, free, may_hold)
+        free &= ~hidden
+        yield f"behind {capsule.name}", hidden
+    for obstacle in obstacles_of(scene.cell):
+        if obstacle.ball is not None and (obstacle.from_point(beam.eye) > 0.0).any():
+            hidden = _behind_obstacle(scene, obstacle, obstacle.ball, beam, free)
+            free &= ~hidden
+            yield f"behind {obstacle.name}", hidden
 
 
 def _holders(scene: Scene, j: int) -> set[int]:
@@ -127,66 +152,41 @@ def _holders(scene: Scene, j: int) -> set[int]:
     return found - {BASE}
 
 
-def _hidden(
-    scene: Scene, j: int, instrument: Array, obstacles: Sequence[Obstacle], printed: bool
-) -> Iterator[tuple[str, Mask]]:
-    """Cause by cause, the configurations (n,) where it is the first to hide marker j.
-
-    printed : whether it is on a board, which is in no link but those it is mounted on
-    """
-    marker, free, holders = scene.markers[:, j], _facing(scene, j, instrument), _holders(scene, j)
-    yield "turned away", ~free
-    for capsule in scene.capsules:
-        may_hold = not printed or capsule.body in holders
-        hidden = _behind_capsule(marker, capsule, instrument, free, may_hold)
-        free &= ~hidden
-        yield f"behind {capsule.name}", hidden
-    for obstacle in obstacles:
-        hidden = _behind_obstacle(marker, obstacle, instrument, free)
-        free &= ~hidden
-        yield f"behind {obstacle.name}", hidden
-
-
-def _facing(scene: Scene, j: int, instrument: Array) -> Mask:
-    """Whether the beam meets marker j within its acceptance, shape (n,)."""
-    if np.isnan(scene.cell.marker_normals[j]).any():
+def _facing(scene: Scene, beam: _Beam) -> Mask:
+    """Whether a beam meets its marker within its acceptance, shape (n,)."""
+    cell, j = scene.cell, beam.marker
+    if np.isnan(cell.marker_normals[j]).any():
         return np.ones(len(scene), dtype=bool)
-    cell, acceptance = scene.cell, scene.cell.marker_acceptance[j]
+    acceptance = cell.marker_acceptance[j]
     least = 0.0 if np.isnan(acceptance) else float(np.cos(acceptance))
-    beam = instrument - scene.markers[:, j]
-    size = np.linalg.norm(beam, axis=1)
+    along = beam.eye - scene.markers[:, j]
+    size = np.linalg.norm(along, axis=1)
     normal = turned(scene.frames.R[:, cell.marker_frames[j]], cell.marker_normals[j])
-    within = np.einsum("ni,ni->n", normal, beam) - least * size
+    within = np.einsum("ni,ni->n", normal, along) - least * size
     return np.asarray(within >= -_SLACK * size)
 
 
 def _behind_capsule(
-    marker: Array, capsule: PlacedCapsule, instrument: Array, among: Mask, may_hold: bool
+    scene: Scene, capsule: PlacedCapsule, beam: _Beam, among: Mask, may_hold: bool
 ) -> Mask:
-    near = point_segment(capsule.centre, instrument, marker) < capsule.reach
+    marker = scene.markers[:, beam.marker]
+    near = point_segment(capsule.centre, beam.eye, marker) < capsule.reach
     at = np.flatnonzero(near & among)
-    start, end = capsule.start[at], capsule.end[at]
-    hidden = np.zeros(len(among), dtype=bool)
-    eye = _at(instrument, at)
+    start, end, eye = capsule.start[at], capsule.end[at], beam.eye[at]
     crossed = segment_segment(eye, marker[at], start, end) < capsule.radius
-    if instrument.ndim > 1:  # what it rides on does not hide what it sees
+    if beam.rides:  # what it rides on does not hide what it sees
         crossed &= point_segment(eye, start, end) > capsule.radius + _SKIN
     outside = point_segment(marker[at], start, end) > capsule.radius + _SKIN
+    hidden = np.zeros(len(among), dtype=bool)
     hidden[at] = crossed & (outside | (not may_hold))
     return hidden
 
 
-def _at(instrument: Array, chosen: IntArray) -> Array:
-    """Where the instrument is at some of the configurations: (3,) where it is at one place at all."""
-    return instrument if instrument.ndim == 1 else instrument[chosen]
-
-
-def _behind_obstacle(marker: Array, obstacle: Obstacle, instrument: Array, among: Mask) -> Mask:
+def _behind_obstacle(
+    scene: Scene, obstacle: Obstacle, ball: tuple[Array, float], beam: _Beam, among: Mask
+) -> Mask:
+    marker = scene.markers[:, beam.marker]
+    at = np.flatnonzero(among & (point_segment(ball[0], beam.eye, marker) <= ball[1]))
     hidden = np.zeros(len(among), dtype=bool)
-    if obstacle.ball is None:
-        return hidden
-    centre, radius = obstacle.ball
-    at = np.flatnonzero(among & (point_segment(centre, instrument, marker) <= radius))
-    start = np.broadcast_to(_at(instrument, at), (len(at), 3))
-    hidden[at] = obstacle.from_segment(start, marker[at]) <= _SKIN
+    hidden[at] = obstacle.from_segment(beam.eye[at], marker[at]) <= _SKIN
     return hidden

@@ -1,4 +1,4 @@
-"""Criteria by name: one file each, and one entry here.
+"""Criteria by name: one class each, and one entry here.
 
 A user's own criterion is the same small class in an installed package of theirs, announced under
 ``[project.entry-points."posecal.criteria"]`` by its name.
@@ -12,8 +12,7 @@ from calib.plugins import with_announced
 from doe.criteria.determinant import Determinant, Subset
 from doe.criteria.eigenvalue import SmallestEigenvalue
 from doe.criteria.protocol import Conic, Criterion, Question
-from doe.criteria.rivals import Rivals
-from doe.criteria.smallest import WorstRegion, WorstTask
+from doe.criteria.smallest import Rivals, WorstRegion, WorstTask
 from doe.criteria.trace import Average, Combination, Task
 
 CRITERIA: dict[str, type[Criterion]] = {

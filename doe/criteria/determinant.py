@@ -70,9 +70,9 @@ class Subset(Criterion):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        if question.subset is None:
+        if question.interest is None:
             raise CalibError("criterion Ds needs the parameters that matter; say which (of)")
-        return cls(question.shown[question.subset])
+        return cls(question.chosen(question.shown))
 
     @property
     def whole(self) -> bool:

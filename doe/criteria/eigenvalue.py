@@ -27,7 +27,7 @@ class SmallestEigenvalue(Criterion):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        return cls(question.sized[question.chosen])
+        return cls(question.chosen(question.sized))
 
     @property
     def whole(self) -> bool:

@@ -11,7 +11,6 @@ identity; a criterion that speaks of the parameters themselves carries T.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Self
@@ -36,11 +35,10 @@ class Question:
 
     model : Model
     T : ndarray, shape (p, p): values in SI are ``theta = T y``
-    subset : ndarray of int, positions of the parameters that matter, None for all
-    direction : ndarray, shape (p,), SI: the combination of parameters that matters, or None
-    targets : callable returning ndarray, shape (K, r, p), the weighted rows of the K target poses: the
-        squared error at target k is ``tr(rows_k cov rows_k^T)`` in m^2, its share of the mean already
-        in the rows
+    interest : ndarray, shape (s, p), combinations of the parameters, in their units, that matter, each
+        of one parameter but for criterion c; None for all
+    targets : ndarray, shape (K, r, p), the weighted rows of the K target poses: the squared error at
+        target k is ``tr(rows_k cov rows_k^T)`` in m^2, its share of the mean already in the rows
     target_weights : ndarray, shape (K,), summing to one
     region : ndarray, shape (R, p, p), information of poses that stand for the reachable cell, in y
     rivals : tuple of two arrays of int, positions of two rival effects' parameters, or None
@@ -48,9 +46,8 @@ class Question:
 
     model: Model
     T: Array
-    subset: IntArray | None
-    direction: Array | None
-    targets: Callable[[], Array]
+    interest: Array | None
+    targets: Array
     target_weights: Array
     region: Array
     rivals: tuple[IntArray, IntArray] | None = None
@@ -66,10 +63,9 @@ class Question:
         """Rows V with ``parameters in plausible sizes = V y``, shape (p, p)."""
         return np.asarray(self.T / self.model.sizes[:, None])
 
-    @cached_property
-    def chosen(self) -> IntArray:
-        """Positions of the parameters that matter."""
-        return np.arange(len(self.T)) if self.subset is None else self.subset
+    def chosen(self, V: Array) -> Array:
+        """Of rows V for all parameters (p, p) those for what matters, shape (s, p)."""
+        return V if self.interest is None else self.interest @ V
 
 
 class Criterion(InformationFunction):

@@ -68,7 +68,7 @@ class Average(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        return cls(question.shown[question.chosen].T)
+        return cls(question.chosen(question.shown).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +80,11 @@ class Combination(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        if question.direction is None:
+        if question.interest is None:
             raise CalibError(
                 "criterion c needs one parameter or combination; say which (of), as NAME[=FACTOR],.."
             )
-        return cls((question.direction @ question.shown)[:, None])
+        return cls(question.chosen(question.shown).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Task(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        return cls.at_targets(question.targets(), question.target_weights)
+        return cls.at_targets(question.targets, question.target_weights)
 
     @classmethod
     def at_targets(cls, rows: Array, weights: Array) -> Self:

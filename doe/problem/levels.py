@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,9 +10,12 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
+from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from calib.errors import CalibError
+from calib.model.build import parse_effect
 
 _GRID = 25  # even steps over the range of the joint, from which levels are chosen
+_STEP = 1e-2  # degrees or millimetres, to which they are rounded
 _MOST = 100  # levels that may be chosen
 _AT_LEVEL = 1e-6  # rad or m
 
@@ -26,6 +28,8 @@ class AngleLevels:
     values : ndarray, shape (L,), rad or m, ascending: the levels, or the grid to choose them from
     used, per_level : int
     separation : float, rad or m, least distance of two levels that are used
+    proved : float, share of the best choice that these reach at least, where they were chosen before
+        the plan, for a model with even knots; among : int, so many
     """
 
     joint: int
@@ -33,6 +37,8 @@ class AngleLevels:
     used: int
     per_level: int
     separation: float = 0.0
+    proved: float | None = None
+    among: int = 0
 
     @property
     def poses(self) -> int:
@@ -49,9 +55,11 @@ class AngleLevels:
         distance = np.abs(q[:, self.joint, None] - self.values)
         return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
 
-    def only(self, values: Array) -> AngleLevels:
+    def only(self, values: Array, proved: float | None = None) -> AngleLevels:
         """The same with its levels settled, shape (k,), rad or m."""
-        return AngleLevels(self.joint, values, len(values), self.per_level)
+        return AngleLevels(
+            self.joint, values, len(values), self.per_level, proved=proved, among=len(self.values)
+        )
 
 
 def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
@@ -102,15 +110,18 @@ def levels_of(
         if own.values is None and kept.values is not None and kept.count == own.count:
             own = replace(own, values=kept.values)
         own = replace(own, separation=own.separation or kept.separation)
-    levels = _levels(cell, _index(cell, joint), own)
-    if given is None and poses is not None and poses % levels.used == 0:
+    index = _index(cell, joint)
+    levels = _chosen(cell, index, own) if own.values is None else _given(cell, index, own)
+    if poses is None:
+        return levels
+    if given is None and poses % levels.used == 0:
         levels = replace(levels, per_level=poses // levels.used)
-    if poses is not None and levels.used > poses:
+    if levels.used > poses:
         raise CalibError(
             f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "
             "ask for more poses or fewer levels"
         )
-    if poses is not None and levels.poses != poses:
+    if levels.poses != poses:
         raise CalibError(
             f"{levels.used} levels of {joint} x {levels.per_level} poses are "
             f"{levels.poses} poses, not {poses}; change one of them"
@@ -130,21 +141,26 @@ def _index(cell: Cell, joint: str) -> int:
     return k
 
 
-def _levels(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
+def _given(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
     name, unit = cell.robot.joints[joint], _unit(cell, joint)
     low, high = cell.robot.sample_limits()[joint]
-    if asked.values is not None:
-        values = np.sort(asked.values)
-        if not len(values):
-            raise CalibError(f"levels of {name} are empty; give some, or a count")
-        for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
-            raise CalibError(
-                f"level {value / unit:g} of {name} is outside its limits "
-                f"{low / unit:g} .. {high / unit:g}; move it inside"
-            )
-        if (np.diff(values) < _AT_LEVEL).any():
-            raise CalibError(f"levels of {name} contain the same value twice; give each once")
-        return AngleLevels(joint, values, len(values), asked.per_level)
+    values = np.sort(np.asarray(asked.values))
+    if not len(values):
+        raise CalibError(f"levels of {name} are empty; give some, or a count")
+    for value in values[(values < low - _AT_LEVEL) | (values > high + _AT_LEVEL)]:
+        raise CalibError(
+            f"level {value / unit:g} of {name} is outside its limits "
+            f"{low / unit:g} .. {high / unit:g}; move it inside"
+        )
+    if (np.diff(values) < _AT_LEVEL).any():
+        raise CalibError(f"levels of {name} contain the same value twice; give each once")
+    return AngleLevels(joint, values, len(values), asked.per_level)
+
+
+def _chosen(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
+    """Levels to choose from even steps over the range, and from the knots of the joint's model."""
+    name, unit = cell.robot.joints[joint], _unit(cell, joint)
+    low, high = cell.robot.sample_limits()[joint]
     used, separation = asked.count or 0, asked.separation
     if used > _MOST:
         raise CalibError(f"{used} levels of {name} are too many to choose; ask for at most {_MOST}")
@@ -153,27 +169,34 @@ def _levels(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
             f"{used} levels of {name} cannot be {separation / unit:g} apart within "
             f"{low / unit:g} .. {high / unit:g}; ask for fewer or closer ones"
         )
-    return AngleLevels(
-        joint, _grid(cell, joint, used, separation), used, asked.per_level, separation
+    step = unit * _STEP
+    even = np.linspace(low, high, max(_GRID, 2 * used + 1))
+    # A grid as coarse as the levels themselves, so that some choice keeps its distance.
+    apart = np.linspace(low, high, used) if separation and used > 1 else even[:0]
+    knots = cell.knots.get(name, np.zeros(0))
+    knots = knots[(knots >= low) & (knots <= high)]
+    grid = np.concatenate([np.round(np.concatenate([even, apart]) / step) * step, knots])
+    grid = np.unique(np.clip(grid, low, high))
+    grid = grid[np.append(True, np.diff(grid) > 0.5 * step)]
+    return AngleLevels(joint, grid, used, asked.per_level, separation)
+
+
+def steer_the_model(cell: Cell, levels: AngleLevels | None) -> bool:
+    """Whether levels are to be chosen and the model has a coefficient at each of them."""
+    if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
+        return False
+    joint = cell.robot.joints[levels.joint]
+    placed = map(parse_effect, cell.effects)
+    return any(
+        name == StiffnessVsAngle.kind and (where is None or joint in where)
+        for name, where in placed
     )
 
 
-def _grid(cell: Cell, joint: int, used: int, separation: float) -> Array:
-    """Even steps from limit to limit, and the knots of the joint's model where it has some."""
-    step = _unit(cell, joint) * 1e-2
-    low, high = cell.robot.sample_limits()[joint]
-    even = [np.linspace(low, high, max(_GRID, 2 * used + 1))]
-    # A grid as coarse as the levels themselves, so that some choice keeps its distance.
-    even.append(np.linspace(low, high, used) if separation and used > 1 else np.zeros(0))
-    knots = cell.knots.get(cell.robot.joints[joint], np.zeros(0))
-    inside = knots[(knots >= low) & (knots <= high)]
-    candidates = np.concatenate([np.round(np.concatenate(even) / step) * step, inside])
-    candidates = np.unique(np.clip(candidates, low, high))
-    apart = [candidates[0]]
-    for a, b in itertools.pairwise(candidates):
-        if b - a > 0.5 * step:
-            apart.append(b)
-    return np.array(apart)
+def with_even_knots(cell: Cell, levels: AngleLevels) -> Cell:
+    """As many coefficients as levels, evenly over the joint's range, while the levels are chosen."""
+    even = np.linspace(levels.values[0], levels.values[-1], levels.used)
+    return replace(cell, knots={**cell.knots, cell.robot.joints[levels.joint]: even})
 
 
 def _unit(cell: Cell, joint: int) -> float:
@@ -185,7 +208,6 @@ def at_level(cell: Cell, levels: AngleLevels | None, level: int) -> str:
     """Words for one level, none without levels."""
     if levels is None:
         return ""
-    value, joint = levels.values[level], levels.joint
-    slides = cell.robot.prismatic[joint]
-    shown = f"{value * 1e3:g} mm" if slides else f"{np.degrees(value):g} deg"
-    return f" at {cell.robot.joints[joint]} = {shown}"
+    shown = f"{levels.values[level] / _unit(cell, levels.joint):g}"
+    unit = "mm" if cell.robot.prismatic[levels.joint] else "deg"
+    return f" at {cell.robot.joints[levels.joint]} = {shown} {unit}"

@@ -44,8 +44,13 @@ class Linearisation:
     arm: Variances
 
     def of(self, data: Measurements, kept: Mask | None = None) -> LinearProblem:
-        """Rows of readings, of which some count, shape (m,); beams end at their points."""
-        return self._rows(data.poses, lambda _: self.weights(data, kept), None)
+        """Rows of readings, of which some count, shape (m,), and what is known beside them.
+
+        Beams end at their points.
+        """
+        off, held = self.model.prior_residuals(self.values)
+        rows = self._rows(data.poses, lambda _: self.weights(data, kept), None)
+        return replace(rows, off=off, held=held)
 
     def weights(self, data: Measurements, kept: Mask | None = None) -> Array:
         """Whitening matrices of readings, shape (m, C, r, r), zero for what does not count."""
@@ -137,11 +142,9 @@ class Regressor(Linearisation):
     """Candidates of a cell before anything is known, in the coordinates of the criteria.
 
     T : ndarray, shape (p, p), ``theta = T y``
-    loaded_only : whether readings free of load carry nothing, and are left out
     """
 
     T: Array = field(kw_only=True)
-    loaded_only: bool = field(default=False, kw_only=True)
 
     @classmethod
     def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
@@ -157,9 +160,9 @@ class Regressor(Linearisation):
     @property
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
-        readings_each = 1 if self.loaded_only or self.cell.load is None else 2
+        readings_each = 1 if self.cell.load is None else 2
         numbers = int(self.model.readout.channels.rows.sum())
-        return int(min(numbers * readings_each, self.T.shape[1]))
+        return int(min(numbers * readings_each, len(self.T)))
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
@@ -168,14 +171,10 @@ class Regressor(Linearisation):
         visible : ndarray, shape (m, M), markers in sight, all without it
         """
         poses, visit = self._readings(q)
-        # What carries nothing of the model still tells what the approach was off by.
-        first = len(q) if self.loaded_only else 0
-        if not self.cell.scatters:
-            poses, visit, first = poses.take(slice(first, None)), visit[first:], 0
         seen = None if visible is None else visible[visit]
         rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
-        turned = stacked(rows[first:]) @ self.T
-        return _by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
+        turned = stacked(rows) @ self.T
+        return by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
@@ -186,7 +185,7 @@ class Regressor(Linearisation):
         points = self.model.predict(self.values, poses)
         W = self.foreseen(poses, points, visible[visit], np.nan)
         own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
-        return _by_visit(own, len(q))
+        return by_visit(own, len(q))
 
     def crossed(self, q: Array, visible: Mask) -> Array:
         """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
@@ -201,7 +200,7 @@ class Regressor(Linearisation):
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
         rows = self.candidates(poses, seen, (visit, visit), np.nan)
         moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
-        own, more = (_by_visit(r.by_reading, len(q)) for r in (rows, moved))
+        own, more = (by_visit(r.by_reading, len(q)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
@@ -224,8 +223,8 @@ class Regressor(Linearisation):
         return replace(self, T=self.T @ np.linalg.inv(L).T)
 
 
-def _by_visit(rows: Array, visits: int) -> Array:
-    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k)."""
+def by_visit(rows: Array, visits: int) -> Array:
+    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k): all free, then loaded."""
     first, *others = rows.reshape(-1, visits, *rows.shape[1:])
     return np.concatenate([first, *others], axis=1) if others else np.asarray(first)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,20 +17,19 @@ from doe.constraints import Constraint, scene_of, visible
 from doe.optimal.blocks import pack, packed_size
 from doe.problem.levels import AngleLevels, at_level
 from doe.problem.linearisation import Regressor
-from doe.problem.request import Request, no_candidate
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
+OUT_OF_SIGHT = "out_of_sight"
+"""What removes a configuration at which no instrument reads anything."""
+MOST_PROBED = 65_536
+"""Candidates among which those are looked for by which a cell is known."""
+PROBE = 2000
+"""Feasible configurations that are enough for that."""
+_PER_LEVEL = 20
 _LARGEST = 8e9  # bytes of information blocks
 _STEP = 1e-2  # degrees or millimetres
 _WORKERS = 2
-PROBE = 2000
-"""Feasible configurations that are enough to know a cell by."""
-_PER_LEVEL = 20
-MOST_PROBED = 65_536
-"""Candidates among which these are looked for."""
-OUT_OF_SIGHT = "out_of_sight"
-"""What removes a configuration at which no instrument reads anything."""
 
 
 def rounded(cell: Cell, q: Array) -> Array:
@@ -103,101 +101,106 @@ def chunked(q: Array) -> Iterator[Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class Pool:
+class Feasible:
     """Candidates that may be measured.
 
-    q : ndarray, shape (n, dof), rad or m
-    packed : ndarray, shape (n, p (p + 1) / 2), information of each
-    level : ndarray of int, shape (n,), of each its level, zero without levels
-    visible : ndarray of bool, shape (n, C), readings that can be had at each
-    drawn : int, candidates before the constraints
-    removed_at : dict, constraint -> ndarray of int, candidates that it removed at each level, each
+    q : ndarray, shape (n, dof), rad or m; level : ndarray of int, shape (n,), zero without levels
+    seen : ndarray of bool, shape (n, C), readings that can be had at each
+    drawn : int, candidates before the constraints; removed : dict, what removed how many of them, each
         counted where it fell first
     """
 
     q: Array
-    packed: Array
     level: IntArray
-    visible: Mask
+    seen: Mask
     drawn: int
-    removed_at: dict[str, IntArray]
+    removed: dict[str, int]
+
+    @classmethod
+    def of(
+        cls,
+        cell: Cell,
+        constraints: tuple[Constraint, ...],
+        levels: AngleLevels | None,
+        q: Array,
+    ) -> Feasible:
+        """Those of configurations (m, dof) that stand at a level, keep the constraints and are seen."""
+        drawn, removed = len(q), {constraint.name: 0 for constraint in constraints}
+        if levels is not None and (lost := levels.of(q) < 0).any():
+            removed["levels"], q = int(lost.sum()), q[~lost]
+        for constraint in constraints:
+            if len(q) and not (kept := constraint.allows(scene_of(cell, q))).all():
+                removed[constraint.name], q = int((~kept).sum()), q[kept]
+        seen = visible(scene_of(cell, q)) if len(q) else np.ones((0, len(cell.channels)), bool)
+        if not (read := seen.any(axis=1)).all():
+            removed[OUT_OF_SIGHT], q, seen = int((~read).sum()), q[read], seen[read]
+        level = np.zeros(len(q), dtype=int) if levels is None else levels.of(q)
+        return cls(q, level, seen, drawn, removed)
+
+    @classmethod
+    def together(cls, parts: Sequence[Feasible]) -> Feasible:
+        """Several as one."""
+        names = dict.fromkeys(name for part in parts for name in part.removed)
+        return cls(
+            np.concatenate([part.q for part in parts]),
+            np.concatenate([part.level for part in parts]),
+            np.concatenate([part.seen for part in parts]),
+            sum(part.drawn for part in parts),
+            {name: sum(part.removed.get(name, 0) for part in parts) for name in names},
+        )
+
+    def too_few(self, where: str = "", found: int = 0, needed: int = 1) -> str:
+        """Why nothing, or too little, is left to choose from."""
+        what = f"no feasible candidate{where}"
+        if found:
+            only = f"only {found} feasible candidate{'s' if found > 1 else ''}"
+            what = f"{only}{where}, and {needed} are needed"
+        causes = sorted(((n, name) for name, n in self.removed.items() if n), reverse=True)
+        if not causes:
+            return f"{what}; draw more, or allow repeats"
+        most, name = causes[0]
+        if most >= self.drawn and name.startswith("obstacle"):
+            return f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
+        said = ", ".join(f"{name} removed {n}" for n, name in causes)
+        return f"{what}: of {self.drawn}, {said}; relax what removed most"
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates with their information.
+
+    feasible : Feasible, n of them; packed : ndarray, shape (n, p (p + 1) / 2), information of each
+    """
+
+    feasible: Feasible
+    packed: Array
 
     def __len__(self) -> int:
         return len(self.q)
 
     @property
-    def removed(self) -> dict[str, int]:
-        """Candidates that each constraint removed."""
-        return {name: int(counts.sum()) for name, counts in self.removed_at.items()}
+    def q(self) -> Array:
+        """Shape (n, dof), rad or m."""
+        return self.feasible.q
+
+    @property
+    def level(self) -> IntArray:
+        """Level of each, shape (n,), zero without levels."""
+        return self.feasible.level
 
     def without(self, q: Array) -> Pool:
         """The candidates that are none of these configurations (m, dof)."""
-        known = {tuple(row) for row in np.round(q, 9)}
+        known, every = {tuple(row) for row in np.round(q, 9)}, self.feasible
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        removed = {**self.removed_at, "already measured": np.bincount(self.level[~fresh])}
-        return replace(self.where(fresh), removed_at=removed)
+        removed = {**every.removed, "already measured": int((~fresh).sum())}
+        left = Feasible(every.q[fresh], every.level[fresh], every.seen[fresh], every.drawn, removed)
+        return Pool(left, self.packed[fresh])
 
-    def where(self, kept: Mask) -> Pool:
-        """Some of the candidates, (n,), the counts as they were."""
-        own = self.packed[kept], self.level[kept], self.visible[kept]
-        return Pool(self.q[kept], *own, self.drawn, self.removed_at)
-
-    def too_few(
-        self, cell: Cell, levels: AngleLevels | None, level: int, found: int, needed: int
-    ) -> str:
-        """Why too little is left to choose from at a level, or of all where there are no levels."""
-        if levels is None:
-            return no_candidate(self.drawn, self.removed, "", found, needed)
-        removed = {n: int(at[level]) for n, at in self.removed_at.items() if len(at) > level}
-        drawn = self.drawn // len(levels.values)
-        return no_candidate(drawn, removed, at_level(cell, levels, level), found, needed)
-
-
-def together(parts: Sequence[Pool], packed: Array | None = None) -> Pool:
-    """Several pools as one; packed : their information where it stands together already."""
-    names = dict.fromkeys(name for part in parts for name in part.removed_at)
-    none = np.zeros(1, dtype=int)
-    return Pool(
-        np.concatenate([part.q for part in parts]),
-        np.concatenate([part.packed for part in parts]) if packed is None else packed,
-        np.concatenate([part.level for part in parts]),
-        np.concatenate([part.visible for part in parts]),
-        sum(part.drawn for part in parts),
-        {name: sum((part.removed_at.get(name, none) for part in parts), none) for name in names},
-    )
-
-
-def judge(
-    regressor: Regressor,
-    constraints: tuple[Constraint, ...],
-    levels: AngleLevels | None,
-    q: Array,
-) -> Pool:
-    """Remove the candidates that may not be measured, and linearise the others."""
-    cell, total, removed = regressor.cell, len(q), {}
-    count = 1 if levels is None else len(levels.values)
-    level = np.zeros(total, dtype=int) if levels is None else levels.of(q)
-    if (level < 0).any():
-        removed["levels"] = np.bincount([0] * int((level < 0).sum()), minlength=count)
-        q, level = q[level >= 0], level[level >= 0]
-    for constraint in constraints:
-        if not len(q):
-            break
-        kept = constraint.allows(scene_of(cell, q))
-        removed[constraint.name] = np.bincount(level[~kept], minlength=count)
-        if not kept.all():
-            q, level = q[kept], level[kept]
-    seen = np.ones((0, len(cell.channels)), bool)
-    seen = visible(scene_of(cell, q)) if len(q) else seen
-    read = seen.any(axis=1)
-    if not read.all():
-        removed[OUT_OF_SIGHT] = np.bincount(level[~read], minlength=count)
-        q, level, seen = q[read], level[read], seen[read]
-    if not len(q):
-        empty = np.zeros((0, packed_size(regressor.T.shape[1])))
-        return Pool(q, empty, level, seen, total, removed)
-    packed = pack(regressor.information(q, None if seen.all() else seen))
-    return Pool(q, packed, level, seen, total, removed)
+    def plus(self, regressor: Regressor, levels: AngleLevels | None, q: Array) -> Pool:
+        """The candidates and further configurations (m, dof), which keep the constraints."""
+        more = Feasible.of(regressor.cell, (), levels, q)
+        both = np.concatenate([self.packed, _packed(regressor, more)])
+        return Pool(Feasible.together([self.feasible, more]), both)
 
 
 def pool_of(
@@ -211,49 +214,52 @@ def pool_of(
 
     Raises CalibError where their information would not fit into memory.
     """
-    p = regressor.T.shape[1]
-    if 8.0 * count * packed_size(p) > _LARGEST:
-        most = int(_LARGEST / 8.0 / packed_size(p))
+    size = packed_size(len(regressor.T))
+    if 8.0 * count * size > _LARGEST:
         raise CalibError(
-            f"{count} candidates for {p} parameters need "
-            f"{8e-9 * count * packed_size(p):.0f} GB; ask for at most {most}"
+            f"{count} candidates for {len(regressor.T)} parameters need "
+            f"{8e-9 * count * size:.0f} GB; ask for at most {int(_LARGEST / 8.0 / size)}"
         )
-    packed, parts, start = np.empty((count, packed_size(p))), [], 0
+
+    def judged(q: Array) -> tuple[Feasible, Array]:
+        part = Feasible.of(regressor.cell, constraints, levels, q)
+        return part, _packed(regressor, part)
+
+    packed, parts, start = np.empty((count, size)), [], 0
     with ThreadPoolExecutor(_WORKERS) as executor:
-        for part in executor.map(partial(judge, regressor, constraints, levels), chunks):
-            here = packed[start : start + len(part)]
-            here[:] = part.packed
-            parts.append(replace(part, packed=here))  # its own is let go at once
-            start += len(part)
-    return together(parts, packed[:start])
+        for part, rows in executor.map(judged, chunks):
+            packed[start : start + len(rows)] = rows
+            parts.append(part)
+            start += len(rows)
+    return Pool(Feasible.together(parts), packed[:start])
+
+
+def _packed(regressor: Regressor, part: Feasible) -> Array:
+    if not len(part.q):
+        return np.zeros((0, packed_size(len(regressor.T))))
+    return pack(regressor.information(part.q, None if part.seen.all() else part.seen))
 
 
 def probe_of(
-    regressor: Regressor,
+    cell: Cell,
     constraints: tuple[Constraint, ...],
-    request: Request,
+    levels: AngleLevels | None,
     chunks: Iterable[Array],
-) -> tuple[Array, Mask]:
-    """Feasible candidates of every level, m of them, and their visible markers, shape (m, M).
+) -> Feasible:
+    """What the cell is like: feasible candidates of every level, of as many chunks as it takes.
 
-    What the cell is like, of as many chunks as it takes. Raises CalibError where a
-    level has none.
+    Raises CalibError where a level has none.
     """
-    levels = request.levels
-    count = 1 if levels is None else len(levels.values)
-    found: list[Pool] = []
-    per_level = np.zeros(count, dtype=int)
+    found: list[Feasible] = []
+    each = np.zeros(1 if levels is None else len(levels.values), dtype=int)
+    every = levels is not None and levels.chosen  # a level that is to be chosen may have none
     for q in chunks:
-        found.append(judge(regressor, constraints, levels, q))
-        at = np.zeros(len(found[-1]), dtype=int) if levels is None else found[-1].level
-        per_level += np.bincount(at, minlength=count)
-        every = levels is None or not levels.chosen or per_level.min() >= _PER_LEVEL
-        if per_level.sum() >= PROBE and every:
+        found.append(Feasible.of(cell, constraints, levels, q))
+        each += np.bincount(found[-1].level, minlength=len(each))
+        if each.sum() >= PROBE and (not every or each.min() >= _PER_LEVEL):
             break
-    pool = together(found)
-    if levels is not None and levels.chosen and count > 1 and not per_level.all():
-        level = int(per_level.argmin())
-        raise CalibError(pool.too_few(regressor.cell, levels, level, 0, 1))
-    if not len(pool):
-        raise CalibError(no_candidate(pool.drawn, pool.removed))
-    return pool.q, pool.visible
+    probe = Feasible.together(found)
+    if not each.all() if every else not each.any():
+        where = at_level(cell, levels, int(each.argmin())) if every else ""
+        raise CalibError(probe.too_few(where if len(each) > 1 else ""))
+    return probe

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 
@@ -22,20 +22,28 @@ from doe.criteria import Criterion, Question, catalogue
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
 from doe.optimal.selection import Selection
-from doe.problem.determined import check_identifiable, is_silent, without_idle
+from doe.problem.levels import at_level
 from doe.problem.linearisation import Regressor, nominal
-from doe.problem.pool import MOST_PROBED, PROBE, Pool, drawn, probe_of, rounded
-from doe.problem.request import (
-    CannotIdentify,
-    Request,
-    direction_of,
-    refuse_touching,
-    refuse_unplaced,
+from doe.problem.parameters import (
+    check_identifiable,
+    interest_of,
     rival_rows,
-    subset_of,
     with_rivals,
+    without_idle,
     without_unplanned,
 )
+from doe.problem.pool import (
+    MOST_PROBED,
+    PROBE,
+    Feasible,
+    Pool,
+    chunked,
+    drawn,
+    pool_of,
+    probe_of,
+    rounded,
+)
+from doe.problem.request import CannotIdentify, Request, refuse_touching, refuse_unplaced
 from doe.problem.target_errors import TargetErrors
 
 RIDGE = 1e-10
@@ -78,15 +86,14 @@ class Problem:
 
         What is known beside all readings is among it.
         """
-        known = self.regressor.known
+        known, fixed = self.regressor.known, self.request.fixed
         M = RIDGE * np.eye(known.shape[1]) + known.T @ known
-        fixed = self.request.fixed
-        if fixed is not None:
-            M = M + self.information(fixed.q).sum(axis=0)
-        return M
+        return M if fixed is None else M + self.information(fixed.q).sum(axis=0)
 
     def information(self, q: Array) -> Array:
         """Information matrix of configurations (m, dof), hidden markers left out, (m, p, p)."""
+        if not len(q):
+            return np.zeros((0, len(self.regressor.T), len(self.regressor.T)))
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
     def crossed(self, q: Array) -> Array:
@@ -111,13 +118,47 @@ class Problem:
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""
-        levels = self.request.levels
+        levels, repeats = self.request.levels, self.request.repeats
         if levels is None:
-            return Allowed.any_of(len(level), self.request.poses, self.request.repeats)
+            return Allowed.any_of(len(level), self.request.poses, repeats)
         counts = np.full(len(levels.values), levels.per_level)
-        return Allowed(
-            level, levels.values, counts, levels.used, levels.separation, self.request.repeats
-        )
+        return Allowed(level, levels.values, counts, levels.used, levels.separation, repeats)
+
+    def candidates(self) -> Pool:
+        """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
+        request, levels, source = self.request, self.request.levels, self.request.candidates
+        if isinstance(source, Poses):
+            _check_rows(self.cell, request, source)
+            chunks, count = chunked(source.q), len(source)
+        else:
+            chunks, count = drawn(self.cell, source, levels, request.seed), source
+        pool = pool_of(self.regressor, self.constraints, levels, chunks, count)
+        if request.fixed is not None and not request.repeats:
+            pool = pool.without(request.fixed.q)
+        if not len(pool):
+            raise CalibError(pool.feasible.too_few())
+        rules = self.rules(pool.level)
+        if rules.chooses_levels:
+            if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
+                where = f" for each of {rules.used} levels far enough apart"
+                raise CalibError(pool.feasible.too_few(where))
+            return pool
+        for level, (members, count) in enumerate(zip(rules.members, rules.counts, strict=True)):
+            needed = 1 if rules.repeats else int(count)
+            if len(members) < needed:
+                where = at_level(self.cell, levels, level)
+                raise CalibError(pool.feasible.too_few(where, len(members), needed))
+        return pool
+
+
+def _check_rows(cell: Cell, request: Request, table: Poses) -> None:
+    """Refuse a table of candidates without a row at a level that is wanted."""
+    levels = request.levels
+    if levels is None or not levels.chosen:
+        return
+    for level in np.setdiff1d(np.arange(len(levels.values)), levels.of(table.q)):
+        where = at_level(cell, levels, int(level))
+        raise CalibError(f"the table of candidates has no row{where}; add some")
 
 
 def problem_of(cell: Cell, request: Request) -> Problem:
@@ -136,44 +177,55 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     first = next(chunks)
     angles = readings(cell, _angles(cell, request, first[:PROBE]))
     model = build(cell, angles).model
-    regressor = Regressor.nominal(cell, model, nominal(model, angles))
-    probe, seen = probe_of(regressor, constraints, request, chain([first], chunks))
-    try:
-        refuse_idle_effects(cell, model, readings(cell, poses_at(probe)))
-    except CalibError as error:
-        raise CannotIdentify((), str(error)) from None
-    rows = regressor.rows(probe, seen)
-    effects, left_out = without_idle(regressor, rows, request)
-    if left_out:
-        model = model.with_effects(effects)
-        regressor = Regressor.nominal(cell, model, nominal(model, angles))
-        rows = regressor.rows(probe, seen)
-    check_identifiable(regressor, rows, request)
-    regressor = replace(regressor, loaded_only=is_silent(cell, rows))
-    known = regressor.known.T @ regressor.known / request.poses
-    regressor = regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known)
-    targets, weights = targets_of(cell)
-    try:
-        check_targets(cell, targets)
-    except CalibError as error:
-        where = cell.targets_source or cell.path
-        raise InputError(where, "", str(error)) from None
-    at = TargetErrors.of(model, regressor.values, targets, weights, request.at_markers)
-    at = at.per(regressor.T)
+    probe = probe_of(cell, constraints, request.levels, chain([first], chunks))
+    regressor, left_out = _regressor(cell, request, model, angles, probe)
+    targets, at = _targets(regressor, request)
     question = Question(
-        model,
+        regressor.model,
         regressor.T,
-        subset_of(model, request),
-        direction_of(model, request),
-        lambda: at.rows,
+        interest_of(regressor.model, request),
+        at.rows,
         at.weights,
-        regressor.information(probe[:_REGION], seen[:_REGION]),
-        None if request.rivals is None else rival_rows(model, request.rivals),
+        regressor.information(probe.q[:_REGION], probe.seen[:_REGION]),
+        rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
     return Problem(
         cell, request, regressor, constraints, criterion, targets, at, left_out, unplanned
     )
+
+
+def _regressor(
+    cell: Cell, request: Request, model: Model, angles: Poses, probe: Feasible
+) -> tuple[Regressor, tuple[Unidentifiable, ...]]:
+    """The model without what no plan could show, in the coordinates of the criteria, and that."""
+    try:
+        refuse_idle_effects(cell, model, readings(cell, poses_at(probe.q)))
+    except CalibError as error:
+        raise CannotIdentify((), str(error)) from None
+    regressor = Regressor.nominal(cell, model, nominal(model, angles))
+    rows = regressor.rows(probe.q, probe.seen)
+    effects, left_out = without_idle(regressor, rows, request)
+    if left_out:
+        model = model.with_effects(effects)
+        regressor = Regressor.nominal(cell, model, nominal(model, angles))
+        rows = regressor.rows(probe.q, probe.seen)
+    check_identifiable(regressor, rows, request)
+    known = regressor.known.T @ regressor.known / request.poses
+    return regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known), left_out
+
+
+def _targets(regressor: Regressor, request: Request) -> tuple[Poses, TargetErrors]:
+    """Where accuracy is wanted, and the errors there."""
+    cell = regressor.cell
+    targets, weights = targets_of(cell)
+    try:
+        check_targets(cell, targets)
+    except CalibError as error:
+        raise InputError(cell.targets_source or cell.path, "", str(error)) from None
+    model, values = regressor.model, regressor.values
+    at = TargetErrors.of(model, values, targets, weights, request.at_markers)
+    return targets, at.per(regressor.T)
 
 
 def _angles(cell: Cell, request: Request, probe: Array) -> Poses:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,8 @@ if TYPE_CHECKING:
     metavar="N|FILE",
     default="20000",
     show_default=True,
-    help="Number of candidates to draw, or a table of candidates in the format of a plan.",
+    help="Number of candidates to draw, or a table of candidates in the format of a plan. The angles "
+    "of drawn ones are moved a little after the choice.",
 )
 @click.option("--extend", "extend_path", metavar="PLAN|TABLE", type=PATH,
               help="A plan that is measured already, or a table of measured points. N new poses are "
@@ -68,11 +70,6 @@ if TYPE_CHECKING:
     "poses or more, unless the cell states the repeatability. 0: none.",
 )
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
-@click.option(
-    "--polish/--no-polish",
-    default=None,
-    help="Move joint angles a little after the choice. Default: yes, unless candidates are a table.",
-)
 @result_options()
 def design(
     cell_path: Path,
@@ -88,7 +85,6 @@ def design(
     curve: bool,
     reapproach: int | None,
     repeats: bool | None,
-    polish: bool | None,
     folder: Path | None,
     json_path: str | None,
     seed: int,
@@ -111,7 +107,7 @@ def design(
     given = click.get_current_context().get_parameter_source("criterion")
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
-    cell = calib.load_cell(cell_path)
+    cell = _asked(calib.load_cell(cell_path), reapproach, repeats)
     source = candidates_of(candidates)
     inputs = [cell_path, *cell.robot_files, *cell.named_files, *against]
     inputs += [extend_path] if extend_path is not None else []
@@ -119,7 +115,7 @@ def design(
     check_outputs([plan_path, output_file(json_path)], inputs, folder)
     loaded = [calib.load_plan(cell, path) for path in against]
     plans = dict(zip(plan_names(against), loaded, strict=True))
-    with faults_in(cell_path), working("choosing poses") as say:
+    with faults_in(cell_path), working("choosing poses"):
         result = doe.design(
             cell,
             poses=poses,
@@ -130,16 +126,20 @@ def design(
             discriminate=two_effects(discriminate),
             of=[] if of is None else [name.strip() for name in of.split(",")],
             against=plans,
-            repeats=repeats,
-            refine=polish,
             curve=curve,
-            reapproach=reapproach,
             seed=seed,
-            progress=say,
         )
     record = design_record(result, envelope(cell.name, inputs, seed))
     tables = {} if plan_path is None else {plan_path: plan_table(cell, result)}
     deliver(record, json_path, folder, tables)
+
+
+def _asked(cell: Cell, reapproach: int | None, repeats: bool | None) -> Cell:
+    """The cell with the options that stand for entries of its [design]."""
+    own = cell.design
+    again = own.reapproaches if reapproach is None else reapproach
+    twice = own.repeats if repeats is None else repeats
+    return replace(cell, design=replace(own, reapproaches=again, repeats=twice))
 
 
 def plan_table(cell: Cell, found: Design) -> str:

@@ -113,14 +113,13 @@ class RelativeStd(Entry):
 class ReapproachesEntry(Entry):
     """Poses that are visited again, and the names of their second visits.
 
-    task_rms_instead_mm : with as many new poses in their place; asked : else planned by default
+    asked : else planned by default
     """
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: NotNegative
     repeatability_relative_std: RelativeStd
-    task_rms_instead_mm: Maybe
     asked: bool
 
 
@@ -167,6 +166,7 @@ class DesignRecord(Record, PlanAccuracy):
     against: dict[str, RivalPlan]
     curve: tuple[CurveStepEntry, ...]
     notes: tuple[str, ...]
+    granted: tuple[str, ...]
     seconds: NotNegative
     seconds_by_part: Annotated[dict[str, NotNegative], From("seconds")]
     pays_until: Count | None
@@ -194,7 +194,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
     from doe.constraints.self_collision import unchecked
     from doe.curve import poses_that_match, stops_paying
-    from doe.day.duration import travel
+    from doe.day import travel
 
     problem, judged = found.problem, found.assessment
     robot = problem.cell.robot

@@ -43,9 +43,10 @@ def _size(record: DesignRecord) -> str:
         said += f" and {plural(len(record.reapproaches.again), 'repeat visit')}"
     if record.extends is not None:
         said += f" beside {record.extends} already measured"
+    granted = f", taking for granted {'; '.join(record.granted)}" if record.granted else ""
     return (
         f"{said}. Expected error at the targets: {mm(record.task_rms_mm)} RMS, "
-        f"{mm(record.task_worst_mm)} at worst."
+        f"{mm(record.task_worst_mm)} at worst{granted}."
     )
 
 

@@ -92,7 +92,7 @@ def _foresee(cell: Cell, plan_path: Path, json_path: str | None, seed: int) -> N
     """What a plan, or the readings of a table without their points, could show."""
     import calib
     from calib.files.tables import holds_points
-    from doe.ahead.foresee import foresee
+    from doe.forecast.foresee import foresee
     from studies.plan.record import plan_record
     from studies.record import envelope
 

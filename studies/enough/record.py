@@ -24,7 +24,7 @@ from studies.record import (
 if TYPE_CHECKING:
     from calib.model import Model
     from doe import Enough
-    from doe.ahead.accuracy import ForecastStep
+    from doe.forecast.accuracy import ForecastStep
 
 _MM = 1e3
 

@@ -23,7 +23,7 @@ from studies.record import (
 )
 
 if TYPE_CHECKING:
-    from doe.ahead.foresee import Detectability, PowerAnalysis
+    from doe.forecast.foresee import Detectability, PowerAnalysis
 
 _UM = 1e6
 Probability = Annotated[float, Field(gt=0, lt=1)]
@@ -120,7 +120,7 @@ def plan_record(found: PowerAnalysis, made_from: Envelope) -> PlanRecord:
     """The record of what a plan can tell."""
     from calib.diagnosis.detection_limit import ALPHA, POWER
     from calib.effects.protocol import LoadEffect
-    from doe.ahead.information import SURE
+    from doe.forecast.likeness import SURE
 
     poses = found.data.poses
     through = any(isinstance(cause.candidate.effect, LoadEffect) for cause in found.seen)

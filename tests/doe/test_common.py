@@ -79,7 +79,7 @@ def test_a_plan_expects_the_error_that_days_have(
     assert plan.assessment.task_rms == pytest.approx(rms, rel=0.08)
     np.testing.assert_allclose(plan.assessment.std, std, rtol=0.15)
     assert plan.assessment.common > 0.5 * plan.assessment.task_rms
-    assert any("[instrument.common]" in note for note in plan.notes)
+    assert any("[instrument.common]" in own for own in plan.granted)
     # The criterion and its certificate are those without them.
     without = planned(plain)
     np.testing.assert_array_equal(without.poses.q, plan.poses.q)

@@ -25,6 +25,9 @@ from calib.model.covariance import accuracy
 from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
+from doe.planning import planned
+from doe.problem.request import request_of
+from tests.doe.plans import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
@@ -69,7 +72,8 @@ def within_limits(cell: Cell, q: np.ndarray) -> bool:
 def test_paper_case_beside_table_two(massless: Cell, table_two: Poses) -> None:
     """Reached by any exchange: 1.94 times the task RMS and 2.4 times the trace of Table II."""
     base = {"levels": LEVELS, "candidates": 20_000, "against": {"II": table_two}}
-    task = doe.design(massless, criterion="task", at_markers=True, **base)
+    asked = request_of(massless, criterion="task", levels=LEVELS, candidates=20_000)
+    task = planned(massless, replace(asked, at_markers=True), {"II": table_two})
     trace = doe.design(massless, criterion="A", **base)
     D = doe.design(massless, criterion="D", **base)
     theirs = task.rivals["II"].assessment
@@ -148,8 +152,9 @@ def test_same_seed_same_plan_and_another_seed(
 
 
 @pytest.mark.long
-def test_polish_and_no_polish(quick: Callable[..., doe.Design]) -> None:
-    rough, fine = quick(criterion="D", refine=False), quick(criterion="D")
+def test_polish_and_no_polish(elastic: Cell, quick: Callable[..., doe.Design]) -> None:
+    rough = unpolished(elastic, levels=LEVELS, criterion="D", **QUICK)
+    fine = quick(criterion="D")
     assert fine.value > rough.value
     assert fine.value <= fine.bound
     assert rough.certificate.value == rough.certificate.pool_value
@@ -221,21 +226,20 @@ def test_extending_what_was_measured(kr270: Cell, table_two: Poses, tmp_path: Pa
     names = np.array([f"r{i}" for i in range(len(data))], dtype=object)
     data = replace(data, poses=replace(data.poses, names=tuple(names)))
     rivals = ("gravity_compensator:A3", "transmission_scale:A3")
-    ask = partial(doe.design, cell, poses=3, candidates=200, refine=False, discriminate=rivals)
+    ask = partial(unpolished, cell, poses=3, candidates=200, discriminate=rivals)
     assert ask(extend=data).value == pytest.approx(ask(extend=table_two).value, rel=1e-12)
     path = tmp_path / "measurements.csv"
     path.write_text(measurements_csv(cell, data))
-    plan, before = ask(extend=path), doe.design(cell, poses=3, candidates=200, refine=False)
+    plan, before = ask(extend=path), unpolished(cell, poses=3, candidates=200)
     assert plan.value == pytest.approx(ask(extend=table_two).value, rel=1e-6)
-    judged = doe.design(cell, poses=3, candidates=200, refine=False, discriminate=rivals,
-                        extend=data, against={"task": before.poses})  # fmt: skip
+    judged = ask(extend=data, against={"task": before.poses})
     assert judged.value > judged.rivals["task"].assessment.value
 
 
 @pytest.mark.long
-def test_repeats(quick: Callable[..., doe.Design]) -> None:
-    once = quick(criterion="task", refine=False)
-    twice = quick(criterion="task", refine=False, repeats=True)
+def test_repeats(elastic: Cell) -> None:
+    repeated = replace(elastic, design=Planned(repeats=True))
+    once, twice = (unpolished(c, levels=LEVELS, **QUICK) for c in (elastic, repeated))
     assert len(np.unique(once.poses.q, axis=0)) == 15
     assert twice.bound <= once.bound
     assert twice.value <= once.value * 1.001
@@ -245,7 +249,7 @@ def test_repeats(quick: Callable[..., doe.Design]) -> None:
 def test_loss_of_a_marker(kr270: Cell) -> None:
     """Judged without its rows and without its unknowns."""
     cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design=Planned())
-    plan = doe.design(cell, poses=15, criterion="D", candidates=600, refine=False)
+    plan = unpolished(cell, poses=15, criterion="D", candidates=600)
     two = replace(
         cell,
         marker_names=cell.marker_names[1:],
@@ -316,7 +320,7 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     assert plan.candidates.drawn == 8000 == plan.candidates.feasible + sum(removed.values())
     hidden = int((~visible(scene)).sum())
     assert plan.assessment.hidden == hidden
-    assert any("out of sight" in note for note in plan.notes) == (hidden > 0)
+    assert any("out of sight" in own for own in plan.granted) == (hidden > 0)
     free = doe.design(elastic, levels=LEVELS, criterion="A", candidates=8000)
     assert free.value < plan.value
 
@@ -386,6 +390,7 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
     robot = light_chain(origins, np.tile([-np.pi, np.pi], (2, 1)))
     cell = cell_of(robot, np.zeros((1, 3)), ["joint_offset"])
     plan = doe.design(cell, poses=2, criterion="D", candidates=500)
+    assert plan.candidates.drawn == 500 == plan.candidates.feasible
     assert np.cos(plan.poses.q[:, 1]).sum() == pytest.approx(0.0, abs=0.02)
     expected = 2.0 * 0.7 * 0.4 / 1e-10 * 1e-12
     assert plan.value == pytest.approx(expected, rel=1e-4)
@@ -515,5 +520,5 @@ def test_weights_that_meet_their_bound_are_followed(kr270: Cell) -> None:
         with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"),
         design=Planned(),
     )
-    found = doe.design(cell, poses=7, criterion="A", candidates=300, refine=False)
+    found = unpolished(cell, poses=7, criterion="A", candidates=300)
     assert 0.9 < found.efficiency <= 1.0

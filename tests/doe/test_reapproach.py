@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -24,14 +25,14 @@ from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.plan import named
-from doe.problem.levels import levels_of
-from doe.problem.request import Request
-from doe.visiting import reapproaches_of, usual_reapproaches, with_reapproaches
+from doe.problem.request import request_of
+from doe.visiting import with_reapproaches
 from studies.design.record import design_record
+from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
 from tests.studies.command_line import paper_cell, run
 
-QUICK: dict[str, Any] = {"candidates": 300, "refine": False, "criterion": "D"}
+QUICK: dict[str, Any] = {"candidates": 300, "criterion": "D"}
 FEW: dict[str, Any] = QUICK | {"candidates": 250}
 ARM = Repeatability(4e-5, 2e-4)
 
@@ -43,7 +44,7 @@ def cell(kr270: Cell) -> Cell:
 
 @pytest.fixture(scope="module")
 def plain(cell: Cell) -> doe.Design:
-    return doe.design(cell, poses=9, **QUICK)
+    return unpolished(cell, poses=9, **QUICK)
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
@@ -78,7 +79,7 @@ def test_they_are_spread(plain: doe.Design) -> None:
 @pytest.mark.long
 def test_they_count_as_what_they_are(cell: Cell) -> None:
     known = replace(cell, repeatability=ARM)
-    plan = doe.design(known, poses=9, reapproach=4, **QUICK)
+    plan = unpolished(visiting_again(known, 4), poses=9, **QUICK)
     alone = assess(plan.problem, plan.poses.q[:9])
     assert (plan.assessment.std < alone.std).all()
     assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
@@ -92,7 +93,7 @@ def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
     cell: Cell, markers: int, coordinates: int
 ) -> None:
     few = first_markers(cell, markers)
-    found = doe.design(few, poses=9, reapproach=4, **QUICK).reapproaches
+    found = unpolished(visiting_again(few, 4), poses=9, **QUICK).reapproaches
     assert found is not None
     assert found.dof == pytest.approx(4 * coordinates)
     assert found.common == pytest.approx(1.0 / np.sqrt(8 * coordinates))
@@ -106,7 +107,7 @@ def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
 def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
     """Days of measurement, their levels estimated: the scatter of the estimate is what was stated."""
     truth = replace(cell, repeatability=ARM)
-    plan = doe.design(truth, poses=12, reapproach=8, **QUICK)
+    plan = unpolished(visiting_again(truth, 8), poses=12, **QUICK)
     assert plan.reapproaches is not None
     model = build(cell, plan.poses).model
     values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
@@ -126,10 +127,9 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
 def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     path = paper_cell(tmp_path)
     path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#"))
-    assert reapproaches_of(load_cell(path), None) == 4
-    assert reapproaches_of(load_cell(path), 0) == 0
+    assert request_of(load_cell(path), poses=15).reapproaches == 4
     done = run(
-        "design", path, "--poses", 15, "--candidates", 700, "--no-polish", "--levels", "A2=5x3",
+        "design", path, "--poses", 15, "--candidates", 700, "--levels", "A2=5x3",
         "--reapproach", 3, "--json", tmp_path / "best.json", "-o", tmp_path / "best.csv",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -147,7 +147,7 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
     with pytest.raises(CalibError, match="9 poses cannot be visited again: 8 of 9 can"):
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
-        doe.design(cell, poses=7, reapproach=-1, **QUICK)
+        unpolished(visiting_again(cell, -1), poses=7, **QUICK)
     assert design_record(plain, MADE_FROM).reapproaches is None
 
 
@@ -156,26 +156,27 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
 
 @pytest.mark.parametrize(("poses", "again"), [(19, 0), (20, 4), (40, 4), (55, 6), (100, 10)])
 def test_a_tenth_at_least_four_of_twenty_poses_or_more(cell: Cell, poses: int, again: int) -> None:
-    assert usual_reapproaches(cell, Request(poses, "D")) == again
+    asked = request_of(cell, poses=poses)
+    assert (asked.poses, asked.reapproaches) == (poses - again, again)
 
 
 def test_none_where_something_speaks_against_it(cell: Cell) -> None:
-    asked = Request(30, "D")
     q = np.random.default_rng(0).uniform(*cell.robot.sample_limits().T, (6, 6))
     back = named(np.concatenate([q, q[:2]]))
-    assert usual_reapproaches(cell, replace(asked, fixed=named(q))) == 4
-    assert usual_reapproaches(cell, replace(asked, fixed=back)) == 0
-    assert usual_reapproaches(cell, replace(asked, rivals=("backlash:A2", "backlash:A3"))) == 0
-    assert usual_reapproaches(cell, replace(asked, repeats=True)) == 0
-    levels = levels_of(cell, {"A2": AskedLevels(10, 3)}, None)
-    assert usual_reapproaches(cell, replace(asked, levels=levels)) == 0
+    asked = partial(request_of, cell, poses=30)
+    assert asked(extend=named(q)).reapproaches == 4
+    assert asked(extend=back).reapproaches == 0
+    assert asked(discriminate=("backlash:A2", "backlash:A3")).reapproaches == 0
+    assert asked(levels={"A2": AskedLevels(10, 3)}).reapproaches == 0
+    repeated = replace(cell, design=Planned(repeats=True))
+    assert request_of(repeated, poses=30).reapproaches == 0
     for known in (Repeatability(2e-5, 0.0), Repeatability(0.0, 0.0)):
-        assert usual_reapproaches(replace(cell, repeatability=known), asked) == 0
+        assert request_of(replace(cell, repeatability=known), poses=30).reapproaches == 0
 
 
 @pytest.fixture(scope="module")
 def usual(cell: Cell) -> doe.Design:
-    return doe.design(cell, poses=20, **FEW)
+    return unpolished(cell, poses=20, **FEW)
 
 
 def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Design) -> None:
@@ -186,31 +187,25 @@ def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Des
     counts = np.bincount(visits(usual.poses))
     assert counts.max() == 1
     assert sorted(np.bincount(usual.poses.configuration)) == [1] * 12 + [2] * 4
-    asked = doe.design(cell, poses=16, reapproach=4, **FEW)
+    asked = unpolished(visiting_again(cell, 4), poses=16, **FEW)
     np.testing.assert_array_equal(usual.poses.q, asked.poses.q)
     assert (usual.value, usual.bound) == (asked.value, asked.bound)
     assert asked.reapproaches is not None
     assert asked.reapproaches.asked
 
 
-def test_what_they_cost_is_said(cell: Cell, usual: doe.Design) -> None:
-    """Against a plan without them, and the way to that plan."""
-    assert usual.reapproaches is not None
-    without = doe.design(cell, poses=20, reapproach=0, **FEW)
+def test_how_to_plan_without_them_is_said(cell: Cell, usual: doe.Design) -> None:
+    without = unpolished(visiting_again(cell, 0), poses=20, **FEW)
     assert without.reapproaches is None
     assert len(np.unique(without.poses.configuration)) == 20
-    assert not any("second" in note for note in without.notes)
-    assert usual.reapproaches.task_rms_instead == pytest.approx(
-        without.assessment.task_rms, rel=0.03
-    )
-    (cost,) = [note for note in usual.notes if "--reapproach 0" in note]
-    assert f"{usual.reapproaches.task_rms_instead * 1e3:.3g} mm" in cost
-    assert f"{usual.assessment.task_rms * 1e3:.3g} mm" in cost
+    assert not any("repeat visits" in note for note in without.notes)
+    assert any("--reapproach 0" in note for note in usual.notes)
+    assert usual.assessment.task_rms < 1.1 * without.assessment.task_rms
 
 
 def test_none_where_the_candidates_are_the_plan(cell: Cell) -> None:
     q = np.random.default_rng(1).uniform(*cell.robot.sample_limits().T, (20, 6))
-    plan = doe.design(cell, poses=20, **{**FEW, "candidates": poses_at(q)})
+    plan = unpolished(cell, poses=20, **{**FEW, "candidates": poses_at(q)})
     np.testing.assert_allclose(np.sort(plan.poses.q, axis=0), np.sort(q, axis=0))
 
 
@@ -222,8 +217,8 @@ def test_no_plan_of_as_many_stops_is_above_the_bound(criterion: str, repeats: bo
     robot = random_robot(rng, 4)
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["base", "joint_offset"])
     table = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
-    options: dict[str, Any] = {"candidates": table, "repeats": repeats}
-    plan = doe.design(cell, poses=4, criterion=criterion, reapproach=1, **options)
+    again = replace(cell, design=Planned(repeats=repeats, reapproaches=1))
+    plan = doe.design(again, poses=4, criterion=criterion, candidates=table)
     T = plan.problem.regressor.T
     B = calib.observation(cell, table) @ T / cell.noise.along
     blocks = np.swapaxes(B, -1, -2) @ B
@@ -243,7 +238,7 @@ def test_all_poses_are_kept_where_fewer_leave_the_model_open(kr270: Cell) -> Non
     effects = ("base", "tool", "geometry", "transmission_harmonic:A1,A2,A3,A4,A5,A6")
     one = first_markers(with_effects(kr270, *effects), 1)
     one = replace(one, load=None, design=Planned())
-    plan = doe.design(one, poses=20, **FEW)
+    plan = unpolished(one, poses=20, **FEW)
     assert 48 < len(plan.problem.model.parameters) <= 60
     assert plan.reapproaches is None
     assert len(np.unique(plan.poses.configuration)) == 20

@@ -23,10 +23,11 @@ from doe.problem.linearisation import Regressor
 from doe.problem.request import Request
 from studies.compare.compare import compare
 from studies.compare.experiment import POINTS
+from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import cell_of, random_robot, with_effects
 
 ARM = Repeatability(3e-5, 5e-5)
-QUICK: dict[str, Any] = {"candidates": 300, "refine": False}
+QUICK: dict[str, Any] = {"candidates": 300}
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +88,12 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
     robot = replace(cell.robot, masses=np.zeros(6))
     cell = replace(cell, robot=robot, repeatability=ARM, design=Planned())
     problem = problem_of(cell, Request(poses=6, criterion="D"))
-    assert problem.regressor.loaded_only
     q = np.random.default_rng(3).uniform(*robot.sample_limits().T, (2, 6))
     seen = np.ones(3, dtype=bool)
     back = np.linalg.inv(problem.regressor.T)
     still = replace(cell, repeatability=None)
     alone = Regressor.nominal(still, problem.model, problem.regressor.values)
-    alone = replace(alone, T=problem.regressor.T, loaded_only=True).information(q)
+    alone = replace(alone, T=problem.regressor.T).information(q)
     for own, rows, M, ideal in zip(
         q, calib.observation(cell, q), problem.regressor.information(q), alone, strict=True
     ):
@@ -107,8 +107,8 @@ def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> N
 
 @pytest.mark.long
 def test_none_changes_nothing(rigid: Cell) -> None:
-    plain = doe.design(rigid, poses=12, **QUICK)
-    still = doe.design(replace(rigid, repeatability=Repeatability(0.0, 0.0)), poses=12, **QUICK)
+    plain = unpolished(rigid, poses=12, **QUICK)
+    still = unpolished(replace(rigid, repeatability=Repeatability(0.0, 0.0)), poses=12, **QUICK)
     np.testing.assert_array_equal(plain.poses.q, still.poses.q)
     assert (plain.value, plain.bound) == (still.value, still.bound)
     np.testing.assert_array_equal(plain.assessment.std, still.assessment.std)
@@ -120,7 +120,7 @@ def test_more_markers_stop_paying_and_more_poses_pay(rigid: Cell) -> None:
 
     def rms(markers: int, poses: int, arm: Repeatability | None) -> float:
         cell = replace(some_markers(rigid, markers), repeatability=arm)
-        plan = doe.design(cell, poses=poses, **QUICK)
+        plan = unpolished(cell, poses=poses, **QUICK)
         assert plan.efficiency > 0.85
         return plan.assessment.task_rms
 
@@ -158,7 +158,7 @@ def test_compare_predicts_what_design_promises(kr270: Cell) -> None:
     """Free and loaded."""
     cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
     cell = replace(cell, repeatability=ARM, design=Planned())
-    plan = doe.design(cell, poses=12, reapproach=3, **QUICK)
+    plan = unpolished(visiting_again(cell, 3), poses=12, **QUICK)
     points = compare(cell, {"plan": plan.poses}, trials=0).plans[0].of(POINTS)
     assert points is not None
     np.testing.assert_allclose(points.prediction.std, plan.assessment.std, rtol=1e-6)

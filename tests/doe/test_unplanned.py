@@ -14,7 +14,7 @@ import doe
 from calib import Cell
 from calib.errors import CalibError, InputError
 from calib.poses import poses_at
-from doe.ahead.coming import whole_day
+from doe.forecast.coming import whole_day
 from tests.doe.constraints.arms import planar
 
 QUICK: dict[str, Any] = {"poses": 10, "criterion": "D", "candidates": 300}

@@ -20,12 +20,8 @@ from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
 from doe.problem.levels import levels_of, parse_levels
-from doe.problem.request import (
-    Request,
-    direction_of,
-    subset_of,
-    with_rivals,
-)
+from doe.problem.parameters import interest_of, with_rivals
+from doe.problem.request import Request
 from studies.command.session import held_out
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
 from studies.design.command import candidates_of, two_effects
@@ -85,9 +81,7 @@ def options(folder: Path, content: bytes) -> object:
     if option == "effect":
         return build(replace(CELL, effects=(text,)), DATA.poses), parse_effect(text)
     of = tuple(name.strip() for name in text.split(","))
-    if option == "sum":
-        return direction_of(MODEL, Request(15, "c", of=of))
-    return subset_of(MODEL, Request(15, "Ds", of=of))
+    return interest_of(MODEL, Request(15, "c" if option == "sum" else "Ds", of=of))
 
 
 def whole(folder: Path, content: bytes) -> object:

@@ -10,9 +10,12 @@ markers, base and tool known, nine compliances; targets of a milling task.
 
 from __future__ import annotations
 
-import doe
+from dataclasses import replace
+
 from calib import Cell, Poses
 from doe.curve import poses_that_match
+from doe.planning import planned
+from doe.problem.request import request_of
 from studies.demo.embedded import embedded_plan
 from studies.research.bench import Output, Row, bench, count, each, table
 from studies.research.benchmarks.design import CASES, LEVELS, cell_of
@@ -29,15 +32,8 @@ CRITERIA = {
 def compared(cell: Cell, table_two: Poses, name: str, candidates: int) -> Row:
     """An optimal plan beside Table II: both figures, their ratio, the proof, and poses that match."""
     criterion, at_markers, key = CRITERIA[name]
-    plan = doe.design(
-        cell,
-        levels=LEVELS,
-        criterion=criterion,
-        candidates=candidates,
-        at_markers=at_markers,
-        against={"Table II": table_two},
-        curve=True,
-    )
+    asked = request_of(cell, levels=LEVELS, criterion=criterion, candidates=candidates, curve=True)
+    plan = planned(cell, replace(asked, at_markers=at_markers), {"Table II": table_two})
     rival = plan.rivals["Table II"]
     own, theirs = getattr(plan.assessment, key), getattr(rival.assessment, key)
     return {

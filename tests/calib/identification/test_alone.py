@@ -18,7 +18,7 @@ from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from tests.calib.diagnosis.test_diagnose import measured
-from tests.doe.ahead.day import RIGID, cell_of_day, of_poses, whole_day
+from tests.doe.forecast.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import cell_of, random_robot, with_effects
 
 SIGMA = 2e-5

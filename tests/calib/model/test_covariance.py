@@ -22,9 +22,9 @@ from calib.model.covariance import (
 )
 from calib.prediction.estimate import estimate_of
 from calib.solver import condensed, inverse_factor, levenberg_marquardt
-from doe.ahead.enough import enough
+from doe.forecast.enough import enough
 from studies.demo.embedded import embedded_plan, simulated
-from tests.doe.ahead.day import cell_of_day, whole_day
+from tests.doe.forecast.day import cell_of_day, whole_day
 from tests.helpers import with_effects
 
 OPEN = ("gravity_compensator:A2", "gravity_sag:A2", "link_weight:A2")

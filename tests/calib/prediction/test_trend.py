@@ -14,7 +14,7 @@ pytest.importorskip("mujoco")
 import calib
 from calib.files.estimate import load_estimate
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
-from doe.ahead.enough import enough
+from doe.forecast.enough import enough
 from studies.enough.record import enough_record
 from studies.enough.telling import told
 from studies.record import envelope

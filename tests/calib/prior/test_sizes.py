@@ -173,9 +173,7 @@ def test_many_poses_decide_alone() -> None:
 def test_stated_widths_are_a_prior_of_plans_too() -> None:
     cell, _ = arm(1, 3)
     told = replace(cell, size_prior={"geometry_mrad": 1e-3, "geometry_mm": 1e-3})
-    free, held = (
-        doe.design(c, criterion="D", poses=12, candidates=200, refine=False) for c in (cell, told)
-    )
+    free, held = (doe.design(c, criterion="D", poses=12, candidates=200) for c in (cell, told))
     own = [p.effect == "geometry" for p in held.problem.model.parameters]
     assert (held.assessment.std[own] < 5e-6).all()
     assert free.assessment.std[own].max() > 1e-5

@@ -16,6 +16,7 @@ from calib.errors import CalibError
 from doe import criteria
 from doe.criteria.protocol import Question
 from doe.criteria.trace import Trace
+from tests.doe.plans import unpolished
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,9 @@ def _announced(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.long
 def test_a_plan_is_designed_and_proved_by_its_name(kr270: Cell) -> None:
-    options = {"candidates": 250, "refine": False}
-    own = doe.design(kr270, criterion="relative", **options)  # type: ignore[arg-type]
-    other = doe.design(kr270, criterion="D", **options)  # type: ignore[arg-type]
+    options = {"candidates": 250}
+    own = unpolished(kr270, criterion="relative", **options)
+    other = unpolished(kr270, criterion="D", **options)
     sizes = own.problem.model.sizes
 
     def relative(plan: doe.Design) -> float:

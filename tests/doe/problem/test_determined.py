@@ -15,6 +15,7 @@ from calib.model.build import build
 from calib.simulation import drawn_readings
 from doe.problem.request import CannotIdentify
 from tests import two_arms
+from tests.doe.plans import unpolished, visiting_again
 
 HIP = "joint_compliance:hip.compliance"
 MARKERS = (
@@ -32,7 +33,7 @@ def elastic(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 
 def plan(cell: Cell) -> doe.Design:
-    return doe.design(cell, poses=16, candidates=300, refine=False, reapproach=0)
+    return unpolished(visiting_again(cell, 0), poses=16, candidates=300)
 
 
 def test_what_no_weight_turns_is_left_out_of_the_plan_and_of_the_fit(elastic: Cell) -> None:

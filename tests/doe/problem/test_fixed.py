@@ -17,7 +17,7 @@ from doe.constraints import constraints_of
 from doe.problem.pool import Pool, chunked, pool_of
 from doe.problem.problem import RIDGE, Problem, problem_of
 from doe.problem.request import CannotIdentify, Request
-from doe.solve import check_count
+from doe.solve import choose
 from studies.demo.embedded import embedded_cell
 
 
@@ -92,8 +92,8 @@ def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: C
     )
     few = replace(problem, request=replace(problem.request, poses=enough - 1))
     with pytest.raises(CannotIdentify, match=f"{enough - 1} poses leave .* parameters open"):
-        check_count(few, found)
-    check_count(replace(problem, request=replace(problem.request, poses=enough)), found)
+        choose(few, found)
+    choose(replace(problem, request=replace(problem.request, poses=enough)), found)
 
 
 def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:

@@ -80,7 +80,7 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
     scale = np.linalg.norm(B, axis=0)
     std = np.sqrt(np.diag(np.linalg.inv((B / scale).T @ (B / scale)))) / scale
     np.testing.assert_allclose(predict(experiment, POINTS).std, std, rtol=1e-6)
-    plan = doe.design(kr270, criterion="D", candidates=600, refine=False)
+    plan = doe.design(kr270, criterion="D", candidates=600)
     rival = compare(kr270, {"own": plan.poses}, trials=0).plans[0]
     points = rival.of(POINTS)
     assert points is not None

@@ -9,7 +9,7 @@ import pytest
 
 import calib
 from calib.files.write_tables import measurements_csv
-from tests.doe.ahead.day import MODEL, of_poses, whole_day
+from tests.doe.forecast.day import MODEL, of_poses, whole_day
 from tests.studies.command_line import paper_cell, result
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from calib import Cell, Poses
-from doe.ahead.foresee import foresee
+from doe.forecast.foresee import foresee
 from studies.demo.embedded import __file__ as demo_file
 from studies.plan.record import plan_record
 from studies.record import envelope

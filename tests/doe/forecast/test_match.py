@@ -10,9 +10,9 @@ import pytest
 from calib import Cell, Measurements, Poses
 from calib.cell import Repeatability
 from calib.poses import poses_at
-from doe.ahead.coming import match
-from doe.ahead.coming import whole_day as coming_day
-from tests.doe.ahead.day import cell_of_day, of_poses, whole_day
+from doe.forecast.coming import match
+from doe.forecast.coming import whole_day as coming_day
+from tests.doe.forecast.day import cell_of_day, of_poses, whole_day
 
 
 @pytest.fixture(scope="module")

@@ -21,16 +21,20 @@ from calib.model.covariance import identifiable, ignorance, task_error
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of, fitted_of
 from calib.scatter import Variances
-from doe.ahead.forecast import Offer
-from doe.ahead.information import Information
-from doe.ahead.unseen import PredictionError, at_ends, at_held_out
+from calib.solver import triangle
+from doe.criteria.trace import Task
+from doe.forecast.unseen import PredictionError, at_ends, at_held_out
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks, pack
+from doe.optimal.exchange import greedy
+from doe.optimal.selection import Selection
 from doe.problem.linearisation import Linearisation
 from doe.problem.target_errors import TargetErrors
 
 _PART = 0.5  # of what the model seems to lack, that must be more than chance
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
-_NOTHING = 1e-12  # share of an error that rounding may take for none
+_FREE = 10.0  # plausible sizes to which what is open counts as known
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,53 +248,25 @@ class TaskError:
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-@dataclass(frozen=True, eq=False)
-class Accuracy:
-    """What poses do for the error at the targets: less the logarithm of its RMS by the parameters.
+def most_useful_first(
+    targets: TargetErrors, known: Array, rows: Array, sizes: Array, count: int
+) -> list[int]:
+    """Of n poses so many, each the one that lowers the error at the targets most after those before.
 
-    now : Information, after the data; sizes : ndarray, shape (p,), plausible, SI
-    square : float, m^2, mean square with the data
-
-    Where the targets are stands as columns that no reading shows: what is modelled imitates them by its
-    covariance, and their Gram matrix is what the mean square falls by.
+    targets : TargetErrors, per plausible size; sizes : ndarray, shape (p,), SI
+    known : ndarray, shape (N, p), independent rows of what is known, per SI unit
+    rows : ndarray, shape (n, r, p), those of each pose
     """
+    from scipy.linalg import solve_triangular
 
-    now: Information
-    sizes: Array
-    square: float
-
-    @classmethod
-    def of(cls, targets: TargetErrors, rows: Array, sizes: Array) -> Self:
-        """For errors per plausible size, of the p with these sizes, SI.
-
-        rows : ndarray, shape (N, ..), independent, of what is known, these p first
-        """
-        p = len(sizes)
-        known = Information.of(rows[:, :p] * sizes, p)
-        at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None])
-        # As many rows as parameters say the same of so many targets.
-        root = np.asarray(np.linalg.qr(at @ known.inverse, mode="r")).T
-        k = root.shape[1]
-        whole = np.block([[known.root, root], [np.zeros((k, p + k))]])
-        return cls(Information(whole, p, known.rows), sizes, float((root**2).sum()))
-
-    def columns_of(self, rows: Array) -> Array:
-        """Rows (m, r, ..) of SI units, and nothing of the targets."""
-        own, K = rows[..., : len(self.sizes)] * self.sizes, len(self.now.root) - len(self.sizes)
-        return np.concatenate([own, np.zeros((*own.shape[:-1], K))], axis=-1)
-
-    def values(self, S: Array) -> Array:
-        """The larger the better, shape (...), from products of the columns (..., K, K)."""
-        left: Array = self.square - np.trace(S, axis1=-2, axis2=-1)
-        least = max(_NOTHING * self.square, 1e-300)  # a model may move no target at all
-        return np.asarray(-0.5 * np.log(np.maximum(left, least)))
-
-    def greedy(self, offer: Offer, count: int) -> list[int]:
-        """Candidate by candidate, each the one that lowers the error most after those before."""
-        known, plan, tried = self.now, list[int](), self.columns_of(offer.condensed)
-        for _ in range(min(count, len(offer))):
-            values = self.values(known.tried(tried))
-            values[plan] = -np.inf
-            plan.append(int(values.argmax()))
-            known = self.now.added(self.columns_of(offer.rows[plan]))
-        return plan
+    p = len(sizes)
+    root = triangle(np.concatenate([known * sizes, np.eye(p) / _FREE]))
+    T = solve_triangular(
+        root, np.eye(p)
+    )  # coordinates in which the information now is the identity
+    own = rows * sizes @ T
+    at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None]) @ T
+    blocks = Blocks(pack(np.swapaxes(own, 1, 2) @ own), np.eye(p), min(rows.shape[1:]))
+    allowed = Allowed.any_of(len(rows), min(count, len(rows)))
+    chosen: list[int] = greedy(Selection(Task.of_rows(at), blocks, allowed)).tolist()
+    return chosen

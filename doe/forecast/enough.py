@@ -20,10 +20,15 @@ from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.accuracy import Accuracy, ForecastStep, LastingError, TaskError, lasting_error
-from doe.ahead.coming import Match, match, whole_day
-from doe.ahead.forecast import Forecast, Offer
 from doe.curve import stops_paying
+from doe.forecast.accuracy import (
+    ForecastStep,
+    LastingError,
+    TaskError,
+    lasting_error,
+    most_useful_first,
+)
+from doe.forecast.coming import Match, feasible, match, rows_of, whole_day
 from doe.plan import named
 from doe.problem.linearisation import Linearisation, moved_rows, nominal
 
@@ -159,7 +164,7 @@ def enough(
     lacking = lasting_error(cell, at.model, at.values, arm, found)
     day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
     steps = tuple(day.steps(task, day.order(task), plan.names))
-    model, read = at.model, day.forecast.data
+    model, read = at.model, day.data
     footprint = model.footprint(at.values, data)
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
@@ -167,7 +172,7 @@ def enough(
     unplanned = any(e.uses for e in model.effects) or any(i.touches for i in cell.instruments)
     if goal is None or known_after_all or unplanned:
         return result
-    q = _fresh(day, task, seed)
+    q = day.fresh(task, seed)
     if not len(q):
         return result
     names = [f"fresh{k + 1}" for k in range(len(q))]
@@ -205,13 +210,16 @@ def _linearised(
 class Day:
     """Readings in hand and to come, to first order.
 
-    pose : ndarray of int, shape (m,), of what is to come, -1 for what is in hand
-    forecast : Forecast, in which all of them are known, those to come where they are expected
+    data : Measurements, those to come where they are expected; pose : ndarray of int, shape (m,), of
+        what is to come, -1 for what is in hand
+    known : LinearProblem, of all of them and what is known beside
     moved : ndarray, shape (m, R, b), how they follow errors common to all readings
     """
 
+    at: Linearisation
+    data: Measurements
     pose: IntArray
-    forecast: Forecast
+    known: LinearProblem
     moved: Array
 
     @classmethod
@@ -233,13 +241,7 @@ class Day:
         if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
         moved = moved_rows(at, data, at.weights(data, kept), known).J
-        forecast = Forecast.after(at, known, data)
-        return cls(pose, forecast, moved)
-
-    def read(self, done: Mask) -> LinearProblem:
-        """What some of the readings tell, (m,), and what is known beside them."""
-        known = self.forecast.known
-        return replace(known, J=known.J * done[:, None, None])
+        return cls(at, data, pose, known, moved)
 
     def steps(
         self, task: TaskError, order: Iterable[int], names: Sequence[str]
@@ -248,31 +250,29 @@ class Day:
         done = self.pose < 0
         for k in (-1, *order):
             done = done | (self.pose == k)
-            name = names[k] if k >= 0 else None
-            yield task.expected(name, int(done.sum()), self.read(done), self.moved)
+            read = replace(self.known, J=self.known.J * done[:, None, None])
+            yield task.expected(names[k] if k >= 0 else None, int(done.sum()), read, self.moved)
 
     def order(self, task: TaskError) -> list[int]:
         """The poses still to come, each the one that adds most beside those before it."""
         poses = np.unique(self.pose[self.pose >= 0])
-        if not len(poses):
+        each = [stacked(self.known.by_reading[self.pose == k]) for k in poses]
+        most = max(map(len, each), default=0)
+        rows = [np.pad(own, ((0, most - len(own)), (0, 0))) for own in each]
+        return [int(poses[i]) for i in self._best(task, self.pose < 0, rows, len(rows))]
+
+    def fresh(self, task: TaskError, seed: int) -> Array:
+        """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
+        q = feasible(self.at.cell, self.data, _CANDIDATES, seed)
+        rows = rows_of(self.at, self.data, q) if len(q) else q
+        return q[self._best(task, np.full(len(self.pose), True), rows, _MOST_FRESH)]
+
+    def _best(
+        self, task: TaskError, done: Mask, rows: Sequence[Array] | Array, count: int
+    ) -> list[int]:
+        """So many poses of these rows, the most useful first, beside some of the readings."""
+        if not len(rows):
             return []
-        each = [stacked(self.forecast.known.by_reading[self.pose == k]) for k in poses]
-        most = max(map(len, each))
-        rows = np.stack([np.pad(own, ((0, most - len(own)), (0, 0))) for own in each])
-        offer = Offer(np.zeros((len(poses), 0)), rows)
-        return [int(poses[i]) for i in self.accuracy(task, self.pose < 0).greedy(offer, len(poses))]
-
-    def accuracy(self, task: TaskError, done: Mask) -> Accuracy:
-        """For the error at the targets, beside some of the readings."""
-        known = self.forecast.known
-        rows = np.concatenate([stacked(known.by_reading[done]), known.held])
-        return Accuracy.of(task.targets, rows, task.model.sizes)
-
-
-def _fresh(day: Day, task: TaskError, seed: int) -> Array:
-    """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
-    q = day.forecast.feasible(_CANDIDATES, seed)
-    if not len(q):
-        return q
-    offer, every = day.forecast.offered(q), np.full(len(day.pose), True)
-    return offer.q[day.accuracy(task, every).greedy(offer, _MOST_FRESH)]
+        beside = np.concatenate([stacked(self.known.by_reading[done]), self.known.held])
+        sizes = task.model.sizes
+        return most_useful_first(task.targets, beside, np.asarray(rows), sizes, count)

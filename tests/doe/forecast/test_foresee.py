@@ -14,7 +14,7 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from doe.ahead.foresee import PowerAnalysis, foresee
+from doe.forecast.foresee import PowerAnalysis, foresee
 from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")

@@ -23,9 +23,9 @@ from calib.cell import Repeatability
 from calib.cell.targets import targets_of
 from calib.model.covariance import accuracy
 from calib.noise import Noise
-from doe.ahead.enough import Enough, enough
+from doe.forecast.enough import Enough, enough
 from studies.research.benchmarks.day import Setting, draw_day, write_day
-from tests.doe.ahead.day import RIGID, cell_of_day, of_poses, whole_day
+from tests.doe.forecast.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import read_by, with_effects
 
 SO_FAR = [2, 5, 8, 14]

@@ -10,8 +10,8 @@ import pytest
 import calib
 from calib.cell import Repeatability
 from calib.poses import Measurements, Poses, poses_at
-from doe.ahead.enough import Enough, enough
-from doe.ahead.foresee import foresee
+from doe.forecast.enough import Enough, enough
+from doe.forecast.foresee import foresee
 from tests.doe.constraints.test_touching import KINDS, settled, to_socket, touching
 from tests.helpers import all_seen
 
@@ -55,6 +55,6 @@ def test_a_plan_foresees_the_length_as_an_identification_has_it(
 ) -> None:
     view = foresee(CELL, plan)
     found = calib.identify(CELL, whole.take(~view.waiting))
-    own = view.forecast.known.independent[1][:, : len(view.values)]
+    own = view.known.independent[1][:, : len(view.values)]
     std = np.sqrt(np.diag(np.linalg.inv(own.T @ own)))
     np.testing.assert_allclose(std, found.std, rtol=0.01)

@@ -24,7 +24,7 @@ from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts
 from calib.identification.estimators import choose_directions
 from calib.inference.evidence import visible_directions
-from calib.linear import orthonormal
+from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
@@ -34,9 +34,8 @@ from calib.poses.moves import before_the_first_move
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.ahead.coming import readings_of
-from doe.ahead.forecast import Forecast
-from doe.ahead.information import Likeness, likeness, plausible
+from doe.forecast.coming import readings_of
+from doe.forecast.likeness import Likeness, likeness, plausible
 from doe.problem.linearisation import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
@@ -48,8 +47,8 @@ class PowerAnalysis(Result):
 
     model : Model; values : ndarray, shape (p,), SI, where it is linearised; assumed : bool, whether its
         compliances are taken as usual, for nobody gave them
-    forecast : Forecast, of the model and all suspects, in which the plan is known; points of its data
-        are predictions
+    data : Measurements, the readings to come, their points predicted
+    known : LinearProblem, of the model and all suspects, with these readings
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
     detection : CauseDetection, of the suspects, by name; missing : tuple of NotAsked
     asked : int, all that the diagnosis will ask, curves included
@@ -63,7 +62,8 @@ class PowerAnalysis(Result):
     model: Model
     values: Array
     assumed: bool
-    forecast: Forecast
+    data: Measurements
+    known: LinearProblem
     waiting: Mask
     detection: CauseDetection
     missing: tuple[NotAsked, ...]
@@ -73,11 +73,6 @@ class PowerAnalysis(Result):
     moved: Array
     alike: Likeness | None
     times: Array
-
-    @property
-    def data(self) -> Measurements:
-        """The readings to come: which markers are seen."""
-        return self.forecast.data
 
     @cached_property
     def causes(self) -> tuple[Detectability, ...]:
@@ -157,16 +152,16 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     whole = Linearisation(cell, full, start, arm)
     waiting = before_the_first_move(data.poses)
-    forecast = Forecast.after(whole, whole.of(data, ~waiting), data)
+    known = whole.of(data, ~waiting)
     own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
     choice = choose_directions(own, values)
-    asked, rows = len(everything), forecast.known.independent[1]
+    asked, rows = len(everything), known.independent[1]
     detection = CauseDetection.of(full, rows, choice.kept, suspects, asked)
     _, J = full.jacobian(start, data.poses)
     added = np.setdiff1d(np.arange(len(values), len(start)), full.tunings)
     moved = np.sqrt((J[data.seen][..., added] ** 2).sum(axis=1).mean(axis=0))
     return PowerAnalysis(
-        model, values, assumed, forecast, waiting, detection, tuple(missing), asked,
+        model, values, assumed, data, known, waiting, detection, tuple(missing), asked,
         choice.kept, choice.unidentifiable, moved, *detection.told_apart(),
     )  # fmt: skip
 
@@ -304,7 +299,7 @@ def _imitators(found: PowerAnalysis, position: int) -> list[str]:
     """Kinds of modelled effect without which the cause would be seen, else all."""
     own = [found.model.parameters[i].effect for i in found.kept]
     kinds, columns = list(dict.fromkeys(own)), found.detection.columns[position]
-    N = found.forecast.known.independent[1][:, found.kept]
+    N = found.known.independent[1][:, found.kept]
     X = found.detection.X[:, columns]
     lengths = np.linalg.norm(X, axis=0)
     needed = []

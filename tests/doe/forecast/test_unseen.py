@@ -11,8 +11,8 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.prediction.estimate import fitted_of
-from doe.ahead.enough import Enough, enough
-from doe.ahead.unseen import at_ends, at_held_out
+from doe.forecast.enough import Enough, enough
+from doe.forecast.unseen import at_ends, at_held_out
 from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 
 _POSES, _DAYS = 40, 10

@@ -15,6 +15,7 @@ INSTEAD: dict[str, str] = {
     "--reference-every": "visit poses again with `--reapproach N`",
     "--trend-free": "visit poses again with `--reapproach N`: they show a drift",
     "--load-blocks": "change the load at each pose",
+    "--model": "take the URDF that the maker's ROS package writes from a UR's calibration.conf",
     "--polish": "leave it out: drawn candidates are polished, those of a table stay as they are",
     "--no-polish": "give the candidates as a table: they stay as they are",
     "--prove": "read the certified efficiency: the bound of the relaxation proves it",

@@ -13,7 +13,7 @@ from calib.arm.robot import Convention, Robot, Source
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, column_of, titles
-from calib.files.csv_table import CsvTable, columns_text, read_table
+from calib.files.csv_table import CsvTable, read_table
 
 KINDS = ("revolute", "prismatic")
 COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta": ANGLES}
@@ -22,7 +22,6 @@ COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta":
 _MOST_JOINTS = 100
 _TURNS = 2 * math.pi + 0.1  # rad: more is probably degrees
 _LONGEST = 50.0  # m of a link: more is probably millimetres
-_SHOWN_UNITS = {"alpha": "deg", "a": "mm", "theta": "deg", "d": "mm", "beta": "deg"}
 
 
 def read_dh(path: Path, convention: Convention) -> DhTable:
@@ -59,17 +58,6 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
     """
     robot = robot_of_dh(read_dh(path, convention), path.stem, base, tip)
     return replace(robot, source=Source("dh", (path,), convention))
-
-
-def dh_text(table: DhTable) -> str:
-    """The text of a table to 15 digits, in degrees and millimetres."""
-    columns: dict[str, list[str]] = {"joint": list(table.joints)}
-    if table.prismatic.any():
-        columns["kind"] = [KINDS[int(slides)] for slides in table.prismatic]
-    for name in ("alpha", "a", "theta", "d", *(("beta",) if table.beta.any() else ())):
-        values = getattr(table, name) / COLUMNS[name][_SHOWN_UNITS[name]]
-        columns[f"{name}_{_SHOWN_UNITS[name]}"] = [f"{value + 0.0:.15g}" for value in values]
-    return columns_text(columns)
 
 
 def _check_columns(path: Path, columns: tuple[str, ...]) -> None:

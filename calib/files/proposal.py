@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from calib.arm.dh import robot_of_dh
-from calib.arm.robot import Convention, Form, Robot, Source, odd_limits
+from calib.arm.robot import Convention, Form, Robot, odd_limits
 from calib.arrays import Mask
 from calib.errors import InputError
-from calib.files.dh import dh_text
 from calib.files.ends import ends_of, mjcf_tree, urdf_tree
 from calib.files.mjcf import compiled
 from calib.files.read import read_bytes, read_xml
 from calib.files.robot import load_robot
-from calib.files.ur_calibration import read_ur_calibration
 from calib.files.urdf import Urdf
 
 _LARGEST_FILE = 100_000_000  # bytes
@@ -29,13 +26,11 @@ class Proposal:
     """A robot as found.
 
     held : tuple of str, joints of the file beside and beyond the chain, at zero
-    dh_text : str, a DH table to be written and named by the cell, where the file itself cannot be
     notes : tuple of str, what was chosen; lacks : tuple of str, what the file does not tell
     """
 
     robot: Robot
     held: tuple[str, ...]
-    dh_text: str
     notes: tuple[str, ...]
     lacks: tuple[str, ...]
 
@@ -55,13 +50,11 @@ def propose(
     convention: Convention | None = None,
     base: str = "",
     tip: str = "",
-    model: str = "",
     others: tuple[str, ...] = (),
 ) -> Proposal:
-    """Read a URDF, xacro output, MJCF, DH table or the calibration of a UR, whichever it is.
+    """Read a URDF, xacro output, MJCF or DH table, whichever it is.
 
     convention : of a DH table, which does not tell it; base, tip : in place of those proposed
-    model : of the arm that a ``calibration.conf`` of Universal Robots belongs to
     others : links that are tips beside ``tip``
 
     Raises InputError.
@@ -70,10 +63,11 @@ def propose(
     kind = "" if head == b"<" else path.suffix.lower()
     if kind in (".yaml", ".yml"):
         raise InputError(path, "", "is no URDF, MJCF or DH table", "take the maker's URDF")
-    if convention is not None and (head == b"<" or kind == ".conf"):
+    if convention is not None and head == b"<":
         raise InputError(path, "", "is no DH table", "leave --dh out")
     if kind == ".conf":
-        return _of_calibration(path, base, tip, model, others)
+        remedy = "take the URDF that the maker's ROS package writes from it"
+        raise InputError(path, "", "is a controller's calibration", remedy)
     if convention is None and head != b"<":
         what = "does not tell the convention of its DH table, which makes another arm of it"
         raise InputError(path, "", what, "add --dh classic or --dh modified")
@@ -90,7 +84,7 @@ def propose(
     robot = load_robot(form, path, base, tip, convention, others)
     held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
     notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
-    return Proposal(robot, held, "", notes, tuple(_lacks(robot)))
+    return Proposal(robot, held, notes, tuple(_lacks(robot)))
 
 
 def _form_of(path: Path, root: Element) -> Form:
@@ -105,24 +99,6 @@ def _form_of(path: Path, root: Element) -> Form:
         what = "is a xacro file, which makes a URDF but is none"
         raise InputError(path, "", what, f"expand it first: xacro {path.name} > robot.urdf")
     return "urdf"
-
-
-def _of_calibration(
-    path: Path, base: str, tip: str, model: str, others: tuple[str, ...]
-) -> Proposal:
-    if others:
-        raise InputError(path, "", f"has one tip, and {others[0]!r} is another", "give one --tip")
-    if not model:
-        what = "does not tell the model that its numbers are differences to"
-        raise InputError(path, "", what, "add --model, such as --model UR5e")
-    table = read_ur_calibration(path, model)
-    robot = robot_of_dh(table, model, base or "base", tip or "tool0")
-    robot = replace(robot, source=Source("dh", (path,), "classic"))
-    note = (
-        "its DH table was written anew, the same arm as the controller's: d stays where the nominal "
-        "table has it, and beta (Hayati) holds the tilt of axes 2, 3 and 4"
-    )
-    return Proposal(robot, (), dh_text(table), (note,), tuple(_lacks(robot)))
 
 
 def _lacks(robot: Robot) -> Iterator[str]:

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     multiple=True,
     help="Last link, body or site, instead of the proposed one. Of several arms: one each.",
 )
-@click.option("--model", metavar="NAME", default="",
-              help="Model of the arm of a UR calibration.conf, such as UR5e.")  # fmt: skip
 @result_options(figures=False, seed=False)
 def init(
     robot_path: Path,
@@ -46,14 +44,12 @@ def init(
     convention: str | None,
     base: str,
     tips: tuple[str, ...],
-    model: str,
     json_path: str | None,
 ) -> None:
     """Write a commented cell.toml and an empty measurements.csv for a robot.
 
     ROBOT is a URDF (also as xacro writes it), an MJCF, or a DH table
-    (joint,alpha_deg,a_mm,theta_deg,d_mm). It may also be the calibration.conf of a
-    UR controller.
+    (joint,alpha_deg,a_mm,theta_deg,d_mm).
 
     You can plan with this cell at once. Rough marker positions and the noise are all that you give;
     their lines are marked EDIT.
@@ -74,20 +70,16 @@ def init(
 
     tip, *rest = tips or ("",)
     others = tuple(rest)
-    found = propose(robot_path, cast("Convention | None", convention), base, tip, model, others)
+    found = propose(robot_path, cast("Convention | None", convention), base, tip, others)
     cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"
-    own_path = folder / "arm.csv" if found.dh_text else None
-    for path in (cell_path, table_path, own_path):
-        if path is not None and path.exists():
+    for path in (cell_path, table_path):
+        if path.exists():
             raise InputError(path, "", "already exists", "name another folder by -o, or move it")
     make_folder(folder)
-    outputs = [cell_path, table_path, own_path, output_file(json_path)]
+    outputs = [cell_path, table_path, output_file(json_path)]
     check_outputs(outputs, found.files)
-    named = own_path or robot_path
-    seen = Path(os.path.relpath(named.resolve(), folder.resolve())).as_posix()
+    seen = Path(os.path.relpath(robot_path.resolve(), folder.resolve())).as_posix()
     name = found.robot.name or robot_path.stem
     texts = {cell_path: cell_text(found, seen, name), table_path: table_header(found.robot)}
-    if own_path is not None:
-        texts[own_path] = found.dh_text
     made_from = envelope(str(cell_path), found.files)
     deliver(init_record(found, name, table_path, made_from), json_path, files=texts)

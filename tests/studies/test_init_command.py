@@ -219,18 +219,6 @@ def test_a_dh_table_has_one_tip(tmp_path: Path) -> None:
     assert "has one tip, and 'elbow' is another" in done.stderr
 
 
-def test_a_controllers_file_becomes_a_table(tmp_path: Path) -> None:
-    lines = ["[mounting]"]
-    lines += [f"delta_{key} = [0, 0, 0, 0, 0, 0.001]" for key in ("theta", "a", "d", "alpha")]
-    (tmp_path / "calibration.conf").write_text("\n".join(lines))
-    done = init(tmp_path / "calibration.conf", "-o", tmp_path / "cell", "--model", "UR10e")
-    assert done.exit_code == 0, done.output
-    assert "its DH table was written anew" in done.stdout
-    cell = calib.load_cell(tmp_path / "cell" / "cell.toml")
-    assert (cell.robot.source.form, cell.robot.source.convention) == ("dh", "classic")
-    assert cell.robot.joints[5] == "wrist_3_joint"
-
-
 def test_names_that_toml_must_quote(tmp_path: Path) -> None:
     table = TABLES["three parallel axes"].replace("pan,", 'pan "1" é,').replace("pan ", '"pan ')
     (tmp_path / "arm.csv").write_text(table.replace('"pan "1" é,', '"pan ""1"" é",'))

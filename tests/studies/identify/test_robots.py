@@ -17,7 +17,6 @@ from calib.files.urdf import load_urdf
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 from studies.research.withheld.truth import Action
 from tests.bad_inputs.run import posecal
-from tests.calib.files.test_ur_calibration import UR
 from tests.helpers import cell_text
 from tests.plain_arm import rpy_pose, turn
 from tests.studies.command_line import run
@@ -25,6 +24,15 @@ from tests.studies.command_line import run
 SIGMA = 1e-5  # m
 MARKERS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.05], [-0.04, -0.07, 0.03]])
 CELL = cell_text('urdf = "arm.urdf"\nbase = "base"\ntip = "tool0"', "{marks}")
+PI = np.pi
+UR = {  # a UR5e by its published lengths
+    "shoulder": [0, 0, 0.1625, 0, 0, 0],
+    "upper_arm": [0, 0, 0, PI / 2, 0, 0],
+    "forearm": [-0.425, 0, 0, 0, 0, 0],
+    "wrist_1": [-0.3922, 0, 0.1333, 0, 0, 0],
+    "wrist_2": [0, -0.0997, 0, PI / 2, 0, 0],
+    "wrist_3": [0, 0.0996, 0, PI / 2, PI, PI],
+}
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 

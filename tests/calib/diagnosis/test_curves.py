@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib import Cell, Measurements
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import candidates
-from calib.diagnosis.curves import Curve
+from calib.diagnosis.columns import candidate_set
 from calib.diagnosis.functions import neighbours
-from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.regression import RegressionProblem
+from calib.diagnosis.search import fitted
+from calib.diagnosis.selection import start
+from calib.diagnosis.stage import Fit
+from calib.diagnosis.state import SelectedEffect
 from calib.model.build import build
 from tests.calib.diagnosis.test_diagnose import measured
 from tests.helpers import stage_of
@@ -49,18 +52,17 @@ def test_derivatives(kind: str) -> None:
 def test_a_curve_is_shrunk_by_as_much_as_the_data_leave_open() -> None:
     """A fit of pure noise keeps a curve far below what least squares would make of it."""
     cell, data, _ = measured("", [])
-    stage, curve = _stage_with_curve(cell, data)
-    fit = stage.fit([curve])
-    own = fit.positions(curve)
-    moved = np.linalg.norm(fit.J[..., own] @ fit.values[own])
-    assert moved < 0.6 * _unheld(fit, own)
-
-
-def _stage_with_curve(cell: Cell, data: Measurements) -> tuple[Stage, Curve]:
     stage = stage_of(cell, data)
     suspects, _ = candidates(cell, stage.model, data)
-    curves = [c.effect for c in suspects if isinstance(c.effect, Curve)]
-    return stage, next(c for c in curves if c.variable.name.startswith("q:"))
+    curve = next(c for c in suspects if not c.named and c.depends_on.startswith("q:"))
+    linear = stage.about(stage.fit(()), [c.effect for c in suspects])
+    problem = RegressionProblem.of(linear, candidate_set(linear, suspects), linear.fit(()))
+    (member,) = (c for c in problem.fixed if c.candidate.key == curve.key)
+    state = start(problem, ()).with_members((SelectedEffect(member, 1.0),))
+    fit = fitted(linear, state, linear.fit(()))
+    own = fit.positions(curve.effect)
+    moved = np.linalg.norm(fit.J[..., own] @ fit.values[own])
+    assert moved < 0.6 * _unheld(fit, own)
 
 
 def _unheld(fit: Fit, own: IntArray) -> float:

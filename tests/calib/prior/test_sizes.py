@@ -234,12 +234,14 @@ def test_the_joint_that_is_worn_is_named_whatever_its_size(tiago: tuple[Cell, An
 def test_a_base_that_yields_is_named_on_a_column(data: Path) -> None:
     """The ground under a construction robot, by a seesaw: 24.7 urad/(N m) by a fit that was told.
 
-    Every other reading is enough.
+    Every other reading is enough. Masses of links, and a curve over the same load, may take a third of
+    it: the form is doubted, and said to be.
     """
     cell = calib.load_cell(data / "hilti_column" / "cell.toml")
     whole = calib.load_measurements(cell, data / "hilti_column" / "seesaw.csv")
     kept, held = whole.take(slice(None, None, 2)).split(0.3, np.random.default_rng(0))
     found = calib.diagnose(cell, kept, heldout=held)
     named = {c.named.candidate.key: c for c in found.causes}
-    assert 18e-6 < float(named["base_compliance:base"].values[0]) < 28e-6
-    assert (found.gap.heldout_after or 1.0) < 2.8e-3
+    assert 15e-6 < float(named["base_compliance:base"].values[0]) < 28e-6
+    assert named["base_compliance:base"].standing == "likely"
+    assert (found.gap.heldout_after or 1.0) < 2.5e-3

@@ -92,8 +92,13 @@ class NameEvidence:
             1.0 - self.again,
             float(self.company),
             nearly * (effect.flexible and not timed),
-            nearly * (effect.flexible and timed and where not in _AT_REST),
+            nearly * (effect.flexible and timed and _on_the_arm(where)),
         )
+
+
+def _on_the_arm(where: str) -> bool:
+    """Whether a place is a joint or a marker."""
+    return where.startswith("marker:") or not (":" in where or where in _AT_REST)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,6 @@ _ALIKE = 3  # twins beside them
 _LARGEST = 4  # members of a class beyond which likeness lists the first of a kind only
 SAME = 8.0
 """Difference of -2 log likelihood that tells nothing yet."""
-_MASS = 0.98  # of the likelihood that a class holds together
 # Estimated by maximum likelihood from 382 named effects of 560 simulated cases (seeds 4001 and 4002
 # of studies.research.withheld), and again from 136 classes of 459 others (7201, 7103): 0.25 to 0.3.
 # Likelihoods alone are too sure, for forms differ from the catalogue's.
@@ -158,9 +157,9 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
         # What stands elsewhere already is another name here, and never the first.
         again = {c.key for c in rivals if c.echo and any(c.is_like(o) for o in rest)}
         rivals.sort(key=lambda c: (c.key in again, prices[c.key]))
-        ordered = [(replace(c, echo="", line=1) if c.echo else c, prices[c.key]) for c in rivals]
+        ordered = [(c, prices[c.key]) for c in rivals]
         if rivals[0].key != entry.candidate.key:
-            own = replace(columns[rivals[0].key], candidate=ordered[0][0])
+            own = replace(columns[rivals[0].key], candidate=_in_its_own_name(rivals[0]))
             chosen[id(entry)] = SelectedEffect(own, 1.0)
         found.append(Named(entry, _members(ordered, others, direction)))
     found.sort(key=lambda named: -named.entry.gain)
@@ -198,9 +197,7 @@ def _members(
     direction : float, that price for one
     """
     behind = np.clip([price - rivals[0][1] for _, price in rivals], 0.0, 700.0)
-    mass = np.cumsum(np.exp(-0.5 * behind)) / np.exp(-0.5 * behind).sum()
-    enough = 1 + int(np.argmax(mass >= _MASS))
-    count = max(enough, int(np.count_nonzero(behind <= SAME)))
+    count = int(np.count_nonzero(behind <= SAME))
     known = {twin.candidate: twin for twin in others}
     chosen = list(range(count))
     for i in range(count, len(rivals)):
@@ -219,8 +216,13 @@ def _members(
     shares = weights / weights.sum()
     found = []
     for i, share in zip(chosen, shares.tolist(), strict=True):
-        candidate = rivals[i][0]
+        candidate = _in_its_own_name(rivals[i][0])
         part = _SECOND_NAME if candidate.also else 0.0
         found.append((candidate, (1.0 - part) * share))
         found += [(other, part * share / len(candidate.also)) for other in candidate.also]
     return tuple(found)
+
+
+def _in_its_own_name(candidate: Candidate) -> Candidate:
+    """The same, no longer in the place of another."""
+    return replace(candidate, echo="", line=1) if candidate.echo else candidate

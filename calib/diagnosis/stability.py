@@ -1,7 +1,7 @@
 """Stability of names: in how many halves of the configurations a cause comes again.
 
 Each half is fitted to first order at the variances and amplitudes of the whole. A cause comes again
-where, beside all other members, one of its class explains the half better than any close rival does.
+where, beside all other members, no close rival explains the half clearly better than its class does.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.conditional import best_amplitude
-from calib.diagnosis.equivalence import Named
+from calib.diagnosis.equivalence import SAME, Named
 from calib.diagnosis.judged import CLOSE
 from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.state import SelectionState
@@ -56,7 +56,7 @@ def _returns(
     named: Named,
     rivals: Sequence[CandidateColumns],
 ) -> bool:
-    """Whether one of the class is the best of all close rivals.
+    """Whether one of the class is the best of all close rivals, or cannot be told from it.
 
     G : ndarray, shape (u, u), products of the columns that are used; place : where each stands there
     """
@@ -68,14 +68,14 @@ def _returns(
     asked = np.concatenate([c.columns for c in rivals])
     S, z = _beside(G, place[held], precision, place[np.append(asked, columns.response)])
     alike = {_name(c.key) for c, _ in named.members}
-    best, found, at = 0.0, False, 0
+    best, mine, at = 0.0, 0.0, 0
     for c in rivals:
         own = slice(at, at + len(c.columns))
         at = own.stop
-        gain = _gain(S[own, own], z[own], c.amplitudes) - 2.0 * np.log(c.candidate.choices)
-        if gain > best:
-            best, found = gain, _name(c.candidate.key) in alike
-    return found
+        gain = _gain(S[own, own], z[own], c.amplitudes) - 2.0 * float(np.log(c.candidate.choices))
+        best = max(best, gain)
+        mine = max(mine, gain) if _name(c.candidate.key) in alike else mine
+    return 0.0 < mine >= best - SAME / 2.0  # half the readings tell half as much
 
 
 def _close(state: SelectionState, named: Named) -> list[CandidateColumns]:

@@ -71,9 +71,8 @@ def _imitators(state: SelectionState, cause: Candidate) -> Iterator[CandidateCol
         c = own.candidate
         if not c.named or c.key in active or c.is_like(cause) or c.echo not in ("", cause.key):
             continue
-        if not c.effect.contains(
-            cause.effect.kind, cause.where
-        ):  # itself and more is no other name
+        more = c.effect.contains(cause.effect.kind, cause.where)
+        if not more:  # itself and more is no other name
             yield own
 
 
@@ -197,13 +196,11 @@ def _members(
     direction : float, that price for one
     """
     behind = np.clip([price - rivals[0][1] for _, price in rivals], 0.0, 700.0)
-    count = int(np.count_nonzero(behind <= SAME))
     known = {twin.candidate: twin for twin in others}
-    chosen = list(range(count))
-    for i in range(count, len(rivals)):
-        rival = rivals[i][0]
+    chosen = [i for i, lost in enumerate(behind) if lost <= SAME]
+    for i, (rival, _) in enumerate(rivals):
         twin = known.get(rival)
-        if twin is None:
+        if twin is None or i in chosen:
             continue
         kinds = {rivals[j][0].effect.kind for j in chosen}
         room = len(chosen) < _LARGEST or rival.effect.kind not in kinds

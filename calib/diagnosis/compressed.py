@@ -16,7 +16,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.inference.decorrelation import Decorrelation
 from calib.inference.design import Design, GaussianBlock
-from calib.inference.least_squares import triangle
+from calib.inference.least_squares import joined_triangle
 from calib.inference.restricted import MixedModel
 from calib.inference.turned import TurnedRows, turned_rows
 
@@ -67,7 +67,7 @@ class CompressedColumns:
         design = replace(self.design, blocks=(*self.design.blocks, *own))
         known = np.arange(self.response)
         chosen = np.concatenate([known, *(columns for columns, _ in blocks), [self.response]])
-        outside = triangle(self.outside[:, chosen])[None]
+        outside = joined_triangle([self.outside[:, chosen]])[None]
         return MixedModel(design, self.turned, self.inside[..., chosen], outside)
 
     @staticmethod

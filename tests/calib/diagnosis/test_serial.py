@@ -45,7 +45,7 @@ def test_what_a_joint_was_off_by_is_predicted_and_runs_with_time(rng: np.random.
     walk[order] = np.cumsum(rng.normal(size=count))
     for off, smooth in ((rng.normal(size=count), False), (walk / walk.std(), True)):
         stage, fit = moved(SIZE * (off - off.mean()))
-        found = scattered(stage, fit)[:, JOINT]
+        found = scattered(stage, fit)[0][:, JOINT]
         expected = SIZE * (off - off.mean())[data.poses.configuration]
         assert np.corrcoef(found, expected)[0, 1] > 0.7
         run = smooth_run(stage, fit)

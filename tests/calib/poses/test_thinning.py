@@ -98,10 +98,14 @@ def test_readings_of_a_stay_are_no_held_out_poses_beside_others_of_it() -> None:
 
 @pytest.mark.long
 def test_a_diagnosis_of_a_part_is_that_of_the_whole() -> None:
-    """The same cause, of the true size by either, and apart by no more than what is left out allows."""
+    """The same cause, of the true size by either, and apart by no more than what is left out allows.
+
+    Half of the readings may leave it less sure.
+    """
     data = stays(*[20] * 40, scale=2e-4)
     found = [diagnose(CELL, own) for own in (data, thinned(data, 400)[0])]
-    assert found[0].verdict == found[1].verdict != "no_gap"
+    assert found[0].verdict == "explained"
+    assert found[1].verdict in ("explained", "ambiguous")
     (whole,), (part,) = (one.causes for one in found)
     for cause in (whole, part):
         assert cause.members[0][0].key == "transmission_scale:j2"

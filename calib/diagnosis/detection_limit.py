@@ -147,7 +147,7 @@ def detection_limits(
     state = outcome.judged
     errors = [
         _error(outcome, own)
-        for own in (*state.problem.fixed, *state.tuned)
+        for own in state.candidates
         if own.candidate.named and not own.candidate.echo and own.candidate.key not in entered
     ]
     fit = outcome.fit

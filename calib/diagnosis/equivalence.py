@@ -67,7 +67,7 @@ def imitations(outcome: Outcome, entry: JudgedCandidate) -> list[Imitation]:
 def _imitators(state: SelectionState, cause: Candidate) -> Iterator[CandidateColumns]:
     """Causes by name that may be another name for one that was selected."""
     active = {c.key for c in state.active}
-    for own in (*state.problem.fixed, *state.tuned):
+    for own in state.candidates:
         c = own.candidate
         if not c.named or c.key in active or c.is_like(cause) or c.echo not in ("", cause.key):
             continue
@@ -142,7 +142,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     All are compared to first order, whatever else is modelled free to make room for them.
     """
     state = outcome.judged
-    columns = {c.candidate.key: c for c in (*state.problem.fixed, *state.tuned)}
+    columns = {c.candidate.key: c for c in state.candidates}
     chosen = {id(entry): entry.member for entry in outcome.entries}
     found: list[Named] = []
     direction = float(np.log(max(2, outcome.fit.rows)))

@@ -54,8 +54,7 @@ class Outcome:
     @property
     def suspects(self) -> tuple[Candidate, ...]:
         """All candidates, those with a tuning at the best one."""
-        state = self.judged
-        return tuple(c.candidate for c in (*state.problem.fixed, *state.tuned))
+        return tuple(c.candidate for c in self.judged.candidates)
 
     @cached_property
     def entries(self) -> tuple[JudgedCandidate, ...]:

@@ -83,7 +83,7 @@ def _close(state: SelectionState, named: Named) -> list[CandidateColumns]:
     rivals = named.entry.rivals
     keys = [named.entry.candidate.key, *(c.key for c, _ in named.members)]
     keys += [c.key for c, gain in rivals if gain > rivals[0][1] - CLOSE and c.named]
-    every = {c.candidate.key: c for c in (*state.problem.fixed, *state.tuned)}
+    every = {c.candidate.key: c for c in state.candidates}
     return [every[key] for key in dict.fromkeys(keys) if key in every]
 
 

@@ -38,7 +38,7 @@ class Fit:
     """The model with effects added, fitted.
 
     observation : Points, weighed by pose, beside what is known of causes and curves, and under the
-        levels of noise once they are found
+        variances
     values : ndarray, shape (p,); span : ndarray, shape (p, k)
     weight : ndarray, shape (m,), of each pose, one where it counts in full
     amplitudes : dict, block -> size of its coefficients a priori
@@ -65,12 +65,12 @@ class Fit:
 
     @property
     def mixing(self) -> Mixing | None:
-        """What makes the rows independent under the levels of noise; None where they are."""
+        """What makes the rows independent under the variances; None where they are."""
         return self.observation.mixing
 
     @property
     def prior_weight(self) -> float:
-        """By how many standard deviations of the instrument a row errs under the levels.
+        """By how many standard deviations of the instrument a row errs under the variances.
 
         One where nothing errs as a whole and nothing is known of the sizes of errors.
         """
@@ -207,7 +207,7 @@ class Stage:
         amplitudes: Amplitudes | None = None,
         variances: Variances | None = None,
     ) -> Fit:
-        """The same with given weights of poses, shape (m,), one by default."""
+        """The same with given weights of poses, shape (m,); one by default and without outliers."""
         model, values = self.model.extended(self.start, effects)
         full = np.ones(len(self.data))
         span = determined_by(self.observation(model, full), values)

@@ -66,6 +66,8 @@ Scored = tuple[float, SelectedEffect]
 class SelectionState:
     """Where a selection stands.
 
+    tuned : tuple of CandidateColumns, causes with a tuning, at those that are looked at
+    members : tuple of SelectedEffect
     theta : ndarray, variances found beside the members; objective : float, with all prices
     """
 
@@ -86,6 +88,11 @@ class SelectionState:
         model = self.problem.rows.model([m.block for m in self.members])
         likelihood = RestrictedLikelihood(model, self.theta)
         return Curvature(*replace(self.problem.variances, model=model).curvature(likelihood))
+
+    @property
+    def candidates(self) -> tuple[CandidateColumns, ...]:
+        """All candidates, members among them."""
+        return (*self.problem.fixed, *self.tuned)
 
     @property
     def active(self) -> tuple[Candidate, ...]:
@@ -173,7 +180,7 @@ class SelectionState:
         stiff = not (self.problem.elastic or any(is_elastic(m.candidate) for m in rest))
         return [
             c
-            for c in (*self.problem.fixed, *self.tuned)
+            for c in self.candidates
             if c.candidate.key not in taken | self.problem.candidates.closed
             and (c.candidate.named or not full)
             and not (stiff and isinstance(c.candidate.effect, LoadEffect))

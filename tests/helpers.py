@@ -173,7 +173,7 @@ def stage_of(cell: Cell, data: Measurements) -> Stage:
     model = build(cell, data.poses).model
     start = initial_values(model, data)
     nothing = np.zeros(len(data), dtype=bool)
-    return Stage(data, model, start, whitening(cell, model, start, data), nothing, robust=False)
+    return Stage(data, model, start, whitening(cell, model, start, data), nothing)
 
 
 def all_seen(poses: Poses, readings: Array) -> Measurements:

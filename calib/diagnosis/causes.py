@@ -20,9 +20,9 @@ import numpy as np
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.equivalence import Named
-from calib.diagnosis.finding import Finding, Refused, is_weak
+from calib.diagnosis.finding import Finding, is_weak
+from calib.diagnosis.refused import Refused, Why
 from calib.diagnosis.rest import Rest
-from calib.diagnosis.search import far_out
 from calib.diagnosis.serial import SmoothRun
 from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
 from calib.diagnosis.stage import Fit
@@ -216,24 +216,38 @@ def causes_of(
         )
 
 
-def weak_of(finding: Finding) -> Iterator[Refused]:
-    """What is fitted and not named, for it is hardly more than its own uncertainty."""
+def unnamed_of(finding: Finding) -> Iterator[Refused]:
+    """What is fitted and not named, and why."""
     for named in finding.named:
-        if _no_cause(finding, named):
-            yield Refused.of(named.candidate, "weak")
+        if why := _no_cause(finding, named):
+            yield Refused.of(named.candidate, why)
 
 
-def _no_cause(finding: Finding, named: Named) -> bool:
-    """Whether what was fitted is no cause: weak, or of no share and of sizes that are wide open.
+def _no_cause(finding: Finding, named: Named) -> Why | None:
+    """Why what was fitted is no cause: it predicts nothing, or its sizes are wide open.
 
     Two amounts that hardly differ may be open together and pass for strong.
     """
     fit, candidate = finding.after, named.candidate
-    if is_weak(fit, candidate):
-        return True
+    if why := finding.in_vain.get(named.entry.candidate.key):
+        return why
     std = finding.scale * fit.std_of(fit.model.amounts(candidate.effect))
     share = _share_of(finding, named.entry.candidate)
-    return bool(share < _NO_SHARE and (std > candidate.limits).all())
+    open_wide = share < _NO_SHARE and (std > candidate.limits).all()
+    return "weak" if is_weak(fit, candidate) or open_wide else None
+
+
+def far_out(fit: Fit, candidate: Candidate) -> str:
+    """What of a cause is larger than such errors usually are, empty where nothing is."""
+    amounts, values = candidate.amounts, fit.values[fit.model.amounts(candidate.effect)]
+    worst = int(np.argmax(np.abs(values) / candidate.limits))
+    p, limit = amounts[worst], float(candidate.limits[worst])
+    if abs(values[worst]) <= limit:
+        return ""
+    return (
+        f"its {p.name} of {values[worst] / p.scale:.3g} {p.unit} is far out: beyond "
+        f"{limit / p.scale:.3g} {p.unit} such an error is seldom met"
+    )
 
 
 def _deviations(after: Fit, scale: float) -> Array:

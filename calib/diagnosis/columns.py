@@ -6,21 +6,23 @@ best one takes part in the selection and pays for the choice among all.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, in_parts
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.linear import LinearModel
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.identification.scan import Carried, carried, falls, times
 from calib.linear import Complement
+from calib.model import Model
+from calib.observations import Points
 from calib.poses import Poses
 
 _LISTED = 6  # best tunings of the first form at which richer ones are tried
@@ -110,18 +112,25 @@ def tuning_grids(suspects: Sequence[Candidate], poses: Poses) -> tuple[TuningGri
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
-    """All candidates, and derivatives of the readings by them: the same in fits of like values.
+    """All candidates, and whitened derivatives of the readings by them, about one fit.
 
     fixed : tuple of Candidate, those without a tuning; grids : tuple of TuningGrid, the others
-    J : ndarray, shape (m, c, r, K), SI, of the channels that are read, by the model's own, too
+    r : ndarray, shape (m, R), residuals with every candidate at nothing
+    J : ndarray, shape (m, R, p), by the parameters of the user's model
+    held : (h,) and (h, p), rows of unit variance that are known of these beside the readings
+    rows : ndarray, shape (m, R, K), by all candidates, SI
     where : dict, key of a candidate without a tuning, or of a grid's, -> ndarray of int, its columns or
         its carrier's
     closed : keys of candidates that are not offered
     """
 
+    poses: Poses
     fixed: tuple[Candidate, ...]
     grids: tuple[TuningGrid, ...]
+    r: Array
     J: Array
+    held: tuple[Array, Array]
+    rows: Array
     where: dict[str, IntArray]
     closed: frozenset[str] = frozenset()
 
@@ -130,67 +139,118 @@ class CandidateSet:
         """How many causes are asked, at whatever tuning."""
         return len(self.fixed) + len(self.grids)
 
+    @cached_property
+    def count(self) -> int:
+        """How many rows count."""
+        return int(np.count_nonzero(self.J.any(axis=-1)))
+
     def without(self, keys: Collection[str]) -> CandidateSet:
         """The others."""
         fixed = tuple(c for c in self.fixed if c.key not in keys)
         return replace(self, fixed=fixed, closed=self.closed | frozenset(keys))
 
     def tunings(
-        self, fit: Fit, beside: Complement, active: Sequence[Candidate]
+        self, beside: Complement, active: Sequence[Candidate]
     ) -> Iterator[tuple[Candidate, Array]]:
         """Causes with a tuning that may enter, each at its best, and their rows (m, R, k).
 
-        beside : what the rows of the fit leave beside all that is in; active : what is in
+        beside : what the readings leave beside all that is in; active : what is in
         """
         for grid in self.grids:
             line = 1 + max((c.line for c in active if c.is_like(grid.candidate)), default=0)
             if line > (1 if isinstance(grid.candidate.effect, Timed) else _MOST_LINES):
                 continue
-            carrier = self._carrier(fit, grid)
+            carrier = self._carrier(grid)
             scan = carried(beside, carrier)
-            best, functions = grid.scanned(scan).best(scan, fit.rows)
+            best, functions = grid.scanned(scan).best(scan, self.count)
             best = replace(best, line=line)
             if best.key not in self.closed:
                 yield best, times(carrier, functions)
 
-    def rows_of(self, fit: Fit, candidate: Candidate) -> Array:
+    def rows_of(self, candidate: Candidate) -> Array:
         """Whitened derivatives (m, R, k) by a candidate, at its tuning."""
         effect = candidate.effect
         if not isinstance(effect, Tuned):
-            return fit.observation.rows(self.J[..., self.where[candidate.key]])
+            return self.rows[..., self.where[candidate.key]]
         grid = next(g for g in self.grids if g.candidate.is_like(candidate))
-        return _at_tuning(effect, self._carrier(fit, grid), fit.observation.data.poses)
+        return at_tuning(effect, self._carrier(grid), self.poses)
 
-    def echoes(self, fit: Fit, active: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array]]:
+    def echoes(self, active: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array]]:
         """Causes at the tunings of others that follow the clock alike, and their rows (m, R, k).
 
         A camera that moved follows it as a step of the base does.
         """
-        poses = fit.observation.data.poses
         for grid in self.grids:
             for c in _at_tunings_of(grid.candidate, active):
-                yield c, _at_tuning(c.effect, self._carrier(fit, grid), poses)
+                yield c, at_tuning(c.effect, self._carrier(grid), self.poses)
 
-    def _carrier(self, fit: Fit, grid: TuningGrid) -> Array:
+    def _carrier(self, grid: TuningGrid) -> Array:
         """Whitened derivatives (m, R, b) by the carrier of a grid."""
-        return fit.observation.rows(self.J[..., self.where[grid.candidate.key]])
+        return self.rows[..., self.where[grid.candidate.key]]
 
 
 def candidate_set(
-    stage: Stage, suspects: Sequence[Candidate], known: Sequence[TuningGrid] = ()
+    stage: Stage, fit: Fit, suspects: Sequence[Candidate], grids: Sequence[TuningGrid]
 ) -> CandidateSet:
-    """The suspects of a stage to first order.
+    """The suspects of a stage to first order about a fit; grids : of those with a tuning.
 
-    known : tuning grids of an earlier set at the same poses
+    What is missing in a model moves points by millimetres at most, and squares of that do not show.
     """
-    whole = stage.model
-    if not isinstance(whole, LinearModel):
-        raise TypeError("the stage is not to first order")
-    tuned = {b.candidate.key: b for b in known or tuning_grids(suspects, stage.data.poses)}
     fixed = tuple(c for c in suspects if not isinstance(c.effect, Tuned))
-    at = {c.key: whole.known[id(c.effect)] for c in fixed}
-    at |= {k: whole.carried[b.candidate.effect.kind, b.candidate.where] for k, b in tuned.items()}
-    return CandidateSet(fixed, tuple(tuned.values()), whole.columns, at)
+    carriers = {b.candidate.key: b.forms[0].effect.carrier for b in grids}
+    effects = [*(c.effect for c in fixed), *carriers.values()]
+    whole, values = fit.model.extended(fit.values, effects)
+    r, J = _linearised(replace(stage.observation(whole), prior=None), values)
+    part = {id(effect): np.arange(s.start, s.stop) for effect, s in whole.parts}
+    own = len(stage.model.parameters)
+    added, moving = np.arange(own, len(fit.values)), fit.moving
+    known = stage.observation(stage.model).stated_prior_residuals(fit.values[:own])
+    return CandidateSet(
+        stage.data.poses,
+        fixed,
+        tuple(grids),
+        r + J[..., added] @ moving[added],
+        J[..., :own],
+        known,
+        J,
+        {c.key: part[id(c.effect)] for c in fixed}
+        | {key: part[id(carrier)] for key, carrier in carriers.items()},
+    )
+
+
+def _linearised(points: Points, values: Array) -> tuple[Array, Array]:
+    """Whitened residuals (m, R) and derivatives (m, R, P), in parts that memory holds."""
+    model, data = points.model, points.data
+    m, P, shape = (
+        len(data),
+        len(values),
+        (len(model.readout.channels), model.readout.channels.width),
+    )
+    readings, J = np.empty((m, *shape)), np.empty((*data.read.shape, shape[1], P))
+    for part in in_parts(m, math.prod((*shape, P))):
+        readings[part], by = model.jacobian(values, data.poses.take(part))
+        J[part] = by[np.arange(len(by))[:, None], data.read[part]]
+    return points.residuals(readings), points.rows(J)
+
+
+def columns_at(
+    model: Model, values: Array, poses: Poses, effects: Sequence[Effect]
+) -> tuple[Array, list[Array]]:
+    """Derivatives of readings at poses by a model's parameters, and by each of some further effects.
+
+    Shapes (t, C, r, p), and (t, C, r, k) by its k amounts, at its tuning where it has one.
+    """
+    carriers = [e.carrier if isinstance(e, Tuned) else e for e in effects]
+    whole, everything = model.extended(values, carriers)
+    _, J = whole.jacobian(everything, poses)
+    found = []
+    for effect, carrier in zip(effects, carriers, strict=True):
+        own = J[..., whole.positions(carrier)]
+        if isinstance(effect, Tuned):
+            rows = at_tuning(effect, own.reshape(len(poses), -1, own.shape[-1]), poses)
+            own = rows.reshape(*own.shape[:-1], -1)
+        found.append(own)
+    return J[..., : len(values)], found
 
 
 def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
@@ -203,8 +263,8 @@ def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterato
             yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
-def _at_tuning(effect: Effect, carrier: Array, poses: Poses) -> Array:
-    """Rows (m, R, f b) of an effect at its tuning."""
+def at_tuning(effect: Effect, carrier: Array, poses: Poses) -> Array:
+    """Rows (m, R, f b) of an effect at its tuning, of those (m, R, b) of its carrier."""
     if not isinstance(effect, Tuned):
         raise TypeError(f"{effect.kind} has no tuning")
     return times(carrier, effect.functions(poses, np.array(effect.tuning)))

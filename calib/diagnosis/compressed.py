@@ -61,6 +61,10 @@ class CompressedColumns:
             outside=np.concatenate([self.outside, self.turned.outside_rows(flat)], axis=-1),
         )
 
+    def only(self, columns: IntArray) -> CompressedColumns:
+        """The same with some of the columns, those of the design and the response first."""
+        return replace(self, inside=self.inside[..., columns], outside=self.outside[:, columns])
+
     def model(self, blocks: Sequence[Block]) -> MixedModel:
         """The mixed model with some columns as blocks of a prior standard deviation."""
         own = [self._block(columns, size) for columns, size in blocks]

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -64,9 +65,8 @@ class Conditional:
         response beside it
     held : ndarray, shape (a, a), ``L^-1 D L^-T``; inverse : ndarray, shape (a, a), ``L^-1``
     own : ndarray of int, shape (a,), columns of the set
-    along : ndarray, shape (d, a), unit draws along the set; H : ndarray, shape (d, f), their products
-        ``u^T M x`` with all columns
     gone : ndarray, shape (k, a), orthonormal directions of the set that were taken out again
+    whole : Conditional, of the set before anything was taken out; None where nothing was
     """
 
     products: Products
@@ -75,9 +75,8 @@ class Conditional:
     held: Array
     inverse: Array
     own: IntArray
-    along: Array
-    H: Array
     gone: Array
+    whole: Conditional | None = None
 
     @classmethod
     def of(cls, products: Products, blocks: Sequence[Block]) -> Conditional:
@@ -94,11 +93,16 @@ class Conditional:
         L = np.linalg.cholesky(B / np.outer(size, size) + _DIGITS * np.eye(len(B)))
         E = solve_triangular(L, G[:-1] / size[:, None], lower=True)
         inverse = solve_triangular(L, np.diag(1.0 / size), lower=True)
-        draws, _ = products.draws
-        along = draws[:, own] @ inverse.T
         z = G[-1] - E[:, columns.response] @ E
         held = (inverse * D) @ inverse.T
-        return cls(products, E, z, held, inverse, own, along, draws - along @ E, E[:0, :0])
+        return cls(products, E, z, held, inverse, own, E[:0, :0])
+
+    @cached_property
+    def draws(self) -> tuple[Array, Array]:
+        """Unit draws along the set, (d, a), and their products ``u^T M x`` with all columns, (d, f)."""
+        draws, _ = self.products.draws
+        along = draws[:, self.own] @ self.inverse.T
+        return along, draws - along @ self.E
 
     @property
     def response(self) -> int:
@@ -110,7 +114,7 @@ class Conditional:
         Y = self.inverse[:, np.isin(self.own, gone)]
         W = np.linalg.solve(np.linalg.cholesky(Y.T @ Y), Y.T)
         F = W @ self.E
-        return replace(self, z=self.z + F[:, self.response] @ F, gone=W)
+        return replace(self, z=self.z + F[:, self.response] @ F, gone=W, whole=self)
 
     def adding(self, own: IntArray, size: float) -> Conditional:
         """The same beside further columns (k,) with a prior standard deviation, for gains alone."""
@@ -127,10 +131,10 @@ class Conditional:
 
     def _draws(self, own: IntArray) -> Array:
         """Products (d, k) of unit draws with columns (k,) beside what is left of the set."""
-        H = self.H[:, own]
-        if self.gone.size:
-            H = H + (self.along @ self.gone.T) @ (self.gone @ self.E[:, own])
-        return H
+        along, H = (self.whole or self).draws
+        if not self.gone.size:
+            return H[:, own]
+        return np.asarray(H[:, own] + (along @ self.gone.T) @ (self.gone @ self.E[:, own]))
 
     def crossed(self, own: IntArray) -> Array:
         """Products (k, f) of columns (k,) with all, beside the set."""

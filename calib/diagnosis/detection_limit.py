@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.linear import linearised
+from calib.diagnosis.columns import columns_at
 from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit, Stage
@@ -182,7 +182,7 @@ def _error(outcome: Outcome, own: CandidateColumns) -> _HiddenError:
     parameter = candidate.amounts[number]
     size = sizes[number] * parameter.size if sizes[number] < _NEVER else np.inf
     fit = outcome.fit
-    rows = fit.linear.columns(asked.rows_of(fit, candidate)[..., [number]])[:, 0]
+    rows = fit.linear.columns(asked.rows_of(candidate)[..., [number]])[:, 0]
     return _HiddenError(candidate, number, parameter, size, rows)
 
 
@@ -195,16 +195,11 @@ def _left(
     _, J = fit.linear.independent
     X = np.stack([e.rows * e.size for e in errors], axis=1)
     taken = fit.span @ np.linalg.lstsq(J @ fit.span, X, rcond=None)[0]
-    model = working_points(fit.model)
-    there = linearised(model, fit.values, poses, [e.candidate.effect for e in errors])
-    own = np.concatenate([there.of(effect) for effect in there.effects], axis=-1)
-    moved = np.stack([_column(there.of(e.candidate.effect), e) for e in errors], axis=-1)
+    effects = [e.candidate.effect for e in errors]
+    own, there = columns_at(working_points(fit.model), fit.values, poses, effects)
+    moved = np.stack(
+        [columns[..., e.number] * e.size for columns, e in zip(there, errors, strict=True)], axis=-1
+    )
     squares = ((moved - own @ taken) ** 2).sum(axis=2).mean(axis=1)
     rms = np.sqrt(weights @ squares / weights.sum())
     return dict(zip((e.candidate.key for e in errors), rms.tolist(), strict=True))
-
-
-def _column(columns: Array, error: _HiddenError) -> Array:
-    """Displacements (t, C, 3), m, by an effect's parameters (t, C, 3, k) at the error's size."""
-    first = columns.shape[-1] - len(error.candidate.amounts)  # a tuning is no size
-    return np.asarray(columns[..., first + error.number] * error.size)

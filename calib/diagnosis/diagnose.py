@@ -14,13 +14,13 @@ from calib.diagnosis.causes import (
     VerdictName,
     causes_of,
     located,
+    unnamed_of,
     verdict_of,
-    weak_of,
 )
-from calib.diagnosis.cross_validation import BY_TIME, crossed
 from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
+from calib.diagnosis.gate import BY_TIME, crossed
 from calib.diagnosis.part import part_of
 from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
@@ -29,11 +29,14 @@ from calib.diagnosis.serial import smooth_run
 from calib.diagnosis.stability import stability
 from calib.diagnosis.stage import Stage
 from calib.identification.checks import check_counts
+from calib.identification.fit import Fit
+from calib.identification.fit import search as fit_without_outliers
 from calib.identification.identify import identify
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import with_stations_of
 from calib.identification.start import initial_values, whitening
 from calib.model.build import build
+from calib.observations import Points
 from calib.poses import Measurements
 from calib.poses.moves import before_the_first_move, in_one_session
 from calib.result import Result, fields_of
@@ -132,10 +135,10 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     data, others, warnings = part_of(data)
     if heldout is None and len(others):
         heldout = others
-    stage = _stage(cell, data)
-    waiting = stage.dropped
+    waiting = before_the_first_move(data.poses)
+    stage = _stage(cell, data, waiting)
     suspects, missing = candidates(cell, stage.model, data)
-    finding = finding_of(search(stage, suspects))
+    finding = finding_of(search(stage, suspects, waiting))
     stage, outcome = finding.stage, finding.outcome
     targets, weights = targets_of(cell)
     again = stability(outcome.judged, finding.named) if finding.named else {}
@@ -150,16 +153,17 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     places = located(finding, causes, not rest.closed, run)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
+    effects = [c.effect for c in outcome.active]
     gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
     gap = replace(
         gap,
-        crossed=crossed(finding.linear, outcome),
-        over_time=crossed(finding.linear, outcome, by_time=True) if by_time else None,
+        crossed=crossed(stage, outcome.fit, effects),
+        over_time=crossed(stage, outcome.fit, effects, by_time=True) if by_time else None,
     )
     entered = {c.named.candidate.key for c in causes}
-    weak = tuple(weak_of(finding))
+    unnamed = tuple(unnamed_of(finding))
     return Diagnosis(
-        **fields_of(replace(finding, refused=finding.refused + weak)),
+        **fields_of(replace(finding, refused=finding.refused + unnamed)),
         verdict=concluded,
         causes=likely,
         possible=tuple(c for c in shown if not c.likely),
@@ -176,15 +180,18 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     )
 
 
-def _stage(cell: Cell, data: Measurements) -> Stage:
-    """What the readings are fitted by, refused where they cannot be; without those before a move."""
+def _stage(cell: Cell, data: Measurements, waiting: Mask) -> Stage:
+    """What the readings are fitted by, refused where they cannot be; without those that stand out."""
     model = build(cell, data.poses).model
+    check_counts(model, data, 0.5 if cell.size_prior == "estimated" else 1.0)
+    start = initial_values(model, data)
+    weights = whitening(cell, model, start, data)
+    refuse_mistakes(model, data, start)
     if model.prior_rows or cell.size_prior == "estimated":
         # What these readings let be believed of the sizes of errors.
-        model = replace(model, prior=identify(cell, data).model.prior)
-    check_counts(model, data)
-    start = initial_values(model, data)
-    refuse_mistakes(model, data, start)
-    weights, waiting = whitening(cell, model, start, data), before_the_first_move(data.poses)
-    model, start = model.extended(start, common_errors(model, start, data))
-    return Stage(data, model, start, weights, waiting, arm=cell.repeatability)
+        found: Fit = identify(cell, data)
+        model = replace(model, prior=found.model.prior)
+    else:
+        found = fit_without_outliers("joint", Points(model, data, weights), start)
+    model, start = model.extended(found.values, common_errors(model, start, data))
+    return Stage(data, model, start, weights, waiting | ~found.kept, cell.repeatability)

@@ -164,7 +164,7 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     found.sort(key=lambda named: -named.entry.gain)
     fit, poses = outcome.fit, stage.data.poses
     if any(chosen[id(entry)] is not entry.member for entry in outcome.entries):
-        fit = fitted(stage, state.with_members(tuple(chosen.values())), fit)
+        fit = fitted(stage, state.with_members(tuple(chosen.values())), outcome.before)
     for i, named in enumerate(found):
         (first, share), *further = named.members
         values, effect = fit.values[fit.positions(first.effect)], first.effect

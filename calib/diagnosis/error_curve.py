@@ -152,7 +152,7 @@ def _fitted(
     after, data = result.after, result.data
     own = after.positions(candidate.effect)
     model, rest = after.model.without([candidate.effect], after.values)
-    alone = result.stage.observation(model, after.weight)
+    alone = result.stage.observation(model)
     span = determined_by(alone, rest)
     alone = replace(alone, prior=prior_rows(model, after.amplitudes))
     _, J = _with_frame(after.model, frame).jacobian(

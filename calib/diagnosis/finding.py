@@ -1,85 +1,26 @@
-"""What is believed of what a search selected: causes that earn nothing are dropped by cross-validation.
-
-What went is asked no more, and the others are asked again, for it may have stood for one of them.
-"""
+"""What is believed of what a search selected, fitted in full."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.cross_validation import BY_TIME, CrossValidation
 from calib.diagnosis.equivalence import Named, classes
 from calib.diagnosis.gap import shares_of
-from calib.diagnosis.search import Outcome, Search, restricted_to, selected, with_curves
+from calib.diagnosis.gate import unsupported
+from calib.diagnosis.refused import Refused, Why
+from calib.diagnosis.search import Search
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.result import fields_of
 
-Why = Literal["configurations", "time", "together", "nothing", "weak"]
-
-_MOST_ROUNDS = 30
-_REASONS: dict[Why, str] = {
-    "configurations": "configurations that are left out are predicted no better with it",
-    "time": "stretches of time that are left out are predicted no better with it",
-    "together": "all found together predict left-out configurations no better",
-    "nothing": "in the fit in full it is smaller than its own standard deviation",
-    "weak": "smaller than three of its own standard deviations: it is fitted, and not named",
-}
 _BY_CHANCE = 0.0027  # beyond three standard deviations, of a normal number
-_ASKED_AGAIN = 2  # times that all others may take the place of what went
-
-
-@dataclass(frozen=True)
-class Refused:
-    """A candidate that was selected and not believed, and why.
-
-    effect : str, of the catalogue, or ``curve over`` what a cause without a name depends on
-    """
-
-    effect: str
-    where: str
-    why: Why
-
-    @property
-    def reason(self) -> str:
-        """Why, in words."""
-        return _REASONS[self.why]
-
-    @classmethod
-    def of(cls, candidate: Candidate, why: Why) -> Refused:
-        """A candidate refused."""
-        name = candidate.effect.kind if candidate.named else f"curve over {candidate.depends_on}"
-        return cls(name, candidate.where, why)
-
-
-def _unworthy(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> list[tuple[Candidate, Why]]:
-    """What must go next, and why; nothing where all may stay.
-
-    Of those that earn nothing the worse half, for what is left may then earn its place.
-    """
-    by_time = {c.depends_on in BY_TIME for c in active}
-    crossed = {way: CrossValidation.of(stage, fit, way) for way in by_time | {False}}
-    idle: list[tuple[float, Candidate, Why]] = []
-    for c in active:
-        timed = c.depends_on in BY_TIME
-        errors = crossed[timed].errors([o.effect for o in with_curves(c, active)])
-        if not errors.earns:
-            gained = errors.without - errors.with_it
-            idle.append((gained, c, "time" if timed else "configurations"))
-    if idle:
-        idle.sort(key=lambda one: one[0])
-        return [(c, why) for _, c, why in idle[: (len(idle) + 1) // 2]]
-    if len(active) > 1 and not crossed[False].errors([c.effect for c in active]).earns:
-        return [(c, "together") for c in active]
-    return []
 
 
 def is_weak(fit: Fit, candidate: Candidate) -> bool:
@@ -101,6 +42,7 @@ class Finding(Search):
     """What is believed of what a search found; ``outcome`` is what of it is left.
 
     named : tuple of Named, with what the data cannot tell from them; refused : tuple of Refused
+    in_vain : dict, key -> why, of causes with which left-out poses are predicted no better
     before, after : Fit, exact, of the user's model and with all that is believed
     noise : NoiseLevel, of the readings beside all that is believed
     scale : float, actual over the standard deviation that the stage weighs by
@@ -109,6 +51,7 @@ class Finding(Search):
     named: tuple[Named, ...]
     before: Fit
     after: Fit
+    in_vain: Mapping[str, Why]
     refused: tuple[Refused, ...]
     noise: NoiseLevel
     scale: float
@@ -131,47 +74,40 @@ class Finding(Search):
 
 
 def finding_of(search: Search) -> Finding:
-    """Keep the selected effects that cross-validation supports, and fit them in full.
+    """Judge the selected effects by what they did not see, and fit them in full.
 
-    What something stood for that goes may have another cause: the others are asked again, a few times.
+    A curve that predicts nothing goes, and so does what is nothing beside its own deviation; causes by
+    name that predict nothing stay in the fit, and are not named.
     """
-    stage, linear, outcome = search.stage, search.linear, search.outcome
-    before, refused = stage.exact(outcome.before), dict[str, Refused]()
+    stage, outcome = search.stage, search.outcome
+    in_vain = unsupported(stage, outcome.fit, outcome.active)
+    refused: dict[str, Refused] = {}
+    gone = [c for c in outcome.active if c.key in in_vain and not c.named]
+    gone += [c for c in outcome.active if c.named and _is_nothing(outcome.fit, c)]
+    for c in gone:
+        refused[c.key] = Refused.of(c, in_vain.get(c.key, "nothing"))
+    if refused:
+        outcome = outcome.without(stage, refused)
+    named, after = classes(stage, outcome)
+    before = stage.with_variances(outcome.before)
+    after = stage.with_variances(after) if outcome.active else before
+    noise = _noise(stage, after, search.factor)
+    stated = noise.source == "cell" or after.mixing is not None
+    return Finding(
+        **fields_of(replace(search, outcome=outcome)),
+        named=named,
+        before=before,
+        after=after,
+        in_vain=in_vain,
+        refused=tuple(refused.values()),
+        noise=noise,
+        scale=1.0 if stated else noise.factor / search.factor,
+    )
 
-    def believed(outcome: Outcome, named: tuple[Named, ...], after: Fit) -> Finding:
-        noise = _noise(stage, after, search.factor)
-        told = noise.source == "cell" or after.mixing is not None
-        return Finding(
-            **fields_of(replace(search, outcome=outcome)),
-            named=named,
-            before=before,
-            after=after,
-            refused=tuple(refused.values()),
-            noise=noise,
-            scale=1.0 if told else noise.factor / search.factor,
-        )
 
-    for again in range(_MOST_ROUNDS):
-        fresh = _unworthy(linear, outcome.fit, outcome.active)
-        if not fresh:
-            named, after = classes(linear, outcome)
-            after = stage.exact(after)
-            # What does not exceed its own deviation only seemed to act, to first order.
-            at = [(n, after.model.amounts(n.candidate.effect)) for n in named]
-            gone = [n for n, own in at if (np.abs(after.values[own]) <= after.std_of(own)).all()]
-            # The best name of an entry may be another than that by which it came in.
-            fresh = [(c, "nothing") for n in gone for c in (n.candidate, n.entry.candidate)]
-            if not fresh:
-                return believed(outcome, named, after)
-        refused |= {c.key: Refused.of(c, why) for c, why in fresh}
-        rest = [c for c in outcome.active if c.key not in refused]
-        asked = outcome.state.problem.candidates.without(refused)
-        if again < _ASKED_AGAIN:
-            outcome = selected(linear, asked, rest, outcome)
-        else:
-            outcome = restricted_to(linear, outcome, rest, asked)
-    nothing = restricted_to(linear, outcome, (), outcome.state.problem.candidates)
-    return believed(nothing, (), before)
+def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
+    own = fit.model.amounts(candidate.effect)
+    return bool((np.abs(fit.values[own]) <= fit.std_of(own)).all())
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:

@@ -10,8 +10,9 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
-from calib.diagnosis.search import Outcome, with_curves
+from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit
+from calib.diagnosis.state import with_curves
 from calib.instruments import Camera
 from calib.linear import orthonormal
 from calib.poses import Measurements, Poses
@@ -195,7 +196,7 @@ def shares_of(outcome: Outcome, after: Fit, scale: float) -> dict[str, float]:
     excess = outcome.before.cost - min(after.cost, after.dof * scale**2)
     if excess <= 0.0:
         return {}
-    cov = fit.by_instrument(fit.r, fit.J).covariance
+    cov = fit.by_instrument.covariance
     return {c.key: _rise(fit, cov, with_curves(c, active)) / excess for c in active}
 
 

@@ -10,13 +10,12 @@ import numpy as np
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
-from calib.diagnosis.state import Members, Scored, SelectedEffect, SelectionState
+from calib.diagnosis.state import SelectedEffect, SelectionState
 from calib.inference.evidence import score_test
 from calib.inference.tails import f_tail
 
 CLOSE = 30.0
 """Gain below the best at which a rival is none."""
-_MOST = 5  # rivals of a member that are compared with variances found anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +42,8 @@ class JudgedCandidate:
 def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
     """Every member of a state with the candidates that could take its place.
 
-    All are compared at the variances of the state; those by name that come close, with variances found
-    anew.
+    All are compared at the variances of the state; those that come close, with what one step of these
+    adds.
     """
     choice = 2.0 * float(np.log(state.problem.candidates.asked))  # the same for all
     for member in state.members:
@@ -55,24 +54,14 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
             if c.candidate.key == member.key
             or (not c.candidate.is_like(member.candidate) and c.candidate.echo in ("", member.key))
         ]
-        scores = _found_anew(state, member, rest, state.scores(beside, asked))
+        scores = state.scores(beside, asked)
+        near = [s for s in scores if s[0] > scores[0][0] - CLOSE]
+        gone = state.slope_without(member, beside)
+        scores = [*state.answered(beside, near, gone), *scores[len(near) :]]
         rivals = tuple((one.candidate, gain + choice) for gain, one in scores)
         fall, p = _tested(beside, member.own.columns)
         gain = next(gain for c, gain in rivals if c.key == member.key)
         yield JudgedCandidate(member, gain, fall, min(1.0, p * member.candidate.tried), rivals)
-
-
-def _found_anew(
-    state: SelectionState, member: SelectedEffect, rest: Members, scores: list[Scored]
-) -> list[Scored]:
-    """Scores with those of close rivals by name exact, the largest first."""
-    own = next(gain for gain, one in scores if one.key == member.key)
-    near = [one for gain, one in scores if one.candidate.named and gain > own - CLOSE]
-    anew = {member.key: own}
-    for one in [one for one in near if one.key != member.key][:_MOST]:
-        anew[one.key] = own + state.objective - state.with_members((*rest, one)).objective
-    found = [(anew.get(one.key, gain), one) for gain, one in scores]
-    return sorted(found, key=lambda pair: -pair[0])
 
 
 def _tested(beside: Conditional, own: IntArray) -> tuple[float, float]:

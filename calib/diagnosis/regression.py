@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from calib.arrays import Array, IntArray, stacked
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.columns import CandidateSet
 from calib.diagnosis.compressed import CompressedColumns
-from calib.diagnosis.stage import Fit, Stage
+from calib.diagnosis.stage import Stage
 from calib.effects.protocol import ElasticEffect
 from calib.effects.tuned import Tuned
 from calib.identification.components import (
@@ -56,46 +56,50 @@ class CandidateColumns:
 
 @dataclass(frozen=True, eq=False)
 class RegressionProblem:
-    """All of it at one fit.
+    """All of it about one fit.
 
-    fit : Fit, without candidates; fixed : those without a tuning
-    base, rows : CompressedColumns, of these, and of those with a tuning as well
+    levers : ndarray, shape (m, R, n + 6), whitened, of the scatter
+    base : CompressedColumns, with the candidates that have no tuning, ``fixed``
+    rows : CompressedColumns, with the candidates that are looked at, ``shown``
     variances : VarianceProblem, bounds and priors of the variances
     """
 
     stage: Stage
     candidates: CandidateSet
-    fit: Fit
+    levers: Array
     base: CompressedColumns
-    rows: CompressedColumns
     fixed: tuple[CandidateColumns, ...]
+    rows: CompressedColumns
+    shown: tuple[CandidateColumns, ...]
     variances: VarianceProblem
 
     @classmethod
-    def of(cls, stage: Stage, candidates: CandidateSet, fit: Fit) -> RegressionProblem:
-        """Compress the columns at a fit without candidates."""
-        design, prior = _design(stage, fit)
+    def of(cls, stage: Stage, candidates: CandidateSet, span: Array) -> RegressionProblem:
+        """Compress the columns.
+
+        span : ndarray, shape (p, k), directions of the user's model that are fitted
+        """
+        levers = stage.observation(stage.model).rows(stage.scatter.levers)
+        linear = LinearProblem(candidates.r, candidates.J, span, *candidates.held)
+        design, prior = _design(stage, linear, levers)
         rows = CompressedColumns.of(design)
         variances = VarianceProblem.of(MixedModel.of(design), prior)
-        found = cls(stage, candidates, fit, rows, rows, (), variances)
-        rows, fixed = found._appended([(c, candidates.rows_of(fit, c)) for c in candidates.fixed])
-        return replace(found, base=rows, rows=rows, fixed=fixed)
+        found = cls(stage, candidates, levers, rows, (), rows, (), variances)
+        rows, fixed = found._appended([(c, candidates.rows_of(c)) for c in candidates.fixed])
+        return replace(found, base=rows, fixed=fixed, rows=rows, shown=fixed)
 
     @property
     def elastic(self) -> bool:
         """Whether the user's model holds something elastic."""
         return any(isinstance(e, ElasticEffect) for e in self.stage.model.effects)
 
-    def with_tuned(
-        self, members: Sequence[Candidate]
-    ) -> tuple[RegressionProblem, tuple[CandidateColumns, ...]]:
+    def with_tuned(self, members: Sequence[Candidate]) -> RegressionProblem:
         """The problem with columns of members that have a tuning."""
-        rows, found = self._appended(list(self._tuned(members)))
-        return replace(self, rows=rows), found
+        return self._with(list(self._tuned(members)))
 
     def scanned(
         self, members: Sequence[tuple[Candidate, float]], theta: Array, echoes: bool = False
-    ) -> tuple[RegressionProblem, tuple[CandidateColumns, ...]]:
+    ) -> RegressionProblem:
         """The problem with members' tunings, and the best of each grid beside them.
 
         members : candidates with their amplitudes; echoes : whether with other causes at these tunings
@@ -103,38 +107,52 @@ class RegressionProblem:
         present, tunings = [c for c, _ in members], list[tuple[Candidate, Array]]()
         if self.candidates.grids:
             beside = self._linear(members, theta).complement
-            tunings += self.candidates.tunings(self.fit, beside, present)
+            tunings += self.candidates.tunings(beside, present)
         if echoes:
-            tunings += self.candidates.echoes(self.fit, present)
-        rows, found = self._appended([*self._tuned(present), *tunings])
-        return replace(self, rows=rows), found
+            tunings += self.candidates.echoes(present)
+        return self._with([*self._tuned(present), *tunings])
+
+    def narrowed(self, keys: Collection[str]) -> RegressionProblem:
+        """The problem without the curves whose keys are not given, until it is scanned again."""
+        kept = [c for c in self.shown if c.candidate.named or c.candidate.key in keys]
+        own = np.arange(self.rows.response + 1)
+        columns = np.concatenate([own, *(c.columns for c in kept)])
+        ends = len(own) + np.cumsum([0, *(len(c.columns) for c in kept)])
+        shown = tuple(
+            replace(c, columns=np.arange(a, b))
+            for c, a, b in zip(kept, ends, ends[1:], strict=False)
+        )
+        return replace(self, rows=self.rows.only(columns), shown=shown)
+
+    def _with(self, own: Sequence[tuple[Candidate, Array]]) -> RegressionProblem:
+        rows, found = self._appended(own)
+        return replace(self, rows=rows, shown=self.fixed + found)
 
     def _tuned(self, members: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array]]:
         """Rows of members that have a tuning."""
         for c in members:
             if isinstance(c.effect, Tuned):
-                yield c, self.candidates.rows_of(self.fit, c)
+                yield c, self.candidates.rows_of(c)
 
     def _linear(self, members: Sequence[tuple[Candidate, float]], theta: Array) -> LinearProblem:
         """The least-squares problem at variances theta."""
-        design, stage = self.rows.design, self.stage
-        flat = np.zeros((design.r.size, self.rows.response + 1))
+        design, stage = self.base.design, self.stage
+        flat = np.zeros((design.r.size, self.base.response + 1))
         flat[design.live] = np.column_stack([design.response, design.columns])
         rows = flat.reshape(*design.r.shape, -1)
-        own = [self.candidates.rows_of(self.fit, c) @ root_of(c) for c, _ in members]
+        own = [self.candidates.rows_of(c) @ root_of(c) for c, _ in members]
         J = np.concatenate([rows[..., 1:], *own], axis=-1)
         sizes = [np.full(X.shape[-1], size) for X, (_, size) in zip(own, members, strict=True)]
-        known = np.concatenate([self.rows.precision, *(size**-2.0 for size in sizes)])
+        known = np.concatenate([self.base.precision, *(size**-2.0 for size in sizes)])
         held = np.diag(np.sqrt(known))[known > 0.0]
         found = as_variances(stage.scatter.joints, design, design.variances(theta), stage.arm)
-        levers = self.fit.observation.rows(stage.scatter.levers)
-        mixing, off = stage.scatter.at(found).mixing(levers), np.zeros(len(held))
+        mixing, off = stage.scatter.at(found).mixing(self.levers), np.zeros(len(held))
         return LinearProblem(rows[..., 0], J, np.eye(J.shape[-1]), off, held, mixing)
 
     def _appended(
         self, own: Sequence[tuple[Candidate, Array]]
     ) -> tuple[CompressedColumns, tuple[CandidateColumns, ...]]:
-        """Rows with the columns (m, R, k) of candidates, in units of their plausible sizes."""
+        """The base with the columns (m, R, k) of candidates, in units of their plausible sizes."""
         if not own:
             return self.base, ()
         scaled = [rows @ root_of(c) for c, rows in own]
@@ -153,10 +171,9 @@ def root_of(candidate: Candidate) -> Array:
     return cholesky_of(candidate.spread) * candidate.effect.parameters[0].size
 
 
-def _design(stage: Stage, fit: Fit) -> tuple[Design, Prior]:
-    """The user's model at a fit, and the scatter of every joint, wide: much of it is no chance."""
+def _design(stage: Stage, linear: LinearProblem, levers: Array) -> tuple[Design, Prior]:
+    """The user's model to first order, and the scatter of every joint, wide: much is no chance."""
     scatter, robot = stage.scatter, stage.model.robot
-    levers = fit.observation.rows(scatter.levers)
     stated = stated_effects(scatter, levers, stage.arm)
     arm = arm_effects(scatter, levers, robot, scatter.has_approaches and stage.arm is None)
     effects = (*(e for e, _ in stated), *(e for e in arm if e.part < scatter.joints))
@@ -164,7 +181,7 @@ def _design(stage: Stage, fit: Fit) -> tuple[Design, Prior]:
     scales = {"turns": usual / max(robot.reach / 2.0, 1e-3), "slides": usual}
     known = {effect.kind: variance for effect, variance in stated}
     prior = Prior(scales, known, instrument_least=LEAST_INSTRUMENT, of_logarithm=False)
-    return _orthonormal(design_of(fit.linear, effects)), prior
+    return _orthonormal(design_of(linear, effects)), prior
 
 
 def _orthonormal(design: Design) -> Design:

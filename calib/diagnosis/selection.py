@@ -27,6 +27,7 @@ from calib.diagnosis.state import (
     is_elastic,
 )
 from calib.effects.protocol import LoadEffect
+from calib.effects.tuned import Tuned
 
 _LEAD = 3.0  # gain by which a rival must lead to take a place
 _NEAR, _JUDGED = 50.0, 6  # rivals of a member: by how much they may trail before variances answer
@@ -46,29 +47,37 @@ def selection(
 
     active : candidates to begin with; thorough : whether with exchanges and what scatter may hide
     """
-    state = start(problem, active)
+    state = start(problem, active).scanned()
     for _ in range(_PASSES):
-        better = next(lower_states(state.scanned(), thorough), None)
-        if better is None:
+        better = next(lower_states(state, thorough), None)
+        if better is not None:
+            state = better.narrowed(state.leading_curves) if state.fresh else better
+        elif state.fresh:
             break
-        state = better
+        else:
+            state = state.scanned()
     return state.numbered()
 
 
 def start(problem: RegressionProblem, active: Sequence[Candidate]) -> SelectionState:
     """The state with given members, each at the amplitude that is best beside the others."""
-    problem, tuned = problem.with_tuned(active)
-    known = {c.candidate.key: c for c in problem.fixed + tuned}
+    problem = problem.with_tuned(active)
+    known = {c.candidate.key: c for c in problem.shown}
     variances = problem.variances
     found = variances.descend(min(variances.starts(None), key=lambda theta: variances.at(theta)[0]))
-    state = SelectionState(problem, (), (), found.theta, found.objective)
+    state = SelectionState(problem, (), found.theta, found.objective)
     members: Members = tuple(SelectedEffect(known[c.key], 1.0) for c in active)
     return state.with_members(members) if members else state
 
 
 def lower_states(state: SelectionState, thorough: bool = True) -> Iterator[SelectionState]:
-    """States of a lower objective: by newcomers, else by exchanges, by what scatter may hide."""
+    """States of a lower objective: by newcomers, else by exchanges, by what scatter may hide.
+
+    A state that is not fresh is asked for newcomers without a tuning alone.
+    """
     gain, entering = _newcomers(state)
+    if not state.fresh and any(isinstance(m.candidate.effect, Tuned) for m in entering):
+        return
     leaving = frozenset[str]() if gain > _MUCH else _removed(state)
     moves = [
         (leaving, entering),
@@ -78,7 +87,7 @@ def lower_states(state: SelectionState, thorough: bool = True) -> Iterator[Selec
     ]
     for gone, new in dict.fromkeys(m for m in moves if m[0] or m[1]):
         yield from _lower(state, (*(m for m in state.members if m.key not in gone), *new))
-    if not thorough:
+    if not (thorough and state.fresh):
         return
     places = _exchanged(state)
     for chosen in dict.fromkeys((tuple(places), tuple(places)[:1])):

@@ -28,6 +28,7 @@ from calib.scatter import Variances
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
 CURVE_PRICE = float(2.0 * np.log(10.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
+_CURVES_KEPT = 24  # that are looked at again before the next scan
 _STEPS = 8  # of a search of variances
 _TURNS = 2  # of variances and amplitudes
 SETTLED = 0.2
@@ -66,16 +67,16 @@ Scored = tuple[float, SelectedEffect]
 class SelectionState:
     """Where a selection stands.
 
-    tuned : tuple of CandidateColumns, causes with a tuning, at those that are looked at
     members : tuple of SelectedEffect
     theta : ndarray, variances found beside the members; objective : float, with all prices
+    fresh : bool, whether all candidates are looked at, at the tunings that are best beside the members
     """
 
     problem: RegressionProblem
-    tuned: tuple[CandidateColumns, ...]
     members: Members
     theta: Array
     objective: float
+    fresh: bool = False
 
     @cached_property
     def conditional(self) -> Conditional:
@@ -91,8 +92,8 @@ class SelectionState:
 
     @property
     def candidates(self) -> tuple[CandidateColumns, ...]:
-        """All candidates, members among them."""
-        return (*self.problem.fixed, *self.tuned)
+        """All candidates that are looked at, members among them."""
+        return self.problem.shown
 
     @property
     def active(self) -> tuple[Candidate, ...]:
@@ -160,18 +161,32 @@ class SelectionState:
             if all(m.amplitude == o.amplitude for m, o in zip(members, last, strict=True)):
                 break
         objective = found.objective + sum(self.price(m.candidate) for m in last)
-        return replace(self, members=last, theta=theta, objective=objective)
+        return replace(self, members=last, theta=theta, objective=objective, fresh=False)
 
     def scanned(self, echoes: bool = False) -> SelectionState:
-        """The state with the tunings that are best beside its members.
+        """The state with all candidates, at the tunings that are best beside its members.
 
         echoes : whether with what other causes would be at the members' tunings
         """
         present = [(m.candidate, m.amplitude) for m in self.members]
-        problem, tuned = self.problem.scanned(present, self.theta, echoes)
-        columns = {c.candidate.key: c for c in (*problem.fixed, *tuned)}
+        problem = self.problem.scanned(present, self.theta, echoes)
+        return replace(self._on(problem), fresh=True)
+
+    def narrowed(self, keys: frozenset[str]) -> SelectionState:
+        """The state without the curves that are neither members nor among these."""
+        return self._on(self.problem.narrowed(keys | {m.key for m in self.members}))
+
+    def _on(self, problem: RegressionProblem) -> SelectionState:
+        columns = {c.candidate.key: c for c in problem.shown}
         members = tuple(replace(m, own=columns[m.key]) for m in self.members)
-        return replace(self, problem=problem, tuned=tuned, members=members)
+        return replace(self, problem=problem, members=members)
+
+    @property
+    def leading_curves(self) -> frozenset[str]:
+        """Keys of the curves that gain most."""
+        curves = [c for c in self.eligible(self.members) if not c.candidate.named]
+        scores = self.scores(self.conditional, curves)[:_CURVES_KEPT]
+        return frozenset(one.key for _, one in scores)
 
     def eligible(self, rest: Members) -> list[CandidateColumns]:
         """Candidates that may enter beside the rest: few curves, loads where something is elastic."""
@@ -238,6 +253,11 @@ def _at_amplitudes(members: Members, likelihood: RestrictedLikelihood) -> Iterat
         squares = np.maximum(1.0 / d - 1.0, 0.0) / member.amplitude**2
         _, best = best_amplitude(squares[None], z[None], member.own.amplitudes[None])
         yield replace(member, amplitude=float(best[0]))
+
+
+def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:
+    """A member and the curves that can do the same, which must not take the place of a named cause."""
+    return [member, *(c for c in active if c.covers(member))]
 
 
 def is_elastic(candidate: Candidate) -> bool:

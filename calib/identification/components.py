@@ -170,7 +170,7 @@ def design_of(linear: LinearProblem, stated: tuple[RandomEffect, ...]) -> Design
     block = GaussianBlock("known", J @ shown, np.diag(1.0 / s), mean)
     present = np.where(linear.J.any(axis=-1), 0, -1)
     blocks = (block,) if len(s) else ()
-    return Design(linear.r, J, left, blocks, stated, present, np.ones(len(J)))
+    return Design(linear.r, J, left, blocks, stated, present)
 
 
 def stated_effects(

@@ -40,8 +40,8 @@ def noise_scales(points: Points, scatter: Scatter, r: Array, J: Array) -> Mappin
     of_row = np.repeat(of_channel[data.read], data.readings.shape[-1], axis=-1)
     levers, each = points.rows(scatter.levers[..., -6:]), np.arange(len(r))
     tip = [RandomEffect(str(a), levers[..., a : a + 3], str(a), each) for a in (0, 3)]
-    present, count = np.where(np.any(J, axis=-1), of_row, -1), np.ones(len(r))
-    design = Design(r, J, np.eye(J.shape[-1]), (), tuple(tip), present, count)
+    present = np.where(np.any(J, axis=-1), of_row, -1)
+    design = Design(r, J, np.eye(J.shape[-1]), (), tuple(tip), present)
     found = Marginal.fitted(design, Prior(instrument_least=_LEAST**2))
     squares = found.variances.instrument
     dof = 2.0 / np.diag(found.log_covariance)[: len(squares)]

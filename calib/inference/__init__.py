@@ -8,13 +8,11 @@ plain numerics.
 """
 
 from calib.inference.design import Design, GaussianBlock, RandomEffect, Variances
-from calib.inference.evidence import Evidence
 from calib.inference.marginal import Marginal
 from calib.inference.prior import Prior
 
 __all__ = [
     "Design",
-    "Evidence",
     "GaussianBlock",
     "Marginal",
     "Prior",

@@ -71,8 +71,6 @@ class Design:
     r : ndarray, shape (m, R); J : ndarray, shape (m, R, p), derivatives by b
     span : ndarray, shape (p, k), directions in which b is estimated
     instrument_of_row : ndarray of int, shape (m, R), from 0 on; -1 where there is no row
-    pose_weight : ndarray, shape (m,), factor of a pose's rows: their noise is larger by its inverse.
-        A pose of weight zero takes no part.
     """
 
     r: Array
@@ -81,13 +79,11 @@ class Design:
     blocks: tuple[GaussianBlock, ...]
     effects: tuple[RandomEffect, ...]
     instrument_of_row: IntArray
-    pose_weight: Array
 
     @cached_property
     def live(self) -> IntArray:
         """Positions (N,) of the rows that take part, in the flat order of (m, R)."""
-        present = (self.instrument_of_row >= 0) & (self.pose_weight > 0.0)[:, None]
-        return np.asarray(np.flatnonzero(present))
+        return np.asarray(np.flatnonzero(self.instrument_of_row >= 0))
 
     @cached_property
     def pose(self) -> IntArray:
@@ -110,9 +106,8 @@ class Design:
         return len(self.live) - int(self.directions.shape[1])
 
     def flat(self, rows: Array) -> Array:
-        """Live rows (N, k) of rows (m, R, k), times the weights of their poses."""
-        own = rows.reshape(self.r.size, rows.shape[-1])[self.live]
-        return np.asarray(own * self.pose_weight[self.pose][:, None])
+        """Live rows (N, k) of rows (m, R, k)."""
+        return np.asarray(rows.reshape(self.r.size, rows.shape[-1])[self.live])
 
     @cached_property
     def directions(self) -> Array:

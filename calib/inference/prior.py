@@ -5,8 +5,6 @@ sheets (Gelman, Bayesian Analysis 1(3), 2006). The estimate is the mode of log s
 zero (Chung, Rabe-Hesketh, Dorie, Gelman, Liu, Psychometrika 78(4), 2013):
 
     -2 log p(log s^2) = 2 log(1 + s^2 / A^2) - log s^2
-
-The maker's statement of an instrument counts as n readings of variance one: ``n (log s^2 + s^-2)``.
 """
 
 from __future__ import annotations
@@ -27,13 +25,11 @@ class Prior:
     scales : standard deviation of each kind of effect by data sheets, in the unit of the effect
     known : variance of each kind of effect that is not estimated
     of_logarithm : whether the estimate is the mode of log s, which is never zero, or that of s
-    instrument_freedom : float, readings for which the statement of an instrument counts; rows are then
-        in stated standard deviations
+    instrument_least : float, variance of an instrument that is believed at least
     """
 
     scales: Mapping[str, float] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
-    instrument_freedom: float = 0.0
     instrument_least: float = 0.0
     of_logarithm: bool = True
 
@@ -60,10 +56,6 @@ def penalty(design: Design, prior: Prior, theta: Array) -> Penalty:
     """Penalty of the variances theta (t,) of a design."""
     i, v = design.instruments, len(design.effects)
     slope, curvature, value = np.zeros(len(theta)), np.zeros(len(theta)), 0.0
-    if prior.instrument_freedom > 0.0:
-        n, inverse = prior.instrument_freedom, 1.0 / theta[:i]
-        value += n * float((inverse - np.log(inverse)).sum())
-        slope[:i], curvature[:i] = n * (1.0 - inverse), n * inverse
     scales = effect_scales(design, prior)
     known = np.flatnonzero(np.isfinite(scales))
     own = theta[i : i + v][known]

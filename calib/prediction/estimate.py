@@ -191,8 +191,9 @@ def _diagnosed(result: Diagnosis, after: float) -> Estimate:
     fit, scale, stage = result.after, result.scale, result.stage
     if any(not e.candidate.named for e in result.outcome.entries):
         named = [cause.named.candidate.effect for cause in result.fitted_causes]
-        like = result.outcome.fit
-        fit = stage.exact(result.linear.fit(named, like, fit.amplitudes, like.variances))
+        before, like = result.before, result.outcome.fit
+        fit = stage.fit(named, before.values, fit.amplitudes, like.variances)
+        fit = stage.with_variances(fit)
         # From the residual, where that refutes the stated deviation.
         scale = float(np.sqrt(fit.cost / fit.dof)) if refuted(fit.cost, fit.dof) else 1.0
     levels, cov, kept = fit.levels, fit.covariance * scale**2, ~stage.dropped

@@ -42,8 +42,6 @@ def trend_of(fit: FittedModel, after: float = 0.0) -> Array | None:
     design, k = design_of(fit.linear, tuple(_scatter(fit))), rows.shape[-1]
     block = GaussianBlock("trend", rows, np.eye(k), np.zeros(k), None)
     alone = Marginal.fitted(design, Prior())
-    if alone.evidence(block).gain <= 0.0:  # beside the scatter as it is, the cheaper question
-        return None
     found = Marginal.fitted(replace(design, blocks=(*design.blocks, block)), Prior())
     if found.log_likelihood - alone.log_likelihood < np.log(_ODDS):
         return None

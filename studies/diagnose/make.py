@@ -274,7 +274,7 @@ def _steps(found: Diagnosis, added: list[Candidate]) -> ErrorSteps:
     data = stage.data.take(~stage.dropped) if found.heldout is None else found.heldout
     fits, like, sizes = [found.before], found.outcome.fit, found.after.amplitudes
     fits += [
-        found.linear.fit([c.effect for c in added[:n]], like, sizes, like.variances)
+        stage.fit([c.effect for c in added[:n]], found.before.values, sizes, like.variances)
         for n in range(1, len(added))
     ]
     fits += [found.after] if added else []

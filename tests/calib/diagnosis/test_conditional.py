@@ -33,8 +33,8 @@ def columns() -> CompressedColumns:
         for k, own in enumerate(levers)
     )
     known = GaussianBlock("known", rows(2), np.eye(2), np.zeros(2), 1.0)
-    present, weight = np.zeros((POSES, ROWS), dtype=int), np.ones(POSES)
-    design = Design(rows(1)[..., 0], rows(5), np.eye(5), (known,), effects, present, weight)
+    present = np.zeros((POSES, ROWS), dtype=int)
+    design = Design(rows(1)[..., 0], rows(5), np.eye(5), (known,), effects, present)
     return CompressedColumns.of(design).with_columns(rows(7))
 
 

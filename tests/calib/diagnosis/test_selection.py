@@ -14,10 +14,9 @@ from calib.diagnosis.state import SelectionState
 @pytest.fixture(scope="module")
 def problem(found_lost_motion: Diagnosis) -> RegressionProblem:
     """Of the day on which the elbow has backlash, at the fit without candidates."""
-    found = found_lost_motion
-    return RegressionProblem.of(
-        found.linear, found.outcome.state.problem.candidates, found.outcome.before
-    )
+    outcome = found_lost_motion.outcome
+    asked = outcome.state.problem.candidates
+    return RegressionProblem.of(found_lost_motion.stage, asked, outcome.before.span)
 
 
 @pytest.fixture(scope="module")

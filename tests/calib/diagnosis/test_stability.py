@@ -17,7 +17,7 @@ def test_halves_complete_each_other() -> None:
 
 def test_a_cause_that_is_there_comes_again(found_lost_motion: Diagnosis) -> None:
     found = found_lost_motion
-    named, _ = classes(found.linear, found.outcome)
+    named, _ = classes(found.stage, found.outcome)
     assert stability(found.outcome.judged, named) == {"backlash:elbow": 1.0}
 
 

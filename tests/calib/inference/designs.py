@@ -25,15 +25,13 @@ GROUPS: dict[str, tuple[IntArray, ...]] = {
 
 
 def random_design(groups: str = "approaches within places", seed: int = 0) -> Design:
-    """Two instruments, absent rows, a weighted and a dropped pose, a stated and a free block."""
+    """Two instruments, absent rows, an absent pose, a stated and a free block."""
     rng = np.random.default_rng(seed)
     levers = rng.normal(size=(POSES, ROWS, 4))
     instrument = np.zeros((POSES, ROWS), dtype=int)
     instrument[:, 3:] = 1
     instrument[3, 2:] = -1
     instrument[5] = -1
-    weight = np.ones(POSES)
-    weight[[4, 6]] = 0.5, 0.0
     columns = rng.normal(size=(POSES, ROWS, 6))
     blocks = (
         GaussianBlock("free", columns[..., :4], rng.normal(size=(4, 3)), rng.normal(size=4), None),
@@ -44,7 +42,7 @@ def random_design(groups: str = "approaches within places", seed: int = 0) -> De
         for j, group in enumerate(GROUPS[groups])
     )
     J = rng.normal(size=(POSES, ROWS, 3))
-    return Design(rng.normal(size=(POSES, ROWS)), J, np.eye(3), blocks, effects, instrument, weight)
+    return Design(rng.normal(size=(POSES, ROWS)), J, np.eye(3), blocks, effects, instrument)
 
 
 def random_theta(design: Design, seed: int = 0) -> Array:
@@ -58,7 +56,7 @@ def simple_design(
     """One instrument, one effect, no block."""
     effect = RandomEffect("effect", levers, kind, group)
     instrument = np.zeros(r.shape, dtype=int)
-    return Design(r, J, np.eye(J.shape[-1]), (), (effect,), instrument, np.ones(len(r)))
+    return Design(r, J, np.eye(J.shape[-1]), (), (effect,), instrument)
 
 
 def with_response(design: Design, r: Array) -> Design:

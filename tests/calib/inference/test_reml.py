@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.arrays import Array
 from calib.inference import Design, Marginal, Prior
 from calib.inference.prior import penalty
 from calib.inference.reml import reml
@@ -58,7 +57,7 @@ def test_variances_of_balanced_groups_are_those_of_the_analysis_of_variance() ->
     assert found.effects[0] == pytest.approx((between - within) / each, rel=1e-3)
 
 
-@pytest.mark.parametrize("prior", [Prior(), Prior({"joint": 0.3}, instrument_freedom=5.0)])
+@pytest.mark.parametrize("prior", [Prior(), Prior({"joint": 0.3})])
 @pytest.mark.parametrize("groups", list(GROUPS))
 def test_no_variance_improves_the_penalised_likelihood(groups: str, prior: Prior) -> None:
     """Slopes vanish; where a variance is at its lower bound, it would only rise."""
@@ -73,7 +72,7 @@ def test_no_variance_improves_the_penalised_likelihood(groups: str, prior: Prior
 def test_the_slope_of_a_prior_is_that_of_its_value(of_logarithm: bool) -> None:
     """Central differences by log variances."""
     design = random_design("places", 3)
-    prior = Prior({"joint": 0.3}, instrument_freedom=5.0, of_logarithm=of_logarithm)
+    prior = Prior({"joint": 0.3}, of_logarithm=of_logarithm)
     theta = np.linspace(0.2, 1.5, len(design.theta(reml(design))))
     for j, slope in enumerate(penalty(design, prior, theta).slope):
         step = np.exp(1e-5 * (np.arange(len(theta)) == j))
@@ -118,22 +117,6 @@ def test_where_rows_say_nothing_the_data_sheet_stands() -> None:
     assert np.sqrt(found.effects[0]) == pytest.approx(0.2, rel=0.02)
     marginal = Marginal.at(design, found, prior)
     assert marginal.log_covariance[1, 1] == pytest.approx(4.0, rel=0.02)
-
-
-def test_the_statement_of_an_instrument_counts_as_so_many_readings() -> None:
-    rng = np.random.default_rng(0)
-    r = 3.0 * rng.normal(size=(20, 3))
-    design = replace(random_like(r), effects=())
-    free = reml(design).instrument[0]
-    known = reml(design, Prior(instrument_freedom=40.0)).instrument[0]
-    assert known == pytest.approx((free * 58.0 + 40.0) / 98.0, rel=1e-3)
-
-
-def random_like(r: Array) -> Design:
-    rng = np.random.default_rng(7)
-    m, rows = r.shape
-    levers, J = rng.normal(size=(m, rows, 1)), rng.normal(size=(m, rows, 2))
-    return simple_design(levers, np.arange(m), J, r)
 
 
 def test_units_scale_the_variances() -> None:

@@ -103,7 +103,6 @@ def test_order_of_poses_and_rows_changes_nothing() -> None:
             for e in design.effects
         ),
         instrument_of_row=moved(design.instrument_of_row),
-        pose_weight=design.pose_weight[poses],
     )
     one, other = of(design, theta), of(shuffled, theta)
     assert one.value == pytest.approx(other.value, rel=1e-12)

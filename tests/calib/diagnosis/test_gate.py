@@ -10,7 +10,7 @@ import pytest
 
 from calib.cell import Cell
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.cross_validation import CrossValidation
+from calib.diagnosis.gate import CrossValidation
 from calib.diagnosis.stage import Stage
 from calib.instruments import KnownDistance, Socket
 from calib.poses import Measurements
@@ -27,7 +27,7 @@ def asked(cell: Cell, data: Measurements) -> tuple[Stage, list[Candidate]]:
 def predicted(stage: Stage, effects: list[Candidate], by_time: bool) -> float:
     """3-D RMS of what is a length at folds predicted by refits without them, m."""
     data = stage.data
-    fold = CrossValidation.of(stage, stage.fit(()), by_time).fold_of
+    fold = CrossValidation.of(stage, stage.fit(()), by_time).fold
     lengths = stage.model.readout.channels.lengths
     squares = 0.0
     for f in range(int(fold.max()) + 1):

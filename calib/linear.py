@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, stacked
+from calib.arrays import Array, stacked
 from calib.model.covariance import covariance, root
 from calib.scatter.mixing import Mixing
 
@@ -41,18 +41,6 @@ class LinearProblem:
     def of_rows(cls, J: Array, mixing: Mixing | None = None) -> LinearProblem:
         """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
         return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
-
-    def with_columns(self, columns: Array) -> LinearProblem:
-        """The readings with further whitened columns (m, R, K) that are fitted as well.
-
-        In terms of the fitted directions. Nothing is known of the new ones, and of what is known beside
-        the readings only what says something stays.
-        """
-        J = np.concatenate([self.J @ self.span, columns], axis=-1)
-        held = self.held @ self.span
-        told = held.any(axis=1) | (self.off != 0.0)
-        held = np.pad(held[told], ((0, 0), (0, columns.shape[-1])))
-        return LinearProblem(self.r, J, np.eye(J.shape[-1]), self.off[told], held)
 
     @property
     def by_reading(self) -> Array:
@@ -95,46 +83,6 @@ class LinearProblem:
     def beside(self, Q: Array, r: Array) -> Complement:
         """The complement of columns with a basis Q (N, k), of a residual (N,)."""
         return Complement(Q, r - Q @ (Q.T @ r), self.r.shape, self.mixing)
-
-    def without(self, own: IntArray, values: Array) -> Complement:
-        """The complement once some parameters are not fitted and stand at nothing.
-
-        own : ndarray of int, shape (k,), which; values : ndarray, shape (k,), at which they stand
-        """
-        u = self.freed(own)
-        r, J = self.independent
-        rest = self.basis - (self.basis @ u) @ u.T  # no basis, but of the same projection
-        return self.beside(rest, r + J[:, own] @ values)
-
-    @cached_property
-    def along(self) -> tuple[Array, Array]:
-        """Derivatives by every parameter, determined or not, (k, p), and residual (k,) in the basis."""
-        r, J = self.independent
-        return self.basis.T @ J, self.basis.T @ r
-
-    def freed(self, own: IntArray) -> Array:
-        """Orthonormal directions (k, c) in the basis that are free once some parameters are not fitted.
-
-        own : ndarray of int, which; every fitted direction with a share in them is given up
-        """
-        from scipy.linalg import qr
-
-        lost = np.abs(self.span[own]).sum(axis=0) > 0.0
-        if self._duals is not None:
-            return np.asarray(np.linalg.qr(unit(self._duals[lost].T))[0])
-        Q, R, _ = qr(unit((self.along[0] @ self.span)[:, ~lost]), pivoting=True)
-        pivots = np.abs(np.diag(R))
-        rank = int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
-        return np.asarray(Q[:, rank:])
-
-    @cached_property
-    def _duals(self) -> Array | None:
-        """Rows (d, k): each sees one fitted direction and no other; None where those depend."""
-        T = self.along[0] @ self.span
-        if T.shape[0] != T.shape[1]:
-            return None
-        lengths = np.linalg.norm(T, axis=0)
-        return np.asarray(np.linalg.inv(T / lengths) / lengths[:, None])
 
     @cached_property
     def gains(self) -> Array:

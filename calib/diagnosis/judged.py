@@ -10,12 +10,16 @@ import numpy as np
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
-from calib.diagnosis.state import SelectedEffect, SelectionState
+from calib.diagnosis.state import Members, Scored, SelectedEffect, SelectionState
 from calib.inference.evidence import score_test
 from calib.inference.tails import f_tail
 
 CLOSE = 30.0
 """Gain below the best at which a rival is none."""
+_FIRST, _MOST = (
+    12.0,
+    3,
+)  # rivals whose gain is found with variances anew: how near the best, how many
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,7 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
     """Every member of a state with the candidates that could take its place.
 
     All are compared at the variances of the state; those that come close, with what one step of these
-    adds.
+    adds; and the first by name, with variances found anew.
     """
     choice = 2.0 * float(np.log(state.problem.candidates.asked))  # the same for all
     for member in state.members:
@@ -56,12 +60,33 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
         ]
         scores = state.scores(beside, asked)
         near = [s for s in scores if s[0] > scores[0][0] - CLOSE]
-        gone = state.slope_without(member, beside)
-        scores = [*state.answered(beside, near, gone), *scores[len(near) :]]
+        near = state.answered(beside, near, state.slope_without(member, beside))
+        own = next(gain for gain, one in scores if one.key == member.key)
+        scores = _found_anew(state, member, rest, own, [*near, *scores[len(near) :]])
         rivals = tuple((one.candidate, gain + choice) for gain, one in scores)
         fall, p = _tested(beside, member.own.columns)
         gain = next(gain for c, gain in rivals if c.key == member.key)
         yield JudgedCandidate(member, gain, fall, min(1.0, p * member.candidate.tried), rivals)
+
+
+def _found_anew(
+    state: SelectionState, member: SelectedEffect, rest: Members, own: float, scores: list[Scored]
+) -> list[Scored]:
+    """Scores with those of the first rivals by name exact, the largest first.
+
+    own : the member's, at the variances of the state
+    """
+    exact = {member.key: own}
+    rivals = [one for gain, one in scores if one.candidate.named and gain > scores[0][0] - _FIRST]
+    rivals = [one for one in rivals if one.key != member.key][:_MOST]
+    if rivals:
+        # Curves over the same are out beside the member as beside its rivals.
+        whole = len(rest) + 1 == len(state.members)
+        now = state if whole else state.with_members((*rest, member))
+        for one in rivals:
+            found = state.with_members((*rest, one)).objective
+            exact[one.key] = own + now.objective - found
+    return sorted([(exact.get(one.key, gain), one) for gain, one in scores], key=lambda s: -s[0])
 
 
 def _tested(beside: Conditional, own: IntArray) -> tuple[float, float]:

@@ -14,8 +14,9 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.instruments import CellParts, Instrument, KnownDistance
-from calib.instruments.board_table import BoardTable, BodyTable
-from calib.instruments.protocol import WORLD, KeysTable
+from calib.instruments.board import BoardTable
+from calib.instruments.keys_table import BodyTable, KeysTable
+from calib.instruments.protocol import WORLD
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 
@@ -99,7 +100,7 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
     Raises InputError for one on a link that carries all that it could read.
     """
     if table.instrument is not None:
-        return (table.instrument.tracker("instrument", None),)
+        return (table.instrument.tracker(),)
     cell = CellParts(
         links=tuple(own.on for own in table.markers_mm.values()),
         parts={**bodies.parts, **bodies.seats},

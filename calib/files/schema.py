@@ -15,10 +15,11 @@ from calib.arrays import Array
 from calib.cell.cell import Repeatability
 from calib.cell.planned import Load, Pace, Planned
 from calib.instruments import KINDS, KnownDistance
-from calib.instruments.board_table import BoardTable, BodyTable, RidingTable
-from calib.instruments.camera_table import CameraTable
-from calib.instruments.points import TrackerTable
-from calib.instruments.protocol import TIP, WORLD, KeysTable
+from calib.instruments.board import BoardTable
+from calib.instruments.camera import CameraTable
+from calib.instruments.keys_table import BodyTable, KeysTable, RidingTable
+from calib.instruments.protocol import TIP, WORLD
+from calib.instruments.tracker import TrackerTable
 from calib.keys import (
     MM,
     URAD,

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
-from calib.arm.se3 import (
-    displaced_shape,
-    moved_as_one,
-    rotate,
-    so3_exp,
-    so3_log,
-)
+from calib.arm.se3 import displaced_shape, inverse, moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.detection import Board
+from calib.instruments.board import Board, BoardTable
+from calib.instruments.keys_table import BodyTable, CellParts, KeysTable
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
-from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
+    FRAME,
     MOTION,
     SCALE,
+    WORLD,
     Instrument,
     Linear,
     Nominal,
@@ -31,8 +28,23 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
-from calib.instruments.resection import Mounted, Ridden, on_tip, resected
+from calib.instruments.resection import Mounted, Resected, Ridden, on_tip, resected
 from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of
+from calib.keys import (
+    DEG,
+    Count,
+    Name,
+    NotNegative,
+    Positive,
+    TomlTable,
+    Vector,
+    Written,
+    key,
+    times,
+)
+from calib.keys import (
+    Number as Real,
+)
 
 _BEFORE = 2e-3  # m
 _BENT = 0.1  # plausible size of a coefficient of distortion
@@ -47,7 +59,7 @@ class Camera(Instrument):
 
     sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
     free : ndarray of int, positions of the unknown values of the lens
-    believed : ndarray, shape (n,), standard deviations of the lens's values, NaN where none is given
+    believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
     boards : tuple of Board, that it sees; tilt : rad, by which one that is seen leans at most
     standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
@@ -62,23 +74,23 @@ class Camera(Instrument):
     tilt: float = float(np.radians(60.0))
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
-    columns: ClassVar[tuple[ReadingColumn, ...]] = (
-        ReadingColumn("u", "pixel"),
-        ReadingColumn("v", "pixel"),
-    )
+    columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "pixel") for c in "uv")
+    numbers: ClassVar[tuple[Number, ...]] = tuple(Number(c, "px", 1.0) for c in "uv")
+    unplaced: ClassVar[str]
 
     @property
     def of_lens(self) -> tuple[Unknown, ...]:
         """What is unknown of the lens."""
-        focal = float(self.lens.values[FOCAL].mean())
+        off = _OFF * float(self.lens.values[FOCAL].mean())
+        size = np.array([*[off] * DISTORTION.start, *[_BENT] * 5])
+        unit = np.array([*["px"] * DISTORTION.start, *[""] * 5])
         return tuple(
-            Unknown(self.lens.names[i], "px", 1.0, _OFF * focal) if i < DISTORTION.start
-            else Unknown(self.lens.names[i], "", 1.0, _BENT)
+            Unknown(self.lens.names[i], str(unit[i]), 1.0, float(size[i]))
             for i in self.free.tolist()
-        )  # fmt: skip
+        )
 
-    @property
-    def guess(self) -> Array:
+    def guess_at(self, name: str) -> Array:
+        del name
         found = np.zeros(len(self.unknowns))
         if self.standing is not None:
             found[: len(self.standing)] = self.standing
@@ -98,8 +110,8 @@ class Camera(Instrument):
         return bool(self.boards)
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
-        return (Number("u", "px", 1.0), Number("v", "px", 1.0))
+    def unforeseen(self) -> str:
+        return "" if self.standing is not None else self.unplaced
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
         """Even in both directions; it grows as figures look smaller, unless sigma says it, px."""
@@ -141,17 +153,15 @@ class Camera(Instrument):
             seen[own] = board.found(viewed[own], seen[own], self.tilt)
         return seen
 
-    @property
-    def _focal_free(self) -> bool:
-        return bool(np.isin(np.arange(FOCAL.stop), self.free).all())
-
-    def _lens_at(self, focal: float) -> Array:
-        """What is unknown of the lens, with focal lengths of so many times their given values."""
+    def resected(self, rows: Array, seen: Mask, mounted: Mounted) -> tuple[Resected, Array]:
+        """Places from which the rays fit, and what is unknown of the lens, of the same focal length."""
+        focal = bool(np.isin(np.arange(FOCAL.stop), self.free).all())
+        found = resected(self.lens.ideal(rows), seen, mounted, focal)
         by = np.zeros(len(self.lens.values))
-        by[FOCAL] = (focal - 1.0) * self.lens.values[FOCAL]
-        return by[self.free]
+        by[FOCAL] = (found.focal - 1.0) * self.lens.values[FOCAL]
+        return found, by[self.free]
 
-    def _split(self, place: Array) -> tuple[Array, Lens, Array]:
+    def split(self, place: Array) -> tuple[Array, Lens, Array]:
         """Where the camera, or its boards, stand; the lens; and what came loose."""
         count = len(self.unknowns)
         standing = count - len(self.free)
@@ -161,60 +171,54 @@ class Camera(Instrument):
         by[..., self.free] = place[..., standing:count]
         return place[..., :standing], self.lens.moved(by), place[..., count:]
 
+    def pictured(
+        self, points: Array, lens: Lens, loose: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Pixels of points (..., m, C, 3), m, in the axes of a camera that may have come loose.
 
-def _viewed(points: Array, loose: Array) -> tuple[Array, Array, Array]:
-    """Points (..., m, C, 3) in the axes of a camera that moved: what it sees moves as one.
-
-    Returns them and their derivatives by the points and by the motion, of which there may be none.
-    """
-    if not loose.shape[-1]:
-        return points, np.eye(3), np.zeros((*points.shape, 0))
-    return moved_as_one(loose[..., None, MOTION], points)
+        Returns their derivatives by the points, by what is free of the lens, and by the motion.
+        """
+        turn, by_motion = np.eye(3), np.zeros((*points.shape, 0))
+        if loose.shape[-1]:
+            points, turn, by_motion = moved_as_one(loose[..., None, MOTION], points)
+        rows, by_points, by_lens = lens.linearise(points)
+        turned = by_points @ turn if loose.shape[-1] else by_points
+        return rows, turned, by_lens[..., self.free], by_points @ by_motion
 
 
 @dataclass(frozen=True, eq=False)
 class FixedCamera(Camera):
     """In the world, of markers and boards on the tip. The place begins with ``T_camera_base``."""
 
+    unplaced: ClassVar[str] = (
+        "where it stands is not known; give its position_mm and rpy_deg in the base's frame, z ahead "
+        "and x to the right of the image"
+    )
+
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return (*Tracker.unknowns, *self.of_lens)
+        return (*FRAME, *self.of_lens)
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self._split(place)
+        standing, lens, loose = self.split(place)
         own, R, by_standing = moved_as_one(standing[..., None, :], points)
-        viewed, turned, by_motion = _viewed(own, loose)
-        rows, by_viewed, by_lens = lens.linearise(viewed)
-        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
-        by_place = np.concatenate(
-            [by_own @ by_standing, by_lens[..., self.free], by_viewed @ by_motion], axis=-1
-        )
+        rows, by_own, by_lens, by_motion = self.pictured(own, lens, loose)
+        by_place = np.concatenate([by_own @ by_standing, by_lens, by_motion], axis=-1)
         return Linear(rows, by_own @ R, by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet what rides on the tip."""
-        shapes = tuple((board.channels, board.points) for board in self.boards)
-        bodies = on_tip(arm, shapes)
+        bodies = on_tip(arm, tuple((board.channels, board.points) for board in self.boards))
         guess = np.zeros(6) if self.standing is None or arm.placed else self.standing
         camera = so3_exp(guess[3:]), guess[:3]
         mounted = Mounted((arm.R_tip, arm.p_tip), bodies, camera, arm.placed)
-        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
+        found, lens = self.resected(rows, seen, mounted)
         markers, told = arm.markers.copy(), np.zeros_like(arm.free)
         for body, (R, t) in zip(bodies, found.bodies, strict=True):
             own = body.channels
             if not body.known and seen[:, own].any():
                 markers[own], told[own] = body.points @ R.T + t, arm.free[own]
-        place = np.concatenate([found.t, so3_log(found.R), self._lens_at(found.focal)])
-        return Start(place, markers, told)
-
-    @property
-    def unforeseen(self) -> str:
-        return (
-            ""
-            if self.standing is not None
-            else "where it stands is not known; give its position_mm and rpy_deg in the base's frame, "
-            "z ahead and x to the right of the image"
-        )
+        return Start(np.concatenate([found.t, so3_log(found.R), lens]), markers, told)
 
     @property
     def position(self) -> Array | None:
@@ -240,34 +244,25 @@ class ArmCamera(Camera):
     """
 
     each: ClassVar[int] = CORNERS
+    unplaced: ClassVar[str] = (
+        "where its boards stand is not known; give position_mm and rpy_deg of each in the base's "
+        "frame, and of the camera on the tip"
+    )
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        several = len(self.boards) > 1
-        standing = (
-            u._replace(name=f"{board.name}.{u.name}" if several else u.name)
-            for board in self.boards
-            for u in Tracker.unknowns
-        )
+        before = [f"{board.name}." if len(self.boards) > 1 else "" for board in self.boards]
+        standing = (u._replace(name=own + u.name) for own in before for u in FRAME)
         return (*standing, *self.of_lens)
 
     @property
     def parts(self) -> Mapping[str, slice]:
-        ends = MOTION.stop + SCALE.stop * np.arange(len(self.boards) + 1)
+        ends = [MOTION.stop + SCALE.stop * k for k in range(len(self.boards) + 1)]
         boards = {
-            f"board:{board.name}": slice(int(a), int(b))
+            f"board:{board.name}": slice(a, b)
             for board, a, b in zip(self.boards, ends, ends[1:], strict=False)
         }
         return {**super().parts, **boards}
-
-    @property
-    def unforeseen(self) -> str:
-        return (
-            ""
-            if self.standing is not None
-            else "where its boards stand is not known; give position_mm and rpy_deg of each in the "
-            "base's frame, and of the camera on the tip"
-        )
 
     def viewed(self, points: Array) -> Array | None:
         if self.standing is None:
@@ -293,38 +288,32 @@ class ArmCamera(Camera):
 
         Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards
         """
-        batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
+        places = standing.reshape((*standing.shape[:-1], -1, 6))
         count = sum(len(board.points) for board in self.boards)
-        points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
-        by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
+        points = np.zeros((*standing.shape[:-1], count, 3))
+        by = np.zeros((*points.shape, standing.shape[-1]))
+        by_loose = np.zeros((*points.shape, loose.shape[-1]))
         for k, board in enumerate(self.boards):
-            shape = board.points
+            shape, own = board.points, board.channels
             part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
             if loose.shape[-1]:
                 shape, by_part = displaced_shape(loose[..., part], shape)
-            moved, R, by_place = moved_as_one(places[..., k, :], shape)
-            points[..., board.channels, :] = moved
-            by[..., board.channels, :, 6 * k : 6 * k + 6] = by_place
+            points[..., own, :], R, by_place = moved_as_one(places[..., k, :], shape)
+            by[..., own, :, 6 * k : 6 * k + 6] = by_place
             if loose.shape[-1]:
-                by_loose[..., board.channels, :, part] = R @ by_part
+                by_loose[..., own, :, part] = R @ by_part
         return points, by, by_loose
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self._split(place)
+        standing, lens, loose = self.split(place)
         centre, axes = self._seen_at(points)
         targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
         ray = targets[..., None, :, :] - centre
-        viewed, turned, by_motion = _viewed(rotate(axes, ray), loose)
-        rows, by_viewed, by_lens = lens.linearise(viewed)
-        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
+        rows, by_own, by_lens, by_motion = self.pictured(rotate(axes, ray), lens, loose)
         by_target = by_own @ axes
-        parts = [
-            by_target @ by_board[..., None, :, :, :],
-            by_lens[..., self.free],
-            by_viewed @ by_motion,
-            by_target @ by_part[..., None, :, :, :],
-        ]
-        return Linear(rows, by_own @ by_corners(axes, ray), np.concatenate(parts, axis=-1))
+        of_boards = (by_target @ by[..., None, :, :, :] for by in (by_board, by_part))
+        by_place = np.concatenate([next(of_boards), by_lens, by_motion, next(of_boards)], axis=-1)
+        return Linear(rows, by_own @ by_corners(axes, ray), by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet the boards: the arm carries the camera, seen from it the
@@ -337,18 +326,145 @@ class ArmCamera(Camera):
             for board, own in zip(self.boards, guess.reshape(-1, 6), strict=True)
         )
         centre, axes = frame_of(arm.markers[:CORNERS])
-        back = np.swapaxes(arm.R_tip, -1, -2)
-        mounted = Mounted(
-            (back, -rotate(back, arm.p_tip)),
-            bodies,
-            (axes, -axes @ centre),
-            not arm.free[:CORNERS].any(),
-        )
-        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
-        places = np.concatenate([np.concatenate([t, so3_log(R)]) for R, t in found.bodies])
+        back, free = np.swapaxes(arm.R_tip, -1, -2), arm.free[:CORNERS].any()
+        base, camera = (back, -rotate(back, arm.p_tip)), (axes, -axes @ centre)
+        found, lens = self.resected(rows, seen, Mounted(base, bodies, camera, not free))
         corners = corners_of(found.R.T, -found.R.T @ found.t)
-        markers = np.where(
-            arm.free, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers
+        corners = np.tile(corners, (len(arm.markers) // CORNERS, 1))
+        places = [np.concatenate([t, so3_log(R)]) for R, t in found.bodies]
+        markers = np.where(arm.free, corners, arm.markers)
+        return Start(np.concatenate([*places, lens]), markers, arm.free)
+
+
+Pixels = tuple[Positive, Positive]
+Coefficients = tuple[Real, Real, Real, Real] | tuple[Real, Real, Real, Real, Real]
+FreeParts = list[Literal["focal", "center", "distortion"]]
+
+
+class IntrinsicsStd(TomlTable):
+    """Standard deviations of parts of a lens."""
+
+    focal_px: Positive | None = None
+    """standard deviation of the focal length"""
+    center_px: Positive | None = None
+    """standard deviation of the principal point"""
+    distortion: Positive | Annotated[list[Positive], Field(min_length=4, max_length=5)] | None = (
+        None
+    )
+    """standard deviation of the coefficients"""
+
+    def values(self) -> Array:
+        """Those of the lens's values, shape (9,), NaN where none is given."""
+        found = np.full(len(Lens.names), np.nan)
+        for part, std in zip(FREE.values(), dict(self).values(), strict=True):
+            if std is not None:
+                several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
+                found[part] = several[: len(found[part])]
+        return found
+
+
+def _listed(given: list[float]) -> Array:
+    known = np.array([*given, *[0.0] * (len(Lens.names) - len(given))])
+    return np.where(known > 0.0, known, np.nan)
+
+
+_Believed = (
+    Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)]
+    | Annotated[
+        Array, Written(Annotated[list[NotNegative], Field(min_length=1, max_length=9)], _listed)
+    ]
+    | None
+)
+
+
+class CameraTable(BodyTable, KeysTable):
+    """A camera: its keys in a cell."""
+
+    reads = "boards"
+    makes = FixedCamera
+    kind: Literal["camera"]
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    """camera: position, in the frame of its link or the base"""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """camera: orientation, z ahead and x to the right of the image"""
+    on: Name = WORLD
+    """where it is fixed: world, tip, or a link of the robot"""
+    boards: Annotated[list[Name], Field(min_length=1)] | None = None
+    """camera: boards that it looks at; without it all that do not ride with it"""
+    focal_px: Positive | Pixels
+    """camera: focal length, one number or two"""
+    center_px: tuple[Real, Real]
+    """camera: principal point"""
+    distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """camera: k1 k2 p1 p2 k3, as OpenCV"""
+    image_px: Pixels | None = None
+    """camera: size of the image"""
+    sigma_px: Positive
+    """camera: one standard deviation of one coordinate, of a board that looks large (`posecal
+    explain camera`)"""
+    free: FreeParts = []
+    """camera: parts of the lens that are identified"""
+    intrinsics_std: _Believed = None
+    """camera: standard deviation of the lens values; a list is fx fy cx cy k1 k2 p1 p2 k3"""
+    tilt: Annotated[Positive, Field(lt=90), times(DEG), key("max_tilt_deg")] = 60.0 * DEG
+    """camera: largest angle between the line of sight and a board's normal in a plan"""
+    min_points: Count | None = None
+    """camera: fewest points by which a plan counts a board; without it all of a chessboard"""
+
+    def seen(self, boards: Mapping[str, BoardTable]) -> dict[str, BoardTable]:
+        """The boards that it looks at: those that it names, else all that do not ride with it."""
+        named = [*boards] if self.boards is None else self.boards
+        return {n: boards[n] for n in named if n in boards and boards[n].on != self.on}
+
+    def rides_before(self, boards: Mapping[str, BoardTable]) -> bool:
+        """Whether it rides on a link and boards that it sees of these stand in the world."""
+        return self.on != WORLD and any(own.on == WORLD for own in self.seen(boards).values())
+
+    def instrument(self, name: str, cell: CellParts) -> Camera:
+        """One of boards in the world, that it rides before, or of what rides elsewhere than itself."""
+        every = {own: table for own, (table, *_) in cell.boards.items()}
+        seen, carried = self.seen(every), self.rides_before(every)
+        reads = [] if carried else [j for j, on in enumerate(cell.links) if on != self.on]
+        boards: list[Board] = []
+        targets: list[str] = []
+        first = len(reads)
+        for own, table in seen.items():
+            _, names, points = cell.boards[own]
+            channels = slice(first + len(targets), first + len(targets) + len(points))
+            boards.append(table.board(own, channels, points, self.min_points))
+            targets += names
+            if not carried:
+                reads += range(cell.parts[own].start, cell.parts[own].stop)
+        if carried:
+            reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
+        believed = np.full(9, np.nan) if self.intrinsics_std is None else self.intrinsics_std
+        free = np.isfinite(believed)
+        for part in self.free:
+            free[FREE[part]] = True
+        return (ArmCamera if carried else FixedCamera)(
+            name=name,
+            markers=tuple(reads),
+            targets=tuple(targets) if carried else (),
+            lens=self.lens,
+            sigma=self.sigma_px,
+            image=None if self.image_px is None else np.array(self.image_px),
+            free=np.flatnonzero(free),
+            believed=believed,
+            boards=tuple(boards),
+            tilt=self.tilt,
+            standing=self._standing([*seen.values()], carried),
         )
-        place = np.concatenate([places, self._lens_at(found.focal)])
-        return Start(place, markers, arm.free)
+
+    @property
+    def lens(self) -> Lens:
+        """As the cell gives it."""
+        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
+        return Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]]))
+
+    def _standing(self, boards: Sequence[BodyTable], carried: bool) -> Array | None:
+        """The place of the camera, or of the boards before which it is carried, if given."""
+        still = boards if carried else [self]
+        if not all(own.stated for own in still):
+            return None
+        places = [own.frame if carried else inverse(own.frame) for own in still]
+        return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])

@@ -71,7 +71,7 @@ class Channels:
 
     @cached_property
     def rows(self) -> IntArray:
-        """How many independent numbers each tells, shape (C,)."""
+        """How many independent numbers each has, shape (C,)."""
         each = [np.full(part.stop - part.start, len(i.numbers)) for i, part in self.blocks]
         return np.concatenate(each)
 

@@ -16,12 +16,10 @@ from pydantic import model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
+from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.placing import hand_eye
-from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
     MOTION,
-    CellParts,
-    KeysTable,
     Linear,
     Nominal,
     Number,
@@ -29,6 +27,7 @@ from calib.instruments.protocol import (
     Start,
 )
 from calib.instruments.riding import CORNERS, DIFFERENCES
+from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row
 from calib.noise import Noise
 
@@ -167,12 +166,14 @@ def _tangent(R: Array) -> Array:
 
 
 _SYMMETRIC = 1e-6  # of the deviations
+_UNITS = np.repeat([MM, URAD], 3)
 
 
 class PoseTable(KeysTable):
     """What reads poses of bodies: its keys in a cell."""
 
     reads = "bodies"
+    makes = Pose
     kind: Literal["pose"]
     sigma_mm: Positive | None = None
     """one standard deviation of a length"""
@@ -194,17 +195,15 @@ class PoseTable(KeysTable):
 
     def instrument(self, name: str, cell: CellParts) -> Pose:
         parts = [cell.parts[body] for body, on in cell.read_as_poses.items() if on != self.on]
-        units = np.repeat([MM, URAD], 3)
         if self.covariance is not None:
-            covariance = np.array(self.covariance) * np.outer(units, units)
+            covariance = np.array(self.covariance) * np.outer(_UNITS, _UNITS)
         else:
             sigma = np.repeat([self.sigma_mm or np.nan, self.sigma_urad or np.nan], 3)
-            covariance = np.diag((sigma * units) ** 2)
-        alone = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+            covariance = np.diag((sigma * _UNITS) ** 2)
         return Pose(
             name=name,
             markers=tuple(i for own in parts for i in range(own.start, own.stop)),
-            noise=Noise.isotropic(alone),
+            noise=Noise.isotropic(float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))),
             covariance=covariance,
         )
 

@@ -20,7 +20,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.write_tables import measurements_csv
 from calib.instruments import ArmCamera, FixedCamera
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 from calib.instruments.lens import Lens
 from calib.model.build import build
 from studies.research.cameras import pixels

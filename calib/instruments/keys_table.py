@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -55,7 +54,6 @@ class CellParts:
     read_as_poses : dict, body that is a frame -> the link on which it rides
     boards : dict, board -> its table, the names of its points, and these points (n, 3), m, in its frame
     placed : whether the model has places of instruments: what a cell gives of them is a guess
-    folder : Path, of the cell
     """
 
     links: tuple[str, ...]
@@ -63,7 +61,6 @@ class CellParts:
     read_as_poses: Mapping[str, str]
     boards: Mapping[str, tuple[BoardTable, tuple[str, ...], Array]]
     placed: bool
-    folder: Path = Path()
 
     def read_from(self, link: str) -> tuple[int, ...] | None:
         """Positions among all markers of the cell's own that ride elsewhere; None for all there are."""

@@ -215,10 +215,12 @@ def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
     for j in np.flatnonzero(outside.any(axis=0)):
         row = int(np.flatnonzero(outside[:, j])[0])
         unit, scale = next(iter(_units(robot.prismatic[j]).items()))
+        where = (
+            f"line {table.lines[row]}: joint {robot.joints[j]} at {q[row, j] / scale:.2f} {unit}"
+        )
         warnings.append(
-            f"{table.path}: line {table.lines[row]}: joint {robot.joints[j]} at {q[row, j] / scale:.2f} "
-            f"{unit} is outside its limits ({int(outside[:, j].sum())} rows in all); check joint names "
-            "and units"
+            f"{table.path}: {where} is outside its limits ({int(outside[:, j].sum())} rows in all); "
+            "check joint names and units"
         )
     return tuple(warnings)
 

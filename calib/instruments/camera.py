@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -51,6 +51,19 @@ _BENT = 0.1  # plausible size of a coefficient of distortion
 _OFF = 0.02  # of the focal length: plausible error of it and of the centre
 FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
 """Parts of a lens that may be unknown, by their names in a cell."""
+
+
+class Sight(NamedTuple):
+    """Points (..., m, C, 3), m, in the axes of a camera, and their derivatives.
+
+    by_points : by the points that readings take, (..., m or 1, C or 1, 3, 3 k)
+    by_standing, by_loose : by where it, or its boards, stand, and by how far these came loose
+    """
+
+    points: Array
+    by_points: Array
+    by_standing: Array
+    by_loose: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +139,32 @@ class Camera(Instrument):
         return replace(self, standing=place[: len(self.unknowns) - len(self.free)])
 
     @abstractmethod
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
+        """What points (..., m, C, 3 k), m, base axes, show from where it, or its boards, stand.
+
+        loose : ndarray, shape (..., n), how far its boards are from there
+        """
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        standing, lens, loose = self.split(place)
+        seen = self.sight(standing, points, loose[..., MOTION.stop :])
+        own, turn, by_motion = seen.points, np.eye(3), np.zeros((*seen.points.shape, 0))
+        if loose.shape[-1]:  # what it sees moves as one
+            own, turn, by_motion = moved_as_one(loose[..., None, MOTION], own)
+        rows, by_own, by_lens = lens.linearise(own)
+        by_seen = by_own @ turn if loose.shape[-1] else by_own
+        of_lens = by_lens[..., self.free]
+        by = [by_seen @ seen.by_standing, of_lens, by_own @ by_motion, by_seen @ seen.by_loose]
+        return Linear(rows, by_seen @ seen.by_points, np.concatenate(by, axis=-1))
+
     def viewed(self, points: Array) -> Array | None:
         """What points (m, C, 3 k), m, base axes, that readings take, show: (m, C, 3), camera axes.
 
         None where nobody said where it, or its boards, stand.
         """
+        if self.standing is None:
+            return None
+        return self.sight(self.standing, points, np.zeros(0)).points
 
     @abstractmethod
     def sees_from(self, board: Board, point: int) -> Array | None:
@@ -171,20 +205,6 @@ class Camera(Instrument):
         by[..., self.free] = place[..., standing:count]
         return place[..., :standing], self.lens.moved(by), place[..., count:]
 
-    def pictured(
-        self, points: Array, lens: Lens, loose: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Pixels of points (..., m, C, 3), m, in the axes of a camera that may have come loose.
-
-        Returns their derivatives by the points, by what is free of the lens, and by the motion.
-        """
-        turn, by_motion = np.eye(3), np.zeros((*points.shape, 0))
-        if loose.shape[-1]:
-            points, turn, by_motion = moved_as_one(loose[..., None, MOTION], points)
-        rows, by_points, by_lens = lens.linearise(points)
-        turned = by_points @ turn if loose.shape[-1] else by_points
-        return rows, turned, by_lens[..., self.free], by_points @ by_motion
-
 
 @dataclass(frozen=True, eq=False)
 class FixedCamera(Camera):
@@ -199,12 +219,9 @@ class FixedCamera(Camera):
     def unknowns(self) -> tuple[Unknown, ...]:
         return (*FRAME, *self.of_lens)
 
-    def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self.split(place)
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
         own, R, by_standing = moved_as_one(standing[..., None, :], points)
-        rows, by_own, by_lens, by_motion = self.pictured(own, lens, loose)
-        by_place = np.concatenate([by_own @ by_standing, by_lens, by_motion], axis=-1)
-        return Linear(rows, by_own @ R, by_place)
+        return Sight(own, R, by_standing, np.zeros((*own.shape, loose.shape[-1])))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet what rides on the tip."""
@@ -229,11 +246,6 @@ class FixedCamera(Camera):
     def sees_from(self, board: Board, point: int) -> Array | None:
         del board, point
         return self.position
-
-    def viewed(self, points: Array) -> Array | None:
-        if self.standing is None:
-            return None
-        return rotate(so3_exp(self.standing[3:]), points) + self.standing[:3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,13 +276,6 @@ class ArmCamera(Camera):
         }
         return {**super().parts, **boards}
 
-    def viewed(self, points: Array) -> Array | None:
-        if self.standing is None:
-            return None
-        centre, axes = self._seen_at(points)
-        targets, _, _ = self._targets(self.standing, np.zeros(0))
-        return rotate(axes, targets - centre)
-
     def sees_from(self, board: Board, point: int) -> Array | None:
         """A little before the board: what it lies on does not hide it."""
         if self.standing is None:
@@ -279,9 +284,13 @@ class ArmCamera(Camera):
         lifted = board.points[point] - np.array([0.0, 0.0, _BEFORE if board.printed else 0.0])
         return np.asarray(so3_exp(place[3:]) @ lifted + place[:3])
 
-    def _seen_at(self, points: Array) -> tuple[Array, Array]:
-        """Its centre (..., 1, 3) and axes (..., 1, 3, 3), by rows, of points (..., C, 9), all alike."""
-        return frame_of(points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3)))
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
+        corners = points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3))  # all alike
+        centre, axes = frame_of(corners)
+        targets, *by = self._targets(standing, loose)
+        ray = targets[..., None, :, :] - centre
+        by_board, by_part = (axes @ own[..., None, :, :, :] for own in by)
+        return Sight(rotate(axes, ray), by_corners(axes, ray), by_board, by_part)
 
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
@@ -303,17 +312,6 @@ class ArmCamera(Camera):
             if loose.shape[-1]:
                 by_loose[..., own, :, part] = R @ by_part
         return points, by, by_loose
-
-    def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self.split(place)
-        centre, axes = self._seen_at(points)
-        targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
-        ray = targets[..., None, :, :] - centre
-        rows, by_own, by_lens, by_motion = self.pictured(rotate(axes, ray), lens, loose)
-        by_target = by_own @ axes
-        of_boards = (by_target @ by[..., None, :, :, :] for by in (by_board, by_part))
-        by_place = np.concatenate([next(of_boards), by_lens, by_motion, next(of_boards)], axis=-1)
-        return Linear(rows, by_own @ by_corners(axes, ray), by_place)
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet the boards: the arm carries the camera, seen from it the

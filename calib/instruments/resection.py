@@ -2,9 +2,9 @@
 
 The arm moves a camera before bodies, or bodies before a camera: ``x ~ T_camera A_i T_body p`` with A_i
 the arm at image i, from the tip to the base or back. A search follows the best of several starts: what
-the cell says; hand-eye calibration by the poses of each body in each image (OpenCV's ``solvePnP``, both
-poses in which a plane looks alike); and bodies turned and shifted at random about where they ride,
-which makes all their points one shape that the camera sees at once.
+the cell says; hand-eye calibration by the poses of each body in each image (OpenCV's ``solvePnP``), by
+all of them and by those that have no rival; and bodies turned and shifted at random about where they
+ride, which makes all their points one shape that the camera sees at once.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ _LINE, _PLANE = 1e-3, 0.02  # width, thickness over length: below, points lie on
 _ENOUGH = 3  # images of a body that fix it beside the camera
 _POSED = 60  # images of a body that are looked at by themselves
 _SURE = 9.0  # times the cost of the better pose: the other one is none
-_TURNS = 5  # of hand-eye calibration and choice
 _DRAWN = 32  # places of bodies
 _ABOUT = 0.3  # of the extent of the arm's motion: how far from it a body rides
 _FOLLOWED = 8  # starts, the best of them
@@ -234,27 +233,14 @@ def poses_of(rays: Array, points: Array) -> list[tuple[Array, Array, float]]:
     return sorted(found, key=lambda pose: pose[2])[: 2 if flat else 1]
 
 
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """Both poses of B bodies in m images, best first.
+def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motions, Mask, Mask]:
+    """The better pose of B bodies in m images, shape (m, B).
 
-    R, t, cost : ndarray, shapes (m, B, 2, 3, 3), (m, B, 2, 3), m, and (m, B, 2)
+    Returns where enough of a body is seen, and where the other pose is none, both (m, B), too.
     """
-
-    R: Array
-    t: Array
-    cost: Array
-
-    @property
-    def whole(self) -> Mask:
-        """Where enough of a body is seen, (m, B)."""
-        return np.isfinite(self.cost[..., 0])
-
-
-def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> _Views:
     m, count = len(ideal), len(bodies)
-    R, t = np.tile(np.eye(3), (m, count, 2, 1, 1)), np.zeros((m, count, 2, 3))
-    found = _Views(R, t, np.full((m, count, 2), np.inf))
+    R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
+    whole, sure = np.zeros((m, count), dtype=bool), np.zeros((m, count), dtype=bool)
     for k, body in enumerate(bodies):
         own = body.channels
         images = np.flatnonzero(seen[:, own].sum(axis=1) >= _LEAST)
@@ -262,9 +248,12 @@ def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> _Views:
             images = images[np.linspace(0, len(images) - 1, _POSED).astype(int)]
         for i in images.tolist():
             here = seen[i, own]
-            for way, pose in enumerate(poses_of(ideal[i, own][here], body.points[here])):
-                R[i, k, way:], t[i, k, way:], found.cost[i, k, way] = pose
-    return found
+            poses = poses_of(ideal[i, own][here], body.points[here])
+            if poses:
+                R[i, k], t[i, k], cost = poses[0]
+                rival = poses[1][2] if poses[1:] else np.inf
+                whole[i, k], sure[i, k] = True, rival > _SURE * max(cost, seen.shape[1])
+    return (R, t), whole, sure
 
 
 def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) -> Iterator[Array]:
@@ -272,41 +261,23 @@ def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) ->
 
     What is not seen whole often enough stays where it is guessed.
     """
-    views, bodies = _views(ideal, seen, mounted.bodies), mounted.bodies
-    good = np.maximum(views.cost[..., 0], seen.shape[1])
-    sure = views.whole & (views.cost[..., 1] > _SURE * good)
-    known = np.array([body.known for body in bodies])
-    for trusted in (views.whole, sure):
-        count = trusted.sum(axis=0)
-        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
-        if use:
-            own = mounted._replace(bodies=tuple(bodies[k] for k in use))
-            chosen = _Views(views.R[:, use], views.t[:, use], views.cost[:, use])
-            camera, found = _chosen(chosen, trusted[:, use], own)
-            placed = dict(zip(use, found, strict=True))
-            places = [placed.get(k, (body.R, body.t)) for k, body in enumerate(bodies)]
-            yield images.at(camera, places)[None]
-
-
-def _chosen(views: _Views, trusted: Mask, mounted: Mounted) -> tuple[Motions, list[Motions]]:
-    """The camera's and the bodies' places, and in turn which of two poses fits them in each image."""
-    R, t, bodies, camera = views.R, views.t, mounted.bodies, mounted.camera
+    (R, t), *trusted = _views(ideal, seen, mounted.bodies)
+    bodies, camera = mounted.bodies, mounted.camera
     if mounted.known:  # seen from the base then
         back = camera[0].T
         R, t = back @ R, rotate(back, t - camera[1])
-    corners = np.concatenate([corners_of(body.R, body.t) for body in bodies])
-    free = np.repeat([not body.known for body in bodies], CORNERS)[:, None] & np.ones(3, dtype=bool)
-    arm = Nominal(*mounted.arm, corners, free, mounted.known)
-    which, using = np.zeros(trusted.shape, dtype=int), trusted
-    i, b = np.indices(trusted.shape)
-    for _ in range(_TURNS):
-        R_base, t_base, corners = hand_eye((R[i, b, which], t[i, b, which]), using, arm)
+    known = np.array([body.known for body in bodies])
+    for using in trusted:
+        count = using.sum(axis=0)
+        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
+        if not use:
+            continue
+        corners = np.concatenate([corners_of(bodies[k].R, bodies[k].t) for k in use])
+        free = np.repeat(~known[use], CORNERS)[:, None] & np.ones(3, dtype=bool)
+        arm = Nominal(*mounted.arm, corners, free, mounted.known)
+        R_base, t_base, corners = hand_eye((R[:, use], t[:, use]), using[:, use], arm)
         origins, axes = frame_of(corners)
-        expected = R_base @ arm.R_tip[:, None] @ np.swapaxes(axes, -1, -2)
-        alike = np.einsum("mbij,mbkij->mbk", expected, R)  # 1 + 2 cos of the angle between
-        now = alike.argmax(axis=-1)
-        if np.array_equal(now, which) and np.array_equal(using, views.whole):
-            break
-        which, using = now, views.whole
-    found = [(own.T, origin) for own, origin in zip(axes, origins, strict=True)]
-    return (camera if mounted.known else (R_base, t_base)), found
+        places = [(body.R, body.t) for body in bodies]
+        for k, origin, own in zip(use, origins, axes, strict=True):
+            places[k] = own.T, origin
+        yield images.at(camera if mounted.known else (R_base, t_base), places)[None]

@@ -97,8 +97,8 @@ def _repeatability(robot: Robot) -> str:
     low, middle, high = (_rough(1e3 * std) for std in (usual.best, usual.middle, usual.worst))
     turn = _rough(1e6 * usual.middle / (0.5 * robot.reach))  # of joints, at half the arm's length
     return f"""\
-# EDIT: the arm's repeatability, ASSUMED as data sheets of arms of this reach have it, {low} to {high} mm:
-# RP / 3.6, with RP from the data sheet of yours. Left out, `posecal design` plans repeat visits of some
+# EDIT: the arm's repeatability, ASSUMED: data sheets of arms of this reach give {low} to {high} mm.
+# Write RP / 3.6, with RP from its data sheet. Left out, `posecal design` plans repeat visits of some
 # poses, which measure it.
 {f"repeatability_mm = {middle}":<30} # assumed: one standard deviation of one coordinate of the tip
 {f"repeatability_urad = {turn}":<30} # assumed: of one component of its rotation"""

@@ -92,19 +92,19 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Jo
     A joint that mimics another may have a column of its own, else its master's gives it. So may one
     that others move together; None where it has none, as they give it.
     """
-    found: list[JointColumn | None] = []
+    given: list[JointColumn | None] = []
     for sources in robot.sources:
-        own: JointColumn | None = None
+        joint_column: JointColumn | None = None
         for source in sources[::-1]:  # its own column comes before its master's
             units = _units(source.slides)
             column = column_of(path, columns, source.master, units, f"joint {source.master}")
             if column is not None:
                 scale = titles(source.master, units)[column]
-                own = JointColumn(column, scale, source.factor, source.offset)
-        if own is None and sources[0].joint not in robot.undriven:
+                joint_column = JointColumn(column, scale, source.factor, source.offset)
+        if joint_column is None and sources[0].joint not in robot.undriven:
             raise _missing(path, sources, columns)
-        found.append(own)
-    return found
+        given.append(joint_column)
+    return given
 
 
 def _missing(path: Path, sources: Sequence[Mimic], columns: tuple[str, ...]) -> InputError:
@@ -173,12 +173,12 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
 
 def motion_columns(table: CsvTable, robot: Robot) -> dict[str, float]:
     """Column of each joint's last move, and its unit in SI; of any unit that the table has."""
-    found = {}
+    columns = {}
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
         named = titles(f"move_{joint}", _units(slides))
         column = next((name for name in named if name in table.columns), next(iter(named)))
-        found[column] = named[column]
-    return found
+        columns[column] = named[column]
+    return columns
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
@@ -227,34 +227,34 @@ def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
 
 def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     """Optional columns, at one row for each pose."""
-    found: dict[str, Any] = {"wrench": _columns(table, WRENCH)[rows]}
+    fields: dict[str, Any] = {"wrench": _columns(table, WRENCH)[rows]}
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
-            found[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
+            fields[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
     driven = [joint not in robot.undriven for joint in robot.joints]
     if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
-        found["torque"] = torque[rows]
-    own = motion_columns(table, robot)
-    if (moved := _of_joints(table, [*own], driven)) is not None:
-        moved = moved[rows] * [*own.values()]
-        found["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
-        found["motion_told"] = True
+        fields["torque"] = torque[rows]
+    units = motion_columns(table, robot)
+    if (moved := _of_joints(table, [*units], driven)) is not None:
+        moved = moved[rows] * [*units.values()]
+        fields["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
+        fields["motion_told"] = True
     # A joint's own column says from which side it came, else its master's.
     sided = [
-        next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])
-        for own in robot.sources
+        next((s for s in sources if f"approach_{s.master}" in table.columns), sources[-1])
+        for sources in robot.sources
     ]
     signs = [f"approach_{source.master}" for source in sided]
     if (approach := _of_joints(table, signs, driven)) is not None:
         for row, j in np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[:1].tolist():
             raise table.fault(row, signs[j], "is not -1, 0 or +1")
-        found["approach"] = approach[rows] * np.sign([source.factor for source in sided])
+        fields["approach"] = approach[rows] * np.sign([source.factor for source in sided])
     if "session" in table.columns:
-        found["session"] = np.array(table.names("session"))[rows]
+        fields["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:
         stations, station = np.unique(table.names("station"), return_inverse=True)
-        found["stations"], found["station"] = tuple(stations.tolist()), station[rows]
-    return found
+        fields["stations"], fields["station"] = tuple(stations.tolist()), station[rows]
+    return fields
 
 
 def _columns(table: CsvTable, names: Sequence[str]) -> Array:

@@ -36,19 +36,19 @@ def reading_columns(
     path: Path, instrument: Instrument, columns: tuple[str, ...]
 ) -> list[tuple[str, float]]:
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
-    found = []
+    present = []
     for name, quantity, optional in instrument.columns:
         named = titles(name, UNITS[quantity])
         column = column_of(path, columns, name, UNITS[quantity], f"reading {name!r}")
         if column is not None:
-            found.append((column, named[column]))
+            present.append((column, named[column]))
         elif not optional:
             alike = {own.casefold(): own for own in columns}
             other = next((alike[n.casefold()] for n in named if n.casefold() in alike), None)
             right = f"{other.lower()} and not {other!r}" if other else " or ".join(named)
             what = f"column {next(iter(named))} is missing"
             raise InputError(path, "line 1", what, f"name it {right}")
-    return found
+    return present
 
 
 def readings_of(
@@ -69,17 +69,17 @@ def readings_of(
     readings = np.zeros((count, len(channels), channels.width))
     seen, sigma = np.zeros(readings.shape[:2], dtype=bool), np.full(readings.shape[:2], np.nan)
     for k, (instrument, part) in enumerate(channels.blocks):
-        own = np.flatnonzero(by_row == k)
+        rows = np.flatnonzero(by_row == k)
         position = {name: c for c, name in enumerate(cell.channel_names[part], part.start)}
-        for row in own.tolist():
+        for row in rows.tolist():
             if names[row] not in position:
                 what = f"is nothing that instrument {instrument.name!r} reads"
                 raise table.fault(row, "marker", what, "name another, or correct the instrument")
             channel[row] = position[names[row]]
-        if len(own):
-            at = pose[own], channel[own]
-            readings[(*at, slice(instrument.rows))] = _numbers(table, instrument, own)
-            sigma[at] = _own_sigma(table, instrument, own, len(channels.instruments) == 1)
+        if len(rows):
+            at = pose[rows], channel[rows]
+            readings[(*at, slice(instrument.rows))] = _numbers(table, instrument, rows)
+            sigma[at] = _own_sigma(table, instrument, rows, len(channels.instruments) == 1)
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
             what = f"pose {table.text('pose')[row]!r} has marker {names[row]!r} twice"
@@ -94,7 +94,7 @@ def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, alone: b
 
     alone : whether the cell has no other instrument; with several a column may be empty
     """
-    found, unit = np.full(len(rows), np.nan), instrument.numbers[0].unit
+    sigma, unit = np.full(len(rows), np.nan), instrument.numbers[0].unit
     for column in (own for own in SIGMAS if own in table.columns):
         of, scale = SIGMAS[column]
         text = table.text(column)
@@ -103,11 +103,11 @@ def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, alone: b
             right = next(name for name, (u, _) in SIGMAS.items() if u == unit)
             what = f"is for readings in {of}, and {instrument.name!r} reads {unit}"
             raise table.fault(int(rows[given][0]), column, what, f"give it in column {right}")
-        found[given] = table.numbers(column, rows[given]) * scale
-        for row in rows[given][found[given] <= 0][:1].tolist():
+        sigma[given] = table.numbers(column, rows[given]) * scale
+        for row in rows[given][sigma[given] <= 0][:1].tolist():
             remedy = "leave the column out for the cell's"
             raise table.fault(row, column, "must be above zero", remedy)
-    return found
+    return sigma
 
 
 def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
@@ -121,31 +121,34 @@ def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Si
     if not sites or "instrument" not in table.columns:
         return None
     named = np.array([name if name in sites else "" for name in table.text("instrument")])
-    found = named[first]
+    touched = named[first]
     for row in np.flatnonzero(named != ""):
-        if found[pose[row]] not in ("", named[row]):
-            what = f"pose {table.text('pose')[row]!r} touches {str(found[pose[row]])!r} too"
+        if touched[pose[row]] not in ("", named[row]):
+            what = f"pose {table.text('pose')[row]!r} touches {str(touched[pose[row]])!r} too"
             raise table.fault(int(row), "instrument", what, "give each its own pose identifier")
-        found[pose[row]] = named[row]
-    return found
+        touched[pose[row]] = named[row]
+    return touched
 
 
 def _numbers(table: CsvTable, instrument: Instrument, rows: IntArray) -> Array:
     """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
     columns = reading_columns(table.path, instrument, table.columns)
-    found, blank = np.zeros((len(rows), len(columns))), any(c.optional for c in instrument.columns)
+    numbers, blank = (
+        np.zeros((len(rows), len(columns))),
+        any(c.optional for c in instrument.columns),
+    )
     for k, (name, scale) in enumerate(columns):
         text = table.text(name)
         given = rows[[bool(text[row]) for row in rows]] if blank else rows
-        found[np.isin(rows, given), k] = table.numbers(name, given) * scale
+        numbers[np.isin(rows, given), k] = table.numbers(name, given) * scale
     # An optional column is the only one of its instrument.
     length = np.array([c.quantity == "length" for c in instrument.columns], bool)
     length = length[: len(columns)]
-    for at, k in np.argwhere((np.abs(found) > _FARTHEST) & length)[:1].tolist():
+    for at, k in np.argwhere((np.abs(numbers) > _FARTHEST) & length)[:1].tolist():
         row, name = int(rows[at]), columns[k][0]
         what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
         raise table.fault(row, name, what, "check the reading and its unit")
-    read = instrument.row_of(found)
+    read = instrument.row_of(numbers)
     for row in rows[~np.isfinite(read).all(axis=1)][:1].tolist():
         name = columns[int(np.flatnonzero(~length)[0])][0]
         what = f"and what belongs to it are no reading of kind {instrument.kind}"

@@ -106,26 +106,26 @@ def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
     """Columns of temperature, time, torques, moves, station and session, where poses have them."""
-    robot, found = cell.robot, dict[str, list[str]]()
+    robot, columns = cell.robot, dict[str, list[str]]()
     if poses.temperature is not None:
-        found["temperature_degC"] = _numbers(poses.temperature, ".6g")
+        columns["temperature_degC"] = _numbers(poses.temperature, ".6g")
     if poses.time is not None:
-        found["time_s"] = _numbers(poses.time)
+        columns["time_s"] = _numbers(poses.time)
     if poses.torque is not None:
         each = zip(torque_columns(robot), poses.torque.T, strict=True)
-        found |= {name: _numbers(own) for name, own in each}
+        columns |= {name: _numbers(own) for name, own in each}
     if poses.approach is not None and not poses.approach_derived:
         signs = zip(robot.joints, poses.approach.T, strict=True)
-        found |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
+        columns |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
     if poses.motion is not None and poses.motion_told:
         blank = CsvTable(Path(), (), [], [])
         moves = zip(motion_columns(blank, robot).items(), poses.motion.T, strict=True)
-        found |= {name: _numbers(own / scale) for (name, scale), own in moves}
+        columns |= {name: _numbers(own / scale) for (name, scale), own in moves}
     if len(poses.stations) > 1:
-        found["station"] = [poses.stations[i] for i in poses.station]
+        columns["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:
-        found["session"] = poses.session.tolist()
-    return found
+        columns["session"] = poses.session.tolist()
+    return columns
 
 
 def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:

@@ -20,10 +20,10 @@ from calib.instruments.protocol import (
     MOTION,
     SCALE,
     WORLD,
+    Component,
     Instrument,
     Linear,
     Nominal,
-    Number,
     ReadingColumn,
     Start,
     Unknown,
@@ -35,15 +35,13 @@ from calib.keys import (
     Count,
     Name,
     NotNegative,
+    Number,
     Positive,
     TomlTable,
     Vector,
     Written,
     key,
     times,
-)
-from calib.keys import (
-    Number as Real,
 )
 
 _BEFORE = 2e-3  # m
@@ -88,26 +86,22 @@ class Camera(Instrument):
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
     columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "pixel") for c in "uv")
-    numbers: ClassVar[tuple[Number, ...]] = tuple(Number(c, "px", 1.0) for c in "uv")
+    numbers: ClassVar[tuple[Component, ...]] = tuple(Component(c, "px", 1.0) for c in "uv")
     unplaced: ClassVar[str]
 
     @property
     def of_lens(self) -> tuple[Unknown, ...]:
         """What is unknown of the lens."""
         off = _OFF * float(self.lens.values[FOCAL].mean())
-        size = np.array([*[off] * DISTORTION.start, *[_BENT] * 5])
-        unit = np.array([*["px"] * DISTORTION.start, *[""] * 5])
-        return tuple(
-            Unknown(self.lens.names[i], str(unit[i]), 1.0, float(size[i]))
-            for i in self.free.tolist()
-        )
+        kinds = [*[("px", 1.0, off)] * DISTORTION.start, *[("", 1.0, _BENT)] * 5]
+        return tuple(Unknown(self.lens.names[i], *kinds[i]) for i in self.free.tolist())
 
     def guess_at(self, name: str) -> Array:
         del name
-        found = np.zeros(len(self.unknowns))
+        place = np.zeros(len(self.unknowns))
         if self.standing is not None:
-            found[: len(self.standing)] = self.standing
-        return found
+            place[: len(self.standing)] = self.standing
+        return place
 
     @property
     def prior(self) -> Array:
@@ -190,10 +184,10 @@ class Camera(Instrument):
     def resected(self, rows: Array, seen: Mask, mounted: Mounted) -> tuple[Resected, Array]:
         """Places from which the rays fit, and what is unknown of the lens, of the same focal length."""
         focal = bool(np.isin(np.arange(FOCAL.stop), self.free).all())
-        found = resected(self.lens.ideal(rows), seen, mounted, focal)
+        places = resected(self.lens.ideal(rows), seen, mounted, focal)
         by = np.zeros(len(self.lens.values))
-        by[FOCAL] = (found.focal - 1.0) * self.lens.values[FOCAL]
-        return found, by[self.free]
+        by[FOCAL] = (places.focal - 1.0) * self.lens.values[FOCAL]
+        return places, by[self.free]
 
     def split(self, place: Array) -> tuple[Array, Lens, Array]:
         """Where the camera, or its boards, stand; the lens; and what came loose."""
@@ -229,13 +223,13 @@ class FixedCamera(Camera):
         guess = np.zeros(6) if self.standing is None or arm.placed else self.standing
         camera = so3_exp(guess[3:]), guess[:3]
         mounted = Mounted((arm.R_tip, arm.p_tip), bodies, camera, arm.placed)
-        found, lens = self.resected(rows, seen, mounted)
+        places, lens = self.resected(rows, seen, mounted)
         markers, told = arm.markers.copy(), np.zeros_like(arm.free)
-        for body, (R, t) in zip(bodies, found.bodies, strict=True):
-            own = body.channels
-            if not body.known and seen[:, own].any():
-                markers[own], told[own] = body.points @ R.T + t, arm.free[own]
-        return Start(np.concatenate([found.t, so3_log(found.R), lens]), markers, told)
+        for body, (R, t) in zip(bodies, places.bodies, strict=True):
+            channels = body.channels
+            if not body.known and seen[:, channels].any():
+                markers[channels], told[channels] = body.points @ R.T + t, arm.free[channels]
+        return Start(np.concatenate([places.t, so3_log(places.R), lens]), markers, told)
 
     @property
     def position(self) -> Array | None:
@@ -320,22 +314,22 @@ class ArmCamera(Camera):
         known = arm.placed
         guess = np.zeros(6 * len(self.boards)) if self.standing is None or known else self.standing
         bodies = tuple(
-            Ridden(board.channels, board.points, so3_exp(own[3:]), own[:3], known)
-            for board, own in zip(self.boards, guess.reshape(-1, 6), strict=True)
+            Ridden(board.channels, board.points, so3_exp(place[3:]), place[:3], known)
+            for board, place in zip(self.boards, guess.reshape(-1, 6), strict=True)
         )
         centre, axes = frame_of(arm.markers[:CORNERS])
         back, free = np.swapaxes(arm.R_tip, -1, -2), arm.free[:CORNERS].any()
         base, camera = (back, -rotate(back, arm.p_tip)), (axes, -axes @ centre)
-        found, lens = self.resected(rows, seen, Mounted(base, bodies, camera, not free))
-        corners = corners_of(found.R.T, -found.R.T @ found.t)
+        places, lens = self.resected(rows, seen, Mounted(base, bodies, camera, not free))
+        corners = corners_of(places.R.T, -places.R.T @ places.t)
         corners = np.tile(corners, (len(arm.markers) // CORNERS, 1))
-        places = [np.concatenate([t, so3_log(R)]) for R, t in found.bodies]
+        stands = [np.concatenate([t, so3_log(R)]) for R, t in places.bodies]
         markers = np.where(arm.free, corners, arm.markers)
-        return Start(np.concatenate([*places, lens]), markers, arm.free)
+        return Start(np.concatenate([*stands, lens]), markers, arm.free)
 
 
 Pixels = tuple[Positive, Positive]
-Coefficients = tuple[Real, Real, Real, Real] | tuple[Real, Real, Real, Real, Real]
+Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
 FreeParts = list[Literal["focal", "center", "distortion"]]
 
 
@@ -353,12 +347,12 @@ class IntrinsicsStd(TomlTable):
 
     def values(self) -> Array:
         """Those of the lens's values, shape (9,), NaN where none is given."""
-        found = np.full(len(Lens.names), np.nan)
+        std_of = np.full(len(Lens.names), np.nan)
         for part, std in zip(FREE.values(), dict(self).values(), strict=True):
             if std is not None:
                 several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
-                found[part] = several[: len(found[part])]
-        return found
+                std_of[part] = several[: len(std_of[part])]
+        return std_of
 
 
 def _listed(given: list[float]) -> Array:
@@ -391,7 +385,7 @@ class CameraTable(BodyTable, KeysTable):
     """camera: boards that it looks at; without it all that do not ride with it"""
     focal_px: Positive | Pixels
     """camera: focal length, one number or two"""
-    center_px: tuple[Real, Real]
+    center_px: tuple[Number, Number]
     """camera: principal point"""
     distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
     """camera: k1 k2 p1 p2 k3, as OpenCV"""

@@ -45,10 +45,10 @@ class Lens:
             if not ahead[at].size:
                 continue
             K, bent = matrices(self.values[at])
-            found, by = cv2.projectPoints(
+            projected, by = cv2.projectPoints(
                 ahead[at].reshape(-1, 1, 3), np.zeros(3), np.zeros(3), K, bent
             )
-            pixels[at], J[at] = found.reshape(pixels[at].shape), by.reshape(J[at].shape)
+            pixels[at], J[at] = projected.reshape(pixels[at].shape), by.reshape(J[at].shape)
         by_points = J[..., _TRANSLATION]
         by_points[..., 2] *= (points[..., 2] > _NEAR)[..., None]
         return pixels, by_points, J[..., _LENS]
@@ -60,8 +60,8 @@ class Lens:
         if not pixels.size:
             return pixels
         given = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
-        found = cv2.undistortPointsIter(given, *matrices(self.values), None, None, _UNDISTORTED)
-        return np.asarray(found).reshape(pixels.shape)
+        rays = cv2.undistortPointsIter(given, *matrices(self.values), None, None, _UNDISTORTED)
+        return np.asarray(rays).reshape(pixels.shape)
 
 
 def matrices(values: Array) -> tuple[Array, Array]:

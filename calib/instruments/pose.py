@@ -20,9 +20,9 @@ from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.placing import hand_eye
 from calib.instruments.protocol import (
     MOTION,
+    Component,
     Linear,
     Nominal,
-    Number,
     ReadingColumn,
     Start,
 )
@@ -51,10 +51,10 @@ class Pose(Tracker):
     )
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
+    def numbers(self) -> tuple[Component, ...]:
         return (
-            *(Number(c, "mm", 1e-3) for c in "xyz"),
-            *(Number(f"r{c}", "mrad", 1e-3) for c in "xyz"),
+            *(Component(c, "mm", 1e-3) for c in "xyz"),
+            *(Component(f"r{c}", "mrad", 1e-3) for c in "xyz"),
         )
 
     @property

@@ -59,7 +59,7 @@ class ReadingColumn(NamedTuple):
     optional: bool = False
 
 
-class Number(NamedTuple):
+class Component(NamedTuple):
     """One number of an error: its name, the unit shown, and that unit in SI.
 
     ``<name>_<unit>`` is a field of each residual in the results.
@@ -174,9 +174,9 @@ class Instrument(ABC):
         return self.linearise(place, points).rows
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
+    def numbers(self) -> tuple[Component, ...]:
         """What :meth:`shown` gives, in its order: as many as a reading has that are independent."""
-        return tuple(Number(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
+        return tuple(Component(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
 
     def shown(self, measured: Array, off: Array) -> Array:
         """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""

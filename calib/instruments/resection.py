@@ -73,15 +73,15 @@ def on_tip(arm: Nominal, shapes: tuple[tuple[slice, Array], ...]) -> tuple[Ridde
 
     shapes : of each board its positions among the readings, and points (n, 3), m, in its frame
     """
-    found, free = list[Ridden](), np.asarray(arm.free.any(axis=1))
-    for own, points in shapes:
-        T = fit_rigid(arm.markers[own], points)
-        found.append(Ridden(own, points, T[:3, :3], T[:3, 3], not free[own].any()))
-    taken = {c for own, _ in shapes for c in range(own.start, own.stop)}
+    bodies, free = list[Ridden](), np.asarray(arm.free.any(axis=1))
+    for channels, points in shapes:
+        T = fit_rigid(arm.markers[channels], points)
+        bodies.append(Ridden(channels, points, T[:3, :3], T[:3, 3], not free[channels].any()))
+    taken = {c for channels, _ in shapes for c in range(channels.start, channels.stop)}
     for j in sorted(set(range(len(arm.markers))) - taken):
-        own = slice(j, j + 1)
-        found.append(Ridden(own, np.zeros((1, 3)), np.eye(3), arm.markers[j], not free[j]))
-    return tuple(found)
+        channels = slice(j, j + 1)
+        bodies.append(Ridden(channels, np.zeros((1, 3)), np.eye(3), arm.markers[j], not free[j]))
+    return tuple(bodies)
 
 
 def resected(ideal: Array, seen: Mask, mounted: Mounted, focal: bool = False) -> Resected:
@@ -96,8 +96,8 @@ def resected(ideal: Array, seen: Mask, mounted: Mounted, focal: bool = False) ->
     start = np.concatenate([*starts, *images.drawn(guessed, mounted.known)])
     cost = np.sum(images.linearise(start)[0] ** 2, axis=-1)
     best = start[np.argsort(np.nan_to_num(cost, nan=np.inf))[:_FOLLOWED]]
-    found = levenberg_marquardt(images.linearise, best, images.span)
-    values = found.values[int(np.argmin(found.cost))]
+    minimum = levenberg_marquardt(images.linearise, best, images.span)
+    values = minimum.values[int(np.argmin(minimum.cost))]
     places = [(so3_exp(values[part][3:]), values[part][:3]) for part in images.parts]
     return Resected(so3_exp(values[3:6]), values[:3], places, float(values[_FOCAL]))
 
@@ -144,9 +144,9 @@ class _Images:
         u = np.zeros((*values.shape[:-1], *self.p_arm.shape))
         J = np.zeros((*u.shape, len(self.span)))
         for body, part in zip(self.bodies, self.parts, strict=True):
-            own = body.channels
-            here = (self.channel >= own.start) & (self.channel < own.stop)
-            local = body.points[self.channel[here] - own.start]
+            channels = body.channels
+            here = (self.channel >= channels.start) & (self.channel < channels.stop)
+            local = body.points[self.channel[here] - channels.start]
             u[..., here, :], _, J[..., here, :, part] = moved_as_one(values[..., part], local)
         return u, J
 
@@ -224,13 +224,13 @@ def poses_of(rays: Array, points: Array) -> list[tuple[Array, Array, float]]:
         _, turns, shifts, errors = cv2.solvePnPGeneric(local, rays, np.eye(3), None, flags=way)
     except cv2.error:  # of rays that are those of no shape
         return []
-    found = []
+    poses = []
     for turn, shift, error in zip(turns, shifts, np.ravel(errors), strict=False):
         R, t = so3_exp(turn[:, 0]) @ axes, shift[:, 0]
         if np.isfinite(t).all() and np.isfinite(R).all() and t[2] > _NEAR:
             cost = 2.0 * len(rays) * float(error / _RESOLUTION) ** 2
-            found.append((R, t - R @ middle, cost))
-    return sorted(found, key=lambda pose: pose[2])[: 2 if flat else 1]
+            poses.append((R, t - R @ middle, cost))
+    return sorted(poses, key=lambda pose: pose[2])[: 2 if flat else 1]
 
 
 def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motions, Mask, Mask]:
@@ -242,13 +242,13 @@ def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motion
     R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
     whole, sure = np.zeros((m, count), dtype=bool), np.zeros((m, count), dtype=bool)
     for k, body in enumerate(bodies):
-        own = body.channels
-        images = np.flatnonzero(seen[:, own].sum(axis=1) >= _LEAST)
+        channels = body.channels
+        images = np.flatnonzero(seen[:, channels].sum(axis=1) >= _LEAST)
         if len(images) > _POSED:
             images = images[np.linspace(0, len(images) - 1, _POSED).astype(int)]
         for i in images.tolist():
-            here = seen[i, own]
-            poses = poses_of(ideal[i, own][here], body.points[here])
+            here = seen[i, channels]
+            poses = poses_of(ideal[i, channels][here], body.points[here])
             if poses:
                 R[i, k], t[i, k], cost = poses[0]
                 rival = poses[1][2] if poses[1:] else np.inf
@@ -278,6 +278,6 @@ def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) ->
         R_base, t_base, corners = hand_eye((R[:, use], t[:, use]), using[:, use], arm)
         origins, axes = frame_of(corners)
         places = [(body.R, body.t) for body in bodies]
-        for k, origin, own in zip(use, origins, axes, strict=True):
-            places[k] = own.T, origin
+        for k, origin, turn in zip(use, origins, axes, strict=True):
+            places[k] = turn.T, origin
         yield images.at(camera if mounted.known else (R_base, t_base), places)[None]

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arm.se3 import even_directions, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import levers
-from calib.instruments.protocol import Instrument, Nominal, Number, Start
+from calib.instruments.protocol import Component, Instrument, Nominal, Start
 from calib.solver import levenberg_marquardt
 
 _MISSES = 5e-3  # m: what a nominal arm may miss, one standard deviation
@@ -28,9 +28,9 @@ class Even(Instrument, ABC):
     sought: ClassVar[bool] = True
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
+    def numbers(self) -> tuple[Component, ...]:
         names = ("d",) if self.rows == 1 else ("x", "y", "z")
-        return tuple(Number(name, "mm", 1e-3) for name in names)
+        return tuple(Component(name, "mm", 1e-3) for name in names)
 
     def row_of(self, entries: Array) -> Array:
         return np.pad(entries, ((0, 0), (0, self.rows - entries.shape[-1])))

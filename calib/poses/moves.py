@@ -88,9 +88,9 @@ def begins(poses: Poses) -> Mask:
         fresh[1:] |= np.diff(poses.time[order]) > _LONGEST
     if poses.session is not None:
         fresh[1:] |= poses.session[order][1:] != poses.session[order][:-1]
-    found = np.empty(len(poses), dtype=bool)
-    found[order] = fresh
-    return found
+    unknown = np.empty(len(poses), dtype=bool)
+    unknown[order] = fresh
+    return unknown
 
 
 def before_the_first_move(poses: Poses) -> Mask:
@@ -168,9 +168,9 @@ def visits(poses: Poses) -> IntArray:
     moved = [] if poses.motion is None else list(poses.motion.T)
     where = np.column_stack([poses.configuration, poses.station, *moved])[order]
     left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1) | begins(poses)[order]
-    found = np.empty(len(poses), dtype=int)
-    found[order] = np.cumsum(left)
-    return found
+    number = np.empty(len(poses), dtype=int)
+    number[order] = np.cumsum(left)
+    return number
 
 
 def alike(poses: Poses) -> IntArray:

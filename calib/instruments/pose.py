@@ -26,7 +26,7 @@ from calib.instruments.protocol import (
     ReadingColumn,
     Start,
 )
-from calib.instruments.riding import CORNERS, DIFFERENCES
+from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of
 from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row
 from calib.noise import Noise
@@ -49,13 +49,10 @@ class Pose(Tracker):
         *(ReadingColumn(c, "length") for c in "xyz"),
         *(ReadingColumn(f"q{c}", "ratio") for c in "wxyz"),
     )
-
-    @property
-    def numbers(self) -> tuple[Component, ...]:
-        return (
-            *(Component(c, "mm", 1e-3) for c in "xyz"),
-            *(Component(f"r{c}", "mrad", 1e-3) for c in "xyz"),
-        )
+    numbers: ClassVar[tuple[Component, ...]] = (
+        *(Component(c, "mm", 1e-3) for c in "xyz"),
+        *(Component(f"r{c}", "mrad", 1e-3) for c in "xyz"),
+    )
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -69,14 +66,16 @@ class Pose(Tracker):
         if place.shape[-1] > MOTION.stop:
             rows, turn, by_motion = moved_as_one(place[..., None, MOTION.stop :], rows)
             R, by_place = turn @ R, np.concatenate([turn @ by_place, by_motion], axis=-1)
+        corners = rows.reshape((*rows.shape[:-2], -1, CORNERS, 3))
+        by_corner = by_place.reshape((*corners.shape, by_place.shape[-1]))
+        frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
         turned = np.einsum("ab,...ij->...aibj", DIFFERENCES, R)
-        shape = (*rows.shape[:-2], -1, 9)
-        by_corner = by_place.reshape((*shape[:-1], CORNERS, 3, by_place.shape[-1]))
-        by_row = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
+        by_frame = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
+        flat = (*frame.shape[:-2], 9)
         return Linear(
-            _flat(_frame(rows.reshape(shape))),
+            frame.reshape(flat),
             turned.reshape((*turned.shape[:-4], 9, 9)),
-            by_row.reshape((*by_corner.shape[:-3], 9, by_place.shape[-1])),
+            by_frame.reshape((*flat, by_place.shape[-1])),
         )
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
@@ -116,8 +115,8 @@ class Pose(Tracker):
     def bodies(self, markers: Array) -> Iterator[tuple[int, tuple[Array, Array]]]:
         """Of each body the position of its origin among markers (M, 3), and p and rotation vector."""
         for first in self.read_of(len(markers))[::CORNERS].tolist():
-            frame = _frame(markers[first : first + CORNERS].reshape(9))
-            yield first, (frame[0], so3_log(rotation_of(_flat(frame))))
+            origin, axes = frame_of(markers[first : first + CORNERS])
+            yield first, (origin, so3_log(axes.T))
 
     @property
     def even(self) -> float | None:
@@ -132,16 +131,6 @@ class Pose(Tracker):
         R, t, corners = hand_eye((rotation_of(rows), rows[..., :3]), seen, arm)
         told = arm.free & np.repeat(np.any(seen, axis=0), CORNERS)[:, None]
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
-
-
-def _frame(points: Array) -> Array:
-    """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
-    corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-    return np.asarray(np.einsum("ab,...bi->...ai", DIFFERENCES, corners))
-
-
-def _flat(corners: Array) -> Array:
-    return corners.reshape((*corners.shape[:-2], 9))
 
 
 def rotation_of(rows: Array) -> Array:

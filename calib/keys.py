@@ -121,6 +121,10 @@ NotNegativeMetres = Annotated[NotNegative, times(MM)]
 """Written in mm."""
 Point = Annotated[Array, Written(Vector, lambda point: np.array(point) * MM)]
 """Shape (3,), m, written in mm."""
+Place = Annotated[
+    tuple[float, float, float], Written(Vector, lambda point: tuple(x * MM for x in point))
+]
+"""The same as three numbers."""
 
 
 def form_of(value: Any) -> str:

@@ -110,33 +110,29 @@ class Cell:
 
         Raises CalibError for a marker that is no point and for a name that is no field.
         """
-        if isinstance(markers, Mapping):
-            names, points = tuple(markers), list(markers.values())
-        else:
-            points = list(markers)
-            names = tuple(f"m{j + 1}" for j in range(len(points)))
+        if not isinstance(markers, Mapping):
+            markers = {f"m{j + 1}": point for j, point in enumerate(markers)}
+        points = list(markers.values())
         if any(np.shape(point) != (3,) for point in points):
             raise CalibError("a marker is three coordinates in metres, in the tip frame")
         count = len(points)
-        several = (instrument,) if isinstance(instrument, Instrument) else tuple(instrument)
-        given = {
+        given: dict[str, Any] = {
+            own.name: own.default_factory() if own.default_factory is not MISSING else own.default
+            for own in fields(self)
+        }
+        if unknown := sorted({*more} - {*given}):
+            raise CalibError(f"a cell has no {unknown[0]!r}; it has {', '.join(given)}")
+        given |= {
             "robot": robot,
             "markers": np.array(points, dtype=float).reshape(-1, 3),
-            "marker_names": names,
-            "instruments": several,
+            "marker_names": tuple(markers),
+            "instruments": (instrument,) if isinstance(instrument, Instrument) else (*instrument,),
             "effects": (effects,) if isinstance(effects, str) else tuple(effects),
             "name": robot.name,
             "marker_normals": np.full((count, 3), np.nan),
             "marker_acceptance": np.full(count, np.nan),
             "shapes": robot.shapes,
         }
-        for own in fields(self):
-            if own.name not in given:
-                make = own.default_factory
-                given[own.name] = own.default if make is MISSING else make()
-        unknown = sorted({*more} - {*given})
-        if unknown:
-            raise CalibError(f"a cell has no {unknown[0]!r}; it has {', '.join(given)}")
         for name, value in (given | more).items():
             object.__setattr__(self, name, value)
 

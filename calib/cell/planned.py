@@ -26,6 +26,7 @@ from calib.keys import (
     NotNegative,
     NotNegativeMetres,
     Number,
+    Place,
     Point,
     Positive,
     PositiveMetres,
@@ -45,11 +46,7 @@ class Load:
     mass: Annotated[Mass, key("mass_kg")]
     """test load, hung on for the second reading of each pose of a plan; measured data contain it as
     wrench"""
-    com: Annotated[
-        tuple[float, float, float],
-        Written(Vector, lambda point: tuple(x * MM for x in point)),
-        key("com_mm"),
-    ]
+    com: Annotated[Place, key("com_mm")]
     """where it hangs, in the frame of its link"""
     max_tilt: Annotated[Number, Field(ge=0, le=90), times(DEG), key("max_tilt_deg")] = np.pi / 2
     """largest angle between the x axis of that link and the horizontal"""

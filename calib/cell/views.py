@@ -19,8 +19,8 @@ from calib.arm.se3 import displacement, fit_rigid, inverse, rotate, so3_exp, so3
 from calib.arrays import Array, IntArray, Mask
 from calib.cell.cell import Cell
 from calib.instruments import Camera
+from calib.instruments.board import Board
 from calib.instruments.camera import ArmCamera
-from calib.instruments.detection import Board
 from calib.instruments.lens import CENTER, FOCAL
 from calib.instruments.riding import frame_of
 

@@ -13,7 +13,7 @@ from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array
 from calib.errors import EffectCannotAct
 from calib.instruments import TRACKER, Camera, Instrument
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 from calib.instruments.protocol import MOTION, SCALE
 
 ARM = "arm"

@@ -82,10 +82,9 @@ def solution_said(robot: Robot, names: tuple[str, ...], q: Array) -> tuple[str, 
     """Which solution was taken where targets were poses of the tip, q (m, n)."""
     if not len(q):
         return ()
-    shown = ", ".join(
-        f"{joint} {value * 1e3:.1f} mm" if slides else f"{joint} {np.degrees(value):.1f} deg"
-        for joint, value, slides in zip(robot.joints, q[0], robot.prismatic, strict=True)
-    )
+    units = [("mm", 1e-3) if slides else ("deg", np.pi / 180.0) for slides in robot.prismatic]
+    each = zip(robot.joints, q[0], units, strict=True)
+    shown = ", ".join(f"{joint} {value / scale:.1f} {unit}" for joint, value, (unit, scale) in each)
     said = [
         f"tip poses were turned into joints: at {names[0]} the solution nearest to the middle of the "
         f"joint ranges, {shown}; at the others the one nearest to the target before"

@@ -27,23 +27,12 @@ UNITS = {
 }
 """Of every quantity that a table may hold, and their sizes in SI; the first one is written."""
 ANGLES, LENGTHS = UNITS["angle"], UNITS["length"]
-TORQUES = ("N", "Nm")  # of a joint that slides, or turns
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
 """Standard deviations of single rows: unit of the numbers that they are of, and its size."""
-OTHERS = (
-    "pose",
-    "marker",
-    "instrument",
-    "station",
-    "session",
-    "temperature_degC",
-    "time_s",
-    "order",
-    *SIGMAS,
-    "level",
-    "weight",
-)
+_NAMES = ("pose", "marker", "instrument", "station", "session")
+_COVARIATES = ("temperature_degC", "time_s", "order")
+OTHERS = (*_NAMES, *_COVARIATES, *SIGMAS, "level", "weight")
 
 _STRUCK = {"load_block": "take it out: the load is changed at each pose"}
 """Columns that there are no more, and what to do."""
@@ -56,7 +45,7 @@ _RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is prob
 
 @dataclass(frozen=True)
 class JointColumn:
-    """Where a table tells a joint: ``q = factor * scale * number + offset``.
+    """Where a table gives a joint: ``q = factor * scale * number + offset``.
 
     name : str, of the column: the joint's own, or its master's; scale : float, SI per unit
     """
@@ -98,28 +87,28 @@ def _units(slides: bool) -> dict[str, float]:
 
 
 def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn | None]:
-    """Where each joint is told. Raises InputError where a column is missing or has no unit.
+    """Where each joint is given. Raises InputError where a column is missing or has no unit.
 
-    A joint that mimics another may have a column of its own, else its master's tells it. So may one
-    that others move together; None where it has none, as they tell it.
+    A joint that mimics another may have a column of its own, else its master's gives it. So may one
+    that others move together; None where it has none, as they give it.
     """
-    found: list[JointColumn | None] = []
+    given: list[JointColumn | None] = []
     for sources in robot.sources:
-        own: JointColumn | None = None
+        joint_column: JointColumn | None = None
         for source in sources[::-1]:  # its own column comes before its master's
             units = _units(source.slides)
             column = column_of(path, columns, source.master, units, f"joint {source.master}")
             if column is not None:
                 scale = titles(source.master, units)[column]
-                own = JointColumn(column, scale, source.factor, source.offset)
-        if own is None and sources[0].joint not in robot.undriven:
+                joint_column = JointColumn(column, scale, source.factor, source.offset)
+        if joint_column is None and sources[0].joint not in robot.undriven:
             raise _missing(path, sources, columns)
-        found.append(own)
-    return found
+        given.append(joint_column)
+    return given
 
 
 def _missing(path: Path, sources: Sequence[Mimic], columns: tuple[str, ...]) -> InputError:
-    """What to say of a joint that nothing tells, or that has a column in another unit."""
+    """What to say of a joint that no column gives, or that has one in another unit."""
     joint, *masters = sources
     for column in titles(joint.master, _units(not joint.slides)):
         if column in columns:
@@ -141,29 +130,29 @@ def check_known(
     readings : columns that hold what the instruments read
     """
     joints = dict.fromkeys((*robot.joints, *robot.told))
-    known = {*OTHERS, *readings, *shared_columns(robot)}
-    ignored = []
-    for name in columns:
+    known, ignored = {*OTHERS, *readings, *shared_columns(robot)}, []
+    units_of = {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}
+    for name in (own for own in columns if own and own not in known):
+        unit, what = name.rpartition("_")[2], f"column {name!r} is not known"
+        close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
+        near = difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=_ALIKE)
         if name in _STRUCK:
-            raise InputError(path, "line 1", f"column {name!r} is not known", _STRUCK[name])
-        unit = name.rpartition("_")[2]
-        if name in known or not name:
-            continue
-        if unit in ("deg", "rad") or name.startswith("approach_"):
+            remedy = _STRUCK[name]
+        elif unit in ("deg", "rad") or name.startswith("approach_"):
             what = f"column {name!r} names no joint of the robot"
             absent = sorted({f"{j}_{unit}" for j in joints} - {*columns})
             alike = {column.casefold(): column for column in absent}
-            close = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
-            meant = f"did you mean {alike[close[0]]!r}? " if close else ""
-            raise InputError(path, "line 1", what, f"{meant}joints are {', '.join(joints)}")
-        if name.partition("_")[0] in {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}:
-            close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1) or ["?"]
-            what = f"column {name!r} has no known unit"
-            raise InputError(path, "line 1", what, f"name it {close[0]}")
-        if close := difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=0.8):
-            what, remedy = f"column {name!r} is not known", f"did you mean {close[0]!r}?"
-            raise InputError(path, "line 1", what, remedy)
-        ignored.append(name)
+            meant = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
+            remedy = "".join(f"did you mean {alike[own]!r}? " for own in meant)
+            remedy += f"joints are {', '.join(joints)}"
+        elif name.partition("_")[0] in units_of:
+            what, remedy = f"column {name!r} has no known unit", f"name it {(close or ['?'])[0]}"
+        elif near:
+            remedy = f"did you mean {near[0]!r}?"
+        else:
+            ignored.append(name)
+            continue
+        raise InputError(path, "line 1", what, remedy)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
 
 
@@ -178,30 +167,26 @@ def shared_columns(robot: Robot) -> set[str]:
 
 def torque_columns(robot: Robot) -> tuple[str, ...]:
     """Column of the torque, or force, that the arm measured at each joint."""
-    force, torque = TORQUES
-    return tuple(
-        f"{joint}_{force if slides else torque}"
-        for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
-    )
+    each = zip(robot.joints, robot.prismatic, strict=True)
+    return tuple(f"{joint}_{'N' if slides else 'Nm'}" for joint, slides in each)
 
 
 def motion_columns(table: CsvTable, robot: Robot) -> dict[str, float]:
     """Column of each joint's last move, and its unit in SI; of any unit that the table has."""
-    found = {}
+    columns = {}
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
         named = titles(f"move_{joint}", _units(slides))
         column = next((name for name in named if name in table.columns), next(iter(named)))
-        found[column] = named[column]
-    return found
+        columns[column] = named[column]
+    return columns
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
-    told = joint_columns(table.path, robot, table.columns)
+    given = joint_columns(table.path, robot, table.columns)
     none = np.zeros(len(table.rows))
-    own = [none if c is None else c.joint(table.numbers(c.name)) for c in told]
-    q = np.column_stack(own)
-    implied = [column is None for column in told]
+    q = np.column_stack([none if c is None else c.joint(table.numbers(c.name)) for c in given])
+    implied = [column is None for column in given]
     q[:, implied] = robot.tied(q)[:, implied]
     turns = np.abs(q) / (2.0 * math.pi)
     for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
@@ -209,15 +194,14 @@ def joint_values(table: CsvTable, robot: Robot) -> Array:
         remedy = (
             "check its unit: counts of an encoder and angles of the motor are none of the joint"
         )
-        column = told[j]
+        column = given[j]
         raise table.fault(row, robot.joints[j] if column is None else column.name, what, remedy)
     return q
 
 
 def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
     """What is odd about joint values but may be meant: limits left, degrees that look like radians."""
-    warnings = []
-    turning = ~robot.prismatic
+    warnings, turning = [], ~robot.prismatic
     in_degrees = [f"{j}_deg" in table.columns for j in np.array(robot.joints)[turning]]
     if turning.any() and all(in_degrees):
         largest = float(np.degrees(np.abs(q[:, turning]).max()))
@@ -230,46 +214,47 @@ def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
     outside = (q < robot.limits[:, 0] - margin) | (q > robot.limits[:, 1] + margin)
     for j in np.flatnonzero(outside.any(axis=0)):
         row = int(np.flatnonzero(outside[:, j])[0])
-        shown = q[row, j] * 1e3 if robot.prismatic[j] else math.degrees(q[row, j])
-        unit = "mm" if robot.prismatic[j] else "deg"
+        unit, scale = next(iter(_units(robot.prismatic[j]).items()))
+        where = (
+            f"line {table.lines[row]}: joint {robot.joints[j]} at {q[row, j] / scale:.2f} {unit}"
+        )
         warnings.append(
-            f"{table.path}: line {table.lines[row]}: joint {robot.joints[j]} at {shown:.2f} {unit} is "
-            f"outside its limits ({int(outside[:, j].sum())} rows in all); check joint names and units"
+            f"{table.path}: {where} is outside its limits ({int(outside[:, j].sum())} rows in all); "
+            "check joint names and units"
         )
     return tuple(warnings)
 
 
 def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     """Optional columns, at one row for each pose."""
-    found: dict[str, Any] = {"wrench": _columns(table, WRENCH)[rows]}
+    fields: dict[str, Any] = {"wrench": _columns(table, WRENCH)[rows]}
     for key, name in (("temperature", "temperature_degC"), ("time", "time_s")):
         if name in table.columns:
-            found[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
+            fields[key] = table.numbers(name, remedy=_CLOCK if key == "time" else "")[rows]
     driven = [joint not in robot.undriven for joint in robot.joints]
     if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
-        found["torque"] = torque[rows]
-    own = motion_columns(table, robot)
-    if (moved := _of_joints(table, [*own], driven)) is not None:
-        moved = moved[rows] * [*own.values()]
-        found["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
-        found["motion_told"] = True
-    # A joint tells itself from which side it came, else its master does.
+        fields["torque"] = torque[rows]
+    units = motion_columns(table, robot)
+    if (moved := _of_joints(table, [*units], driven)) is not None:
+        moved = moved[rows] * [*units.values()]
+        fields["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
+        fields["motion_told"] = True
+    # A joint's own column says from which side it came, else its master's.
     sided = [
-        next((s for s in own if f"approach_{s.master}" in table.columns), own[-1])
-        for own in robot.sources
+        next((s for s in sources if f"approach_{s.master}" in table.columns), sources[-1])
+        for sources in robot.sources
     ]
     signs = [f"approach_{source.master}" for source in sided]
     if (approach := _of_joints(table, signs, driven)) is not None:
-        bad = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
-        if len(bad):
-            raise table.fault(int(bad[0, 0]), signs[int(bad[0, 1])], "is not -1, 0 or +1")
-        found["approach"] = approach[rows] * np.sign([source.factor for source in sided])
+        for row, j in np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[:1].tolist():
+            raise table.fault(row, signs[j], "is not -1, 0 or +1")
+        fields["approach"] = approach[rows] * np.sign([source.factor for source in sided])
     if "session" in table.columns:
-        found["session"] = np.array(table.names("session"))[rows]
+        fields["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:
         stations, station = np.unique(table.names("station"), return_inverse=True)
-        found["stations"], found["station"] = tuple(stations.tolist()), station[rows]
-    return found
+        fields["stations"], fields["station"] = tuple(stations.tolist()), station[rows]
+    return fields
 
 
 def _columns(table: CsvTable, names: Sequence[str]) -> Array:
@@ -285,10 +270,8 @@ def _of_joints(table: CsvTable, names: Sequence[str], driven: Sequence[bool]) ->
     """
     wanted = [*itertools.compress(names, driven)]
     present = [name for name in wanted if name in table.columns]
-    if not present:
-        return None
-    if len(present) < len(wanted):
+    if present and len(present) < len(wanted):
         missing = next(name for name in wanted if name not in present)
         what = f"column {missing!r} is missing beside {present[0]!r}"
         raise InputError(table.path, "line 1", what, "give every joint's, or none")
-    return _columns(table, names)
+    return _columns(table, names) if present else None

@@ -31,13 +31,16 @@ LONGEST_LINE = 65_536
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A CSV file as columns of text, with the line of each row."""
+    """A CSV file as columns of text, with the line of each row.
+
+    remedy : what to do with what is no number
+    """
 
     path: Path
     columns: tuple[str, ...]
     rows: list[list[str]]
     lines: list[int]
-    remedy: str = _REMEDY  # for what is no number
+    remedy: str = _REMEDY
 
     def text(self, column: str) -> list[str]:
         i = self.columns.index(column)
@@ -45,20 +48,20 @@ class CsvTable:
 
     def names(self, column: str) -> list[str]:
         """A column of names that can be shown; raises InputError naming line and column."""
-        found = self.text(column)
-        faults = {name: fault for name in set(found) if (fault := fault_of_name(name))}
-        for row, name in enumerate(found if faults else ()):
+        names = self.text(column)
+        faults = {name: fault for name in set(names) if (fault := fault_of_name(name))}
+        for row, name in enumerate(names if faults else ()):
             if name in faults:
                 raise self.fault(row, column, faults[name], "give it a short, plain name")
-        return found
+        return names
 
     def refuse_twice(self, column: str, remedy: str) -> None:
         """Raises InputError where two rows have the same name."""
-        found: set[str] = set()
-        for row, name in enumerate(self.text(column)):
-            if name in found:
+        names = self.text(column)
+        first = {name: row for row, name in reversed([*enumerate(names)])}
+        for row, name in enumerate(names):
+            if first[name] != row:
                 raise self.fault(row, column, f"{name!r} stands twice", remedy)
-            found.add(name)
 
     def numbers(self, column: str, rows: IntArray | None = None, remedy: str = "") -> Array:
         """A column of finite numbers, of some rows; raises InputError naming line and column."""
@@ -68,11 +71,9 @@ class CsvTable:
             values = np.fromiter((float(self.rows[r][i]) for r in chosen), float, len(chosen))
         except ValueError:
             values = np.array([self._number(i, r) for r in chosen])
-        usable = np.abs(values) < _LARGEST_NUMBER
-        if not usable.all():
-            bad = chosen[int(np.flatnonzero(~usable)[0])]
-            what = f"{self.rows[bad][i][:40]!r} is not a finite number of plausible size"
-            raise self.fault(bad, column, what, remedy or self.remedy)
+        for k in np.flatnonzero(~(np.abs(values) < _LARGEST_NUMBER))[:1]:
+            what = f"{self.rows[chosen[k]][i][:40]!r} is not a finite number of plausible size"
+            raise self.fault(chosen[k], column, what, remedy or self.remedy)
         return values
 
     def _number(self, column: int, row: int) -> float:
@@ -98,9 +99,9 @@ class CsvTable:
 
 def _bounded_lines(path: Path) -> Iterator[str]:
     with path.open(encoding="utf-8-sig", newline="") as file:
-        number = 0
-        while line := file.readline(LONGEST_LINE):
-            number += 1
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
+            if number == 1 and line.startswith("{"):
+                raise InputError(path, "", "is a JSON and no table", ORDER)
             if "\0" in line or len(line) >= LONGEST_LINE:
                 what = "is no line of a CSV table"
                 raise InputError(path, f"line {number}", what, "export it as CSV")
@@ -118,28 +119,11 @@ def read_table(
     rows: list[list[str]] = []
     lines: list[int] = []
     check_file(path, _LARGEST_FILE)
+    reader = csv.reader(_bounded_lines(path), strict=True)
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            if file.read(1) == "{":
-                raise InputError(path, "", "is a JSON and no table", ORDER)
-        reader = csv.reader(_bounded_lines(path), strict=True)
-        columns = tuple(name.strip() for name in next(filter(None, reader), []))
-        if not any(columns):
-            raise InputError(path, "", "is empty", "the first line must name the columns")
-        if len(columns) > _MOST_COLUMNS:
-            raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
-        for name in columns:
-            if name and columns.count(name) > 1:
-                raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")
-        for name in required:
-            if name not in columns:
-                what = f"column {name!r} is missing"
-                below = next(reader, [])
-                raise InputError(path, "line 1", what, _how_to_name(name, columns, below))
+        columns = _header(path, reader, required)
         check(columns)
-        for row in reader:
-            if not row:
-                continue
+        for row in filter(None, reader):
             if len(row) != len(columns):
                 more = len(row) > len(columns)
                 remedy = "write decimal points, not commas, and nothing more"
@@ -153,14 +137,30 @@ def read_table(
     except UnicodeDecodeError:
         raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
     except csv.Error as error:
-        what = f"is no CSV ({error})"
-        remedy = "check the quotation marks"
-        raise InputError(path, f"line {reader.line_num}", what, remedy) from None
+        where, remedy = f"line {reader.line_num}", "check the quotation marks"
+        raise InputError(path, where, f"is no CSV ({error})", remedy) from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
     if not rows:
         raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
     return CsvTable(path, columns, rows, lines, remedy)
+
+
+def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
+    """The names of the columns. Raises InputError."""
+    columns = tuple(name.strip() for name in next(filter(None, reader), []))
+    if not any(columns):
+        raise InputError(path, "", "is empty", "the first line must name the columns")
+    if len(columns) > _MOST_COLUMNS:
+        raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
+    for name in columns:
+        if name and columns.count(name) > 1:
+            raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")
+    for name in required:
+        if name not in columns:
+            what, below = f"column {name!r} is missing", next(reader, [])
+            raise InputError(path, "line 1", what, _how_to_name(name, columns, below))
+    return columns
 
 
 def _how_to_name(name: str, columns: tuple[str, ...], below: list[str]) -> str:

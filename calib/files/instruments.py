@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.schema import CellFile
 from calib.instruments import CellParts, Instrument, KnownDistance
-from calib.instruments.board_table import BoardTable, BodyTable
-from calib.instruments.protocol import WORLD, KeysTable
+from calib.instruments.board import BoardTable
+from calib.instruments.keys_table import KeysTable
+from calib.instruments.protocol import WORLD
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 
@@ -47,26 +49,20 @@ def bodies_of(path: Path, table: CellFile) -> Bodies:
     Raises InputError for a board of which no point can be.
     """
     shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
-    read_as_poses: dict[str, BodyTable] = {**table.bodies, **table.carried}
     parts: dict[str, tuple[tuple[str, ...], Array, str]] = {
         name: ((name, f"{name}:x", f"{name}:y"), transformed(own.frame, _CORNERS), own.on)
-        for name, own in read_as_poses.items()
+        for name, own in {**table.bodies, **table.carried}.items()
     }
     for name, board in table.boards.items():
         if board.on != WORLD:
             points, shape = shapes[name]
             parts[name] = points, transformed(board.frame, shape), board.on
-    seats = {
-        table.link(own.on): (
-            tuple(f"{table.link(own.on)}:{end}" for end in "oxy"),
-            _CORNERS,
-            own.on,
-        )
-        for own in _seated(table).values()
-    }
+    under = {table.link(own.on): own.on for own in _seated(table).values()}
+    ends = ("o", "x", "y")
+    seats = {k: (tuple(f"{k}:{end}" for end in ends), _CORNERS, on) for k, on in under.items()}
     every = [*parts.values(), *seats.values()]
-    ends = np.cumsum([len(table.markers_mm), *(len(names) for names, *_ in every)]).tolist()
-    places = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    counts = np.cumsum([len(table.markers_mm), *(len(names) for names, *_ in every)]).tolist()
+    places = [slice(a, b) for a, b in itertools.pairwise(counts)]
     return Bodies(
         dict(zip(parts, places, strict=False)),
         dict(zip(seats, places[len(parts) :], strict=True)),
@@ -96,10 +92,14 @@ def _shape(path: Path, name: str, board: BoardTable) -> tuple[tuple[str, ...], A
 def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrument, ...]:
     """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time.
 
-    Raises InputError for one on a link that carries all that it could read.
+    Raises InputError for one on a link that carries all that it could read, and for a camera where
+    OpenCV is not installed.
     """
     if table.instrument is not None:
-        return (table.instrument.tracker("instrument", None),)
+        return (table.instrument.tracker(),)
+    for name in table.cameras if find_spec("cv2") is None else ():
+        what = "is a camera, which needs OpenCV"
+        raise InputError(path, f"instruments.{name}", what, "pip install '.[camera]'")
     cell = CellParts(
         links=tuple(own.on for own in table.markers_mm.values()),
         parts={**bodies.parts, **bodies.seats},
@@ -119,7 +119,7 @@ def instruments_of(path: Path, table: CellFile, bodies: Bodies) -> tuple[Instrum
 def known_distances(path: Path, table: CellFile) -> tuple[KnownDistance, ...]:
     """Those of the cell. Raises InputError where one is not between two sockets or two markers."""
     sockets = [name for name, own in table.instruments.items() if own.kind == "socket"]
-    on = {name: table.link_of(name) for name in table.markers_mm}
+    on = {name: table.link(own.on) for name, own in table.markers_mm.items()}
     for number, own in enumerate(table.known_distances):
         (a, b), where = own.between, f"known_distances.{number}.between"
         if a in on and b in on and on[a] != on[b]:

@@ -14,14 +14,14 @@ from calib.arm.se3 import inverse, transform, transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_xml
-from calib.files.shapes import SHAPES, shapes_of, spanned
+from calib.files.shapes import SHAPES, Span, shapes_of, spanned
 
 _SHOWN = 12  # names that a message lists
 _MOST = 10_000  # copies of a body: a robot has none, and a slip of the keys would fill the memory
 _HINGE, _SLIDE = 3, 2  # mjtJoint; the module is imported where it is needed
 _JOINT_OF_TENDON, _SITE = 1, 6  # mjtWrap, mjtObj
 _GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
-_CONSTRAINTS = ("connect", "weld", "joint", "tendon")
+_CONSTRAINTS = ("connect", "weld", "joint", "tendon", *["constraint"] * 8)
 
 
 def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
@@ -36,8 +36,7 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     """
     path = Path(path)
     name, files, model = compiled(path)
-    first = _body(path, model, base)
-    chain = _chain(path, model, first, (tip, *others))
+    first, chain = _chain(path, model, base, (tip, *others))
     joints = [int(j) for b in chain for j in np.flatnonzero(model.jnt_bodyid == b)]
     if not joints:
         raise InputError(path, "", "the chain has no moving joint", "check [robot] base and tip")
@@ -46,18 +45,13 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     _refuse_coupled(path, model, chain, set(carrier) - {first})
     unread: list[str] = []
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-        data = _at_zero(model, joints)
-        frames = _frames(model, data, first, joints)
-        back = [inverse(T) for T in frames]
-        tips = [_tip(model, data, end) for end in (*others, tip)]
-        parents = [*_parents(model, carrier, joints), *(carrier[body] for body, _ in tips)]
-        hung = zip(parents, [*frames[1:], *(T for _, T in tips)], strict=True)
-        origins = np.array([back[k] @ T for k, T in hung])
+        data, back, placed = _placed(model, first, joints, carrier, (*others, tip))
+        origins = np.array([back[k] @ T for k, T in placed])
         weights = (((k, back[k]), model.body_mass[b], data.xipos[b]) for b, k in carrier.items())
         masses, coms = weights_of(len(joints), weights)
     if not all(np.isfinite(a).all() for a in (origins, masses, coms)):
         raise InputError(path, "", "holds numbers that are not finite", "check what leads to a tip")
-    spans = (((k, back[k]), own, wide) for k, own, wide in _spans(model, data, carrier, unread))
+    turned = zip(back[1:], data.xaxis[joints], strict=True)
     return Robot(
         name=name,
         base=base,
@@ -65,17 +59,15 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
         joints=names,
         prismatic=model.jnt_type[joints] == _SLIDE,
         origins=origins,
-        axes=np.array(
-            [own[:3, :3] @ data.xaxis[j] for own, j in zip(back[1:], joints, strict=True)]
-        ),
+        axes=np.array([T[:3, :3] @ axis for T, axis in turned]),
         limits=np.array(limits),
         efforts=np.array(efforts),
         masses=masses,
         coms=coms,
-        shapes=shapes_of(names, spans, unread),
+        shapes=shapes_of(names, _spans(model, data, carrier, back, unread), unread),
         source=Source("mjcf", files),
         others=tuple(others),
-        parents=tuple(parents),
+        parents=tuple(k for k, _ in placed),
     )
 
 
@@ -88,10 +80,11 @@ def compiled(path: Path) -> tuple[str, tuple[Path, ...], Any]:
     if root.tag != "mujoco":
         raise InputError(path, f"<{root.tag}>", "is not an MJCF", "name a file that holds <mujoco>")
     pending = [(path, root)]
-    for here, element in pending:  # grows as files are found
+    for here, element in pending:  # grows as files are met
         for rule in element.iter("replicate"):
-            if not rule.get("count", "").strip().isdigit() or int(rule.get("count", "0")) > _MOST:
-                what = f"makes {rule.get('count', 'no number of')} copies"
+            count = rule.get("count", "no number of")
+            if not count.strip().isdigit() or int(count) > _MOST:
+                what = f"makes {count} copies"
                 raise InputError(here, "<replicate>", what, f"give a count of at most {_MOST}")
         for include in element.iter("include"):
             file = _included([own for own, _ in pending], here, include.get("file", ""))
@@ -103,9 +96,8 @@ def _model(path: Path) -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InputError(
-            path, "", "needs MuJoCo, which is not installed", "pip install 'posecal[sim]'"
-        ) from None
+        what = "needs MuJoCo, which is not installed"
+        raise InputError(path, "", what, "pip install 'posecal[sim]'") from None
     mujoco.set_mju_user_warning(lambda _: None)  # its own handler writes MUJOCO_LOG.TXT
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -126,13 +118,13 @@ def _included(files: list[Path], here: Path, name: str) -> Path:
     where, folder = f"include {name!r}", files[0].parent
     try:
         file = next((f for f in (folder / name, here.parent / name) if f.is_file()), folder / name)
-        whole, found = file.resolve(), file.is_file()
+        whole, present = file.resolve(), file.is_file()
     except (OSError, ValueError) as error:
         raise InputError(here, where, f"cannot be read ({error})") from None
     if not whole.is_relative_to(folder.resolve()):
         remedy = "copy the file into that folder"
         raise InputError(here, where, "leaves the folder of the model", remedy)
-    if not found:
+    if not present:
         raise InputError(here, where, "names no file", "check its path")
     if any(whole == other.resolve() for other in files):
         raise InputError(here, where, "is included already", "include each file once")
@@ -143,35 +135,33 @@ def _names(model: Any, kind: str) -> list[str]:
     return [getattr(model, kind)(i).name for i in range(getattr(model, f"n{kind}"))]
 
 
-def _body(path: Path, model: Any, name: str) -> int:
-    """The base of a cell. Raises InputError."""
-    names = _names(model, "body")
-    if name not in names:
-        known = ", ".join([own for own in names if own][: _SHOWN + 1])
-        raise InputError(path, "", f"has no body {name!r}", f"set [robot] base to one of: {known}")
-    return names.index(name)
+def _chain(path: Path, model: Any, base: str, tips: Sequence[str]) -> tuple[int, list[int]]:
+    """The base, and the bodies below it on the way to the first tip, then to the others.
 
-
-def _chain(path: Path, model: Any, first: int, tips: Sequence[str]) -> list[int]:
-    """Bodies below the first one on the way to the tip, then to the others. Raises InputError."""
-    chain: dict[int, None] = {}
+    Raises InputError.
+    """
     bodies, sites = _names(model, "body"), _names(model, "site")
+    known = [own for own in bodies if own]
+    if base not in bodies:
+        remedy = f"set [robot] base to one of: {', '.join(known[: _SHOWN + 1])}"
+        raise InputError(path, "", f"has no body {base!r}", remedy)
+    first, chain = bodies.index(base), dict[int, None]()
     for name in tips:
         if name not in (*bodies, *sites):
             key = "[robot] tip" if name == tips[0] else "'on' of what it carries"
-            known = ", ".join([own for own in bodies[1:] if own][:_SHOWN]) or "none"
-            remedy = f"set {key} to a site, or to one of: {known}"
+            shown = ", ".join(known[1 : _SHOWN + 1]) or "none"
+            remedy = f"set {key} to a site, or to one of: {shown}"
             raise InputError(path, "", f"has no body or site {name!r}", remedy)
         at = bodies.index(name) if name in bodies else int(model.site_bodyid[sites.index(name)])
         way: list[int] = []
         while at != first:
             if at == 0:
-                what = f"no chain of bodies leads from {model.body(first).name!r} to it"
+                what = f"no chain of bodies leads from {base!r} to it"
                 raise InputError(path, f"tip {name!r}", what, "check [robot] base and tip")
             way.insert(0, at)
             at = int(model.body_parentid[at])
         chain |= dict.fromkeys(way)
-    return [*chain]
+    return first, [*chain]
 
 
 def _carriers(
@@ -181,37 +171,44 @@ def _carriers(
 
     Of the world itself nothing belongs to the arm, and what stands there neither: the floor, tables.
     """
-    found, last = {first: 0}, {int(model.jnt_bodyid[j]): n for n, j in enumerate(joints, 1)}
+    carrier, last = {first: 0}, {int(model.jnt_bodyid[j]): n for n, j in enumerate(joints, 1)}
     for body in range(1, model.nbody):  # parents come first
         parent = int(model.body_parentid[body])
-        if body != first and parent in found and (body in chain or parent != 0):
-            found[body] = last.get(body, found[parent])
-    return found
+        if body != first and parent in carrier and (body in chain or parent != 0):
+            carrier[body] = last.get(body, carrier[parent])
+    return carrier
 
 
-def _at_zero(model: Any, joints: Sequence[int]) -> Any:
-    """Where MuJoCo has everything when the chain's joints read zero, all others as they are drawn."""
+def _placed(
+    model: Any, first: int, joints: Sequence[int], carrier: dict[int, int], tips: Sequence[str]
+) -> tuple[Any, list[Array], list[tuple[int, Array]]]:
+    """Where MuJoCo has everything when the chain's joints read zero, all others as they are drawn.
+
+    Returns its data; transforms (4, 4) from the world to the base and to each joint's frame, which has
+    the axes of its body; and the number of the joint that carries each joint and tip, 0 for the base,
+    with its frame in the world.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[joints]] = 0.0
     mujoco.mj_kinematics(model, data)
-    return data
-
-
-def _frames(model: Any, data: Any, first: int, joints: Sequence[int]) -> list[Array]:
-    """Those of the base and of each joint: the axes of its body, at its anchor; in the world."""
-    found = [_frame(data.xmat[first], data.xpos[first])]
-    return found + [_frame(data.xmat[model.jnt_bodyid[j]], data.xanchor[j]) for j in joints]
-
-
-def _parents(model: Any, carrier: dict[int, int], joints: Sequence[int]) -> list[int]:
-    """Number of the joint that carries each joint: the one before it on its body, or its parent's."""
-    bodies = [int(model.jnt_bodyid[j]) for j in joints]
-    return [
-        n if n and bodies[n - 1] == body else carrier[int(model.body_parentid[body])]
-        for n, body in enumerate(bodies)
-    ]
+    bodies, placed = [int(model.jnt_bodyid[j]) for j in joints], list[tuple[int, Array]]()
+    for n, (j, body) in enumerate(zip(joints, bodies, strict=True)):
+        same = n > 0 and bodies[n - 1] == body  # several joints of one body
+        parent = n if same else carrier[int(model.body_parentid[body])]
+        placed.append((parent, _frame(data.xmat[body], data.xanchor[j])))
+    back = [inverse(_frame(data.xmat[first], data.xpos[first])), *(inverse(T) for _, T in placed)]
+    named = _names(model, "body")
+    for name in tips:
+        if name in named:
+            body = named.index(name)
+            placed.append((carrier[body], _frame(data.xmat[body], data.xpos[body])))
+        else:
+            site = int(model.site(name).id)
+            T = _frame(data.site_xmat[site], data.site_xpos[site])
+            placed.append((carrier[int(model.site_bodyid[site])], T))
+    return data, back, placed
 
 
 def _frame(matrix: Array, position: Array) -> Array:
@@ -219,21 +216,12 @@ def _frame(matrix: Array, position: Array) -> Array:
     return transform(matrix.reshape(3, 3), position)
 
 
-def _tip(model: Any, data: Any, name: str) -> tuple[int, Array]:
-    """The body that is a tip, or else has a site of that name, and its frame in the world."""
-    if name in _names(model, "body"):
-        body = int(model.body(name).id)
-        return body, _frame(data.xmat[body], data.xpos[body])
-    site = int(model.site(name).id)
-    return int(model.site_bodyid[site]), _frame(data.site_xmat[site], data.site_xpos[site])
-
-
 def _joint(path: Path, model: Any, j: int) -> tuple[str, tuple[float, float], float]:
     """Name, limits [rad or m] and effort [N m or N] of a joint. Raises InputError."""
     name, where = model.joint(j).name, f"body {model.body(int(model.jnt_bodyid[j])).name!r}"
     if model.jnt_type[j] not in (_HINGE, _SLIDE):
-        said = ("free", "ball")[int(model.jnt_type[j])]
-        raise InputError(path, where, f"has a {said} joint", "use hinge and slide joints")
+        kind = ("free", "ball")[int(model.jnt_type[j])]
+        raise InputError(path, where, f"has a {kind} joint", "use hinge and slide joints")
     if not name:
         remedy = "name it as the columns of the data do"
         raise InputError(path, where, "has a joint without a name", remedy)
@@ -255,13 +243,12 @@ def _refuse_coupled(path: Path, model: Any, chain: list[int], links: set[int]) -
         if model.body_jntnum[body] or int(model.body_parentid[body]) in branches:
             branches.add(body)
     for i in np.flatnonzero(model.eq_active0):
-        kind = dict(enumerate(_CONSTRAINTS)).get(int(model.eq_type[i]), "constraint")
+        kind = _CONSTRAINTS[int(model.eq_type[i])]
         ends = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
-        if kind == "tendon":
-            ends = [j for tendon in ends for j in _pulled(model, tendon)]
         of, body_of = "body", np.arange(model.nbody)
         if kind in ("joint", "tendon"):
             of, body_of = "joint", model.jnt_bodyid
+            ends = [j for end in ends for j in _pulled(model, end)] if kind == "tendon" else ends
         elif model.eq_objtype[i] == _SITE:
             of, body_of = "site", model.site_bodyid
         held = {f"{of} {getattr(model, of)(e).name!r}": int(body_of[e]) for e in ends if e >= 0}
@@ -281,12 +268,9 @@ def _pulled(model: Any, tendon: int) -> list[int]:
 
 
 def _spans(
-    model: Any, data: Any, carrier: dict[int, int], unread: list[str]
-) -> Iterator[tuple[int, Array, float]]:
-    """Geoms of the arm: their joint, points in the world and a radius about these.
-
-    One that touches nothing is a picture, one without an end is named.
-    """
+    model: Any, data: Any, carrier: dict[int, int], back: list[Array], unread: list[str]
+) -> Iterator[Span]:
+    """Geoms of the arm. One that touches nothing is a picture, one without an end is named."""
     for g in np.flatnonzero((model.geom_contype | model.geom_conaffinity) != 0).tolist():
         body, kind = int(model.geom_bodyid[g]), _GEOMS[model.geom_type[g]]
         if body == 0 or body not in carrier:  # what the world holds is none of the arm's
@@ -300,8 +284,5 @@ def _spans(
             begin, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
             size = np.array(model.mesh_vert[begin : begin + count], dtype=float)
         points, radius = spanned(kind, size)
-        yield (
-            carrier[body],
-            transformed(_frame(data.geom_xmat[g], data.geom_xpos[g]), points),
-            radius,
-        )
+        T = _frame(data.geom_xmat[g], data.geom_xpos[g])
+        yield (carrier[body], back[carrier[body]]), transformed(T, points), radius

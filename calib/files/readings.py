@@ -28,27 +28,27 @@ def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[s
 
 def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
     """Columns and SI factors in which readings are written."""
-    found = (titles(own.name, UNITS[own.quantity]) for own in instrument.columns)
-    return [next(iter(named.items())) for named in found]
+    named = (titles(own.name, UNITS[own.quantity]) for own in instrument.columns)
+    return [next(iter(own.items())) for own in named]
 
 
 def reading_columns(
     path: Path, instrument: Instrument, columns: tuple[str, ...]
 ) -> list[tuple[str, float]]:
     """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
-    found = []
+    present = []
     for name, quantity, optional in instrument.columns:
         named = titles(name, UNITS[quantity])
         column = column_of(path, columns, name, UNITS[quantity], f"reading {name!r}")
         if column is not None:
-            found.append((column, named[column]))
+            present.append((column, named[column]))
         elif not optional:
             alike = {own.casefold(): own for own in columns}
             other = next((alike[n.casefold()] for n in named if n.casefold() in alike), None)
             right = f"{other.lower()} and not {other!r}" if other else " or ".join(named)
             what = f"column {next(iter(named))} is missing"
             raise InputError(path, "line 1", what, f"name it {right}")
-    return found
+    return present
 
 
 def readings_of(
@@ -61,33 +61,28 @@ def readings_of(
     Raises InputError naming line and column for an unknown marker, one that stands twice, and numbers
     that cannot be.
     """
-    names, called = table.text("marker"), cell.channel_names
-    known = set(cell.read_names)
+    names, known, channels = table.text("marker"), set(cell.read_names), cell.channels
     for row, name in enumerate(names):
         if name not in known:
             raise table.fault(row, "marker", *_unknown(cell, name))
-    by_row = _instruments(table, cell)
-    channels, shape = cell.channels, (count, len(cell.channels))
-    readings = np.zeros((*shape, channels.width))
-    seen, sigma = np.zeros(shape, dtype=bool), np.full(shape, np.nan)
-    channel = np.zeros(len(names), dtype=int)
+    by_row, channel = _instruments(table, cell), np.zeros(len(names), dtype=int)
+    readings = np.zeros((count, len(channels), channels.width))
+    seen, sigma = np.zeros(readings.shape[:2], dtype=bool), np.full(readings.shape[:2], np.nan)
     for k, (instrument, part) in enumerate(channels.blocks):
-        own = np.flatnonzero(by_row == k)
-        position = {name: c for c, name in enumerate(called[part], part.start)}
-        for row in own.tolist():
+        rows = np.flatnonzero(by_row == k)
+        position = {name: c for c, name in enumerate(cell.channel_names[part], part.start)}
+        for row in rows.tolist():
             if names[row] not in position:
                 what = f"is nothing that instrument {instrument.name!r} reads"
                 raise table.fault(row, "marker", what, "name another, or correct the instrument")
             channel[row] = position[names[row]]
-        if len(own):
-            numbers = _numbers(table, instrument, own)
-            readings[pose[own], channel[own], : instrument.rows] = numbers
-            alone = len(channels.instruments) == 1
-            sigma[pose[own], channel[own]] = _own_sigma(table, instrument, own, alone)
+        if len(rows):
+            at = pose[rows], channel[rows]
+            readings[(*at, slice(instrument.rows))] = _numbers(table, instrument, rows)
+            sigma[at] = _own_sigma(table, instrument, rows, len(channels.instruments) == 1)
     for row, (i, c) in enumerate(zip(pose, channel, strict=True)):
         if seen[i, c]:
-            whose = table.text("pose")[row]
-            what = f"pose {whose!r} has marker {names[row]!r} twice"
+            what = f"pose {table.text('pose')[row]!r} has marker {names[row]!r} twice"
             remedy = "give a repeated reading its own pose identifier"
             raise table.fault(row, "marker", what, remedy)
         seen[i, c] = True
@@ -99,24 +94,20 @@ def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, alone: b
 
     alone : whether the cell has no other instrument; with several a column may be empty
     """
-    found = np.full(len(rows), np.nan)
-    unit = instrument.numbers[0].unit
-    for column, (own, scale) in SIGMAS.items():
-        if column not in table.columns:
-            continue
+    sigma, unit = np.full(len(rows), np.nan), instrument.numbers[0].unit
+    for column in (own for own in SIGMAS if own in table.columns):
+        of, scale = SIGMAS[column]
         text = table.text(column)
-        told = np.array([bool(text[row]) or (alone and own == unit) for row in rows], bool)
-        if own != unit and told.any():
+        given = np.array([bool(text[row]) or (alone and of == unit) for row in rows], bool)
+        if of != unit and given.any():
             right = next(name for name, (u, _) in SIGMAS.items() if u == unit)
-            what = f"is for readings in {own}, and {instrument.name!r} reads {unit}"
-            raise table.fault(int(rows[told][0]), column, what, f"give it in column {right}")
-        given = table.numbers(column, rows[told]) * scale
-        if (given <= 0).any():
-            row = int(rows[told][given <= 0][0])
+            what = f"is for readings in {of}, and {instrument.name!r} reads {unit}"
+            raise table.fault(int(rows[given][0]), column, what, f"give it in column {right}")
+        sigma[given] = table.numbers(column, rows[given]) * scale
+        for row in rows[given][sigma[given] <= 0][:1].tolist():
             remedy = "leave the column out for the cell's"
             raise table.fault(row, column, "must be above zero", remedy)
-        found[told] = given
-    return found
+    return sigma
 
 
 def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
@@ -130,44 +121,46 @@ def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Si
     if not sites or "instrument" not in table.columns:
         return None
     named = np.array([name if name in sites else "" for name in table.text("instrument")])
-    found = named[first]
+    touched = named[first]
     for row in np.flatnonzero(named != ""):
-        if found[pose[row]] not in ("", named[row]):
-            what = f"pose {table.text('pose')[row]!r} touches {str(found[pose[row]])!r} too"
+        if touched[pose[row]] not in ("", named[row]):
+            what = f"pose {table.text('pose')[row]!r} touches {str(touched[pose[row]])!r} too"
             raise table.fault(int(row), "instrument", what, "give each its own pose identifier")
-        found[pose[row]] = named[row]
-    return found
+        touched[pose[row]] = named[row]
+    return touched
 
 
 def _numbers(table: CsvTable, instrument: Instrument, rows: IntArray) -> Array:
     """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
     columns = reading_columns(table.path, instrument, table.columns)
-    found, blank = np.zeros((len(rows), len(columns))), any(c.optional for c in instrument.columns)
+    numbers, blank = (
+        np.zeros((len(rows), len(columns))),
+        any(c.optional for c in instrument.columns),
+    )
     for k, (name, scale) in enumerate(columns):
         text = table.text(name)
-        told = rows[[bool(text[row]) for row in rows]] if blank else rows
-        found[np.isin(rows, told), k] = table.numbers(name, told) * scale
+        given = rows[[bool(text[row]) for row in rows]] if blank else rows
+        numbers[np.isin(rows, given), k] = table.numbers(name, given) * scale
     # An optional column is the only one of its instrument.
     length = np.array([c.quantity == "length" for c in instrument.columns], bool)
     length = length[: len(columns)]
-    if (far := (np.abs(found) > _FARTHEST) & length).any():
-        at, column = (int(i[0]) for i in np.nonzero(far))
-        row, name = int(rows[at]), columns[column][0]
+    for at, k in np.argwhere((np.abs(numbers) > _FARTHEST) & length)[:1].tolist():
+        row, name = int(rows[at]), columns[k][0]
         what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
         raise table.fault(row, name, what, "check the reading and its unit")
-    read = instrument.row_of(found)
-    if len(wrong := rows[~np.isfinite(read).all(axis=1)]):
+    read = instrument.row_of(numbers)
+    for row in rows[~np.isfinite(read).all(axis=1)][:1].tolist():
         name = columns[int(np.flatnonzero(~length)[0])][0]
         what = f"and what belongs to it are no reading of kind {instrument.kind}"
-        raise table.fault(int(wrong[0]), name, what, "a quaternion has a length of one")
+        raise table.fault(row, name, what, "a quaternion has a length of one")
     return read
 
 
 def _instruments(table: CsvTable, cell: Cell) -> IntArray:
     """Which instrument read each row, shape (rows,)."""
-    if sum(len(own.names) for own in cell.instruments) == 1:
-        return np.zeros(len(table.rows), dtype=int)
     numbers = {name: k for k, own in enumerate(cell.instruments) for name in own.names}
+    if len(numbers) == 1:
+        return np.zeros(len(table.rows), dtype=int)
     known = f"instruments are {', '.join(numbers)}"
     if "instrument" not in table.columns:
         what = "column 'instrument' is missing and the cell has several"

@@ -59,12 +59,9 @@ def corrected_robot(
         raise InputError(target, "", what, "name the robot's URDF in the cell")
     if robot.source.form == "mjcf":  # limits as in the file
         robot = load_robot("mjcf", source, robot.base, robot.tip)
-    root = Element("robot", name=robot.name)
-    _write_chain(root, robot)
     lack = f"is made anew from the {cell.robot.source}: the bare chain, without shapes and moments"
-    return Written(
-        _corrected(Urdf(target, root), robot, corrections, markers), (f"{lack} of inertia",)
-    )
+    urdf = Urdf(target, _bare_chain(robot))
+    return Written(_corrected(urdf, robot, corrections, markers), (f"{lack} of inertia",))
 
 
 def not_rigid(model: Model) -> list[str]:
@@ -112,22 +109,25 @@ def _corrected(
             written[before[tip]], placed[tip] = D, np.eye(4)
     for joint, D in written.items():
         _write_origin(joint.element, urdf.origin_of(joint) @ D)
-    on = links or dict.fromkeys(markers, robot.tip)
-    _write_markers(urdf.root, {m: (on[m], placed[on[m]], at) for m, at in markers.items()})
-    ElementTree.indent(urdf.root)
-    return ElementTree.tostring(urdf.root, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _write_markers(root: Element, markers: dict[str, tuple[str, Array, Array]]) -> None:
-    """Links ``marker_<name>`` on a tip each, at points (3,) behind a transform (4, 4) of the tip."""
+    root, on = urdf.root, links or dict.fromkeys(markers, robot.tip)
     for element in [e for e in root if e.get("name", "").startswith(_MARKER)]:
         root.remove(element)  # of an earlier correction
-    for name, (tip, T, position) in markers.items():
+    for name, position in markers.items():
+        T = placed[on[name]]
         SubElement(root, "link", name=_MARKER + name)
-        joint = SubElement(root, "joint", name=f"{_MARKER}{name}_mount", type="fixed")
-        _write_origin(joint, transform(T[:3, :3], transformed(T, position)))
-        SubElement(joint, "parent", link=tip)
-        SubElement(joint, "child", link=_MARKER + name)
+        there = transform(T[:3, :3], transformed(T, position))
+        _joint(root, f"{_MARKER}{name}_mount", "fixed", (on[name], _MARKER + name), there)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _joint(root: Element, name: str, kind: str, links: tuple[str, str], origin: Array) -> Element:
+    """A joint of a type between two links, parent and child, at a transform (4, 4)."""
+    joint = SubElement(root, "joint", name=name, type=kind)
+    _write_origin(joint, origin)
+    SubElement(joint, "parent", link=links[0])
+    SubElement(joint, "child", link=links[1])
+    return joint
 
 
 def _write_origin(element: Element, T: Array) -> None:
@@ -144,23 +144,33 @@ def _words(values: Array) -> str:
     return " ".join(f"{value + 0.0:.15g}" for value in values)  # no -0
 
 
-def _write_chain(root: Element, robot: Robot) -> None:
-    """The nominal chain; the link that joint A moves is named ``A_link``, an effort not given is 0."""
-    link = robot.base
+def _bare_chain(robot: Robot) -> Element:
+    """The nominal chain; the link that joint A moves is named ``A_link``, an effort not given is 0.
+
+    A joint that slides needs limits in a URDF, and has wide ones without.
+    """
+    root, link = Element("robot", name=robot.name), robot.base
     SubElement(root, "link", name=link)
     for k, name in enumerate(robot.joints):
+        slides, limited = robot.prismatic[k], bool(np.isfinite(robot.limits[k]).all())
+        kind = "prismatic" if slides else "revolute" if limited else "continuous"
         child = _free_name(robot, f"{name}_link")
-        joint = _joint(root, name, link, child, robot.origins[k])
-        link = child
+        joint = _joint(root, name, kind, (link, child), robot.origins[k])
         SubElement(joint, "axis", xyz=_words(robot.axes[k]))
-        _limit(joint, robot, k)
+        effort = f"{np.nan_to_num(robot.efforts[k]):.15g}"
+        limit = SubElement(joint, "limit", effort=effort, velocity="0")
+        if limited or slides:
+            low, high = np.clip(robot.limits[k], -_WIDE, _WIDE)
+            limit.attrib |= {"lower": f"{low:.15g}", "upper": f"{high:.15g}"}
+        moved, link = SubElement(root, "link", name=child), child
         if robot.masses[k] > 0:
-            inertial = SubElement(root[-1], "inertial")
+            inertial = SubElement(moved, "inertial")
             _write_origin(inertial, transform(np.eye(3), robot.coms[k]))
             SubElement(inertial, "mass", value=f"{robot.masses[k]:.15g}")
             SubElement(inertial, "inertia", _NO_INERTIA)
-    mount = _joint(root, _free_name(robot, "tip_mount"), link, robot.tip, robot.origins[-1])
-    mount.set("type", "fixed")
+    _joint(root, _free_name(robot, "tip_mount"), "fixed", (link, robot.tip), robot.origins[-1])
+    SubElement(root, "link", name=robot.tip)
+    return root
 
 
 def _free_name(robot: Robot, name: str) -> str:
@@ -168,29 +178,6 @@ def _free_name(robot: Robot, name: str) -> str:
     while name in (robot.base, robot.tip, *robot.joints):
         name += "_"
     return name
-
-
-def _joint(root: Element, name: str, parent: str, child: str, origin: Array) -> Element:
-    """A joint and, after it, the link that it moves."""
-    joint = SubElement(root, "joint", name=name)
-    _write_origin(joint, origin)
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
-    SubElement(root, "link", name=child)
-    return joint
-
-
-def _limit(joint: Element, robot: Robot, k: int) -> None:
-    """Type and limits; a joint that slides needs limits in a URDF, and has wide ones without."""
-    limited = bool(np.isfinite(robot.limits[k]).all())
-    kind = "prismatic" if robot.prismatic[k] else "revolute" if limited else "continuous"
-    joint.set("type", kind)
-    effort = f"{np.nan_to_num(robot.efforts[k]):.15g}"
-    limit = SubElement(joint, "limit", effort=effort, velocity="0")
-    if limited or robot.prismatic[k]:
-        low, high = np.clip(robot.limits[k], -_WIDE, _WIDE)
-        limit.set("lower", f"{low:.15g}")
-        limit.set("upper", f"{high:.15g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +225,9 @@ def zero_offsets_csv(
     Raises InputError for counts of a joint that does not turn, or is not there.
     """
     counts = counts_per_deg or {}
+    turning = [j for j, slides in zip(robot.joints, robot.prismatic, strict=True) if not slides]
     for name in counts:
-        if name not in robot.joints or robot.prismatic[robot.joints.index(name)]:
-            turning = [j for j, p in zip(robot.joints, robot.prismatic, strict=True) if not p]
+        if name not in turning:
             what = f"no joint {name!r} that turns"
             raise InputError("--counts-per-deg", "", what, f"use {', '.join(turning)}")
     shown = np.where(robot.prismatic, found.offsets * 1e3, np.degrees(found.offsets))

@@ -1,25 +1,29 @@
-"""The cell file as it is written: units in the names, checked before anything is computed."""
+"""The cell file: its keys with their units, and the same in SI, checked before anything is computed."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from datetime import date, time
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Union
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from calib.arm.robot import FORMS, Capsule, Form
+from calib.arm.robot import FORMS, Capsule, Form, Shapes
+from calib.arm.statics import STANDARD_GRAVITY
 from calib.arrays import Array
 from calib.cell.cell import Repeatability
 from calib.cell.planned import Load, Pace, Planned
 from calib.instruments import KINDS, KnownDistance
-from calib.instruments.board_table import BoardTable, BodyTable, RidingTable
-from calib.instruments.camera_table import CameraTable
-from calib.instruments.points import TrackerTable
-from calib.instruments.protocol import TIP, WORLD, KeysTable
+from calib.instruments.board import BoardTable
+from calib.instruments.camera import CameraTable
+from calib.instruments.keys_table import BodyTable, KeysTable, RidingTable
+from calib.instruments.protocol import TIP, WORLD
+from calib.instruments.tracker import TrackerTable
 from calib.keys import (
+    DEG,
     MM,
     URAD,
     Direction,
@@ -28,6 +32,7 @@ from calib.keys import (
     NotNegative,
     NotNegativeMetres,
     Number,
+    Place,
     Point,
     Positive,
     PositiveMetres,
@@ -51,19 +56,13 @@ else:
 class CapsuleTable(TomlTable):
     """A capsule; a field cannot be called as its key is."""
 
-    start: Annotated[Vector, key("from")]
+    start: Annotated[Place, key("from")]
     """one end of the axis, in the frame that turns with the joint; for base in the base's frame, for
     tool in the tip's"""
-    end: Annotated[Vector, key("to")]
+    end: Annotated[Place, key("to")]
     """the other end"""
-    radius: Positive
+    radius: PositiveMetres
     """radius of the capsule"""
-
-    @property
-    def capsule(self) -> Capsule:
-        """In metres."""
-        (a, b, c), (d, e, f) = (np.array(p) * MM for p in (self.start, self.end))
-        return Capsule((a, b, c), (d, e, f), self.radius * MM)
 
 
 class AnchorTable(TomlTable):
@@ -84,6 +83,10 @@ class CouplingTable(TomlTable):
     """where it stands when those are at zero"""
     offset_mm: Number = 0.0
     """the same of a joint that slides"""
+
+
+_OneCapsule = Annotated[Capsule, Written(CapsuleTable, lambda own: Capsule(**dict(own)))]
+_Anchors = Annotated[Array, Written(AnchorTable, lambda own: np.array([own.before, own.after]))]
 
 
 class RobotTable(TomlTable):
@@ -119,10 +122,12 @@ class RobotTable(TomlTable):
     second"""
     acceleration_mm_s2: dict[str, Positive] = {}
     """largest acceleration of joints that slide"""
-    capsules_mm: dict[str, list[CapsuleTable]] | None = None
+    capsules_mm: (
+        dict[str, Annotated[tuple[Capsule, ...], Written(list[_OneCapsule], tuple)]] | None
+    ) = None
     """shapes of joints, base and tool, instead of those in the robot's file; an empty table means none
     (posecal explain constraints)"""
-    compensators_mm: dict[str, AnchorTable] = {}
+    compensators_mm: dict[str, _Anchors] = {}
     """springs of gravity_compensator, by joint"""
     gear_ratio: dict[str, Positive] = {}
     """turns of the motor (or wave generator) for one turn of the joint; gear_ripple is tried at this
@@ -158,7 +163,12 @@ class RobotTable(TomlTable):
     @property
     def file(self) -> str:
         """The robot's file."""
-        return next(iter(self._files.values()))
+        return self._files[self.form]
+
+    @property
+    def shapes(self) -> Shapes | None:
+        """Those that stand in place of the file's, which may be none; None where it says nothing."""
+        return None if self.capsules_mm is None else Shapes(self.capsules_mm)
 
     @property
     def repeatability(self) -> Repeatability | None:
@@ -166,16 +176,23 @@ class RobotTable(TomlTable):
         stated = self.repeatability_mm, self.repeatability_urad
         return None if stated == (None, None) else Repeatability(*(own or 0.0 for own in stated))
 
+    def of_joints(self) -> Iterator[tuple[str, bool, str, float, Mapping[str, Any]]]:
+        """What keys say of single joints: limits, speed or acceleration; of those that slide; SI."""
+        for what, per in (("limits", ""), ("speed", "_s"), ("acceleration", "_s2")):
+            for slides, unit, scale in ((False, "deg", DEG), (True, "mm", MM)):
+                key = f"{what}_{unit}{per}"
+                yield what, slides, key, scale, getattr(self, key)
+
 
 _PULLS_MOST = 30.0  # m/s^2
-_STANDARD = 9.80665
 _GRAVITIES = {"cm/s^2": 100.0, "mm/s^2": 1000.0, "ft/s^2": 3.28084, "in/s^2": 39.3701}
 
 
 def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
     pull = math.hypot(*m_s2)
     if pull > _PULLS_MOST:
-        unit = min(_GRAVITIES, key=lambda u: abs(math.log(pull / _GRAVITIES[u] / _STANDARD)))
+        standard = -STANDARD_GRAVITY[2]
+        unit = min(_GRAVITIES, key=lambda u: abs(math.log(pull / _GRAVITIES[u] / standard)))
         raise ValueError(
             f"is no gravity in m/s^2; if it is in {unit}, divide by {_GRAVITIES[unit]:g}"
         )
@@ -185,7 +202,7 @@ def _gravity(m_s2: tuple[float, float, float]) -> tuple[float, float, float]:
 class GravityTable(TomlTable):
     """Which way the base stands."""
 
-    m_s2: Annotated[Vector, AfterValidator(_gravity)] = (0.0, 0.0, -_STANDARD)
+    m_s2: Annotated[Vector, AfterValidator(_gravity)] = STANDARD_GRAVITY
     """gravity in the base's frame"""
 
 
@@ -194,22 +211,24 @@ class PayloadTable(RidingTable):
 
     on: Name = TIP
     """link that carries it, where that is not the tip"""
-    mass_kg: Mass = 0.0
+    mass: Annotated[Mass, key("mass_kg")] = 0.0
     """mass that the arm carries at every pose"""
-    com_mm: Vector = (0.0, 0.0, 0.0)
+    com: Annotated[Place, key("com_mm")] = (0.0, 0.0, 0.0)
     """its centre of mass, in the frame of its link"""
 
 
 class MarkerTable(TomlTable):
     """A marker of which more is said than its position."""
 
-    position: Vector
+    position: Point
     """position of the marker"""
     on: Name = TIP
     """link on which it rides, where that is not the tip"""
     normal: Direction | None = None
     """direction in which the marker looks, for line of sight"""
-    acceptance_deg: Annotated[Number, Field(gt=0, le=180)] | None = None
+    acceptance: Annotated[
+        Annotated[Number, Field(gt=0, le=180), times(DEG)] | None, key("acceptance_deg")
+    ] = None
     """largest angle between this direction and the line of sight"""
 
 
@@ -323,15 +342,11 @@ class CellFile(TomlTable):
         """The link that is named so."""
         return self.robot.tip if on == TIP else on
 
-    def link_of(self, marker: str) -> str:
-        """The link on which a marker rides."""
-        return self.link(self.markers_mm[marker].on)
-
     @property
     def cameras(self) -> dict[str, CameraTable]:
         """Those of the instruments, by their names."""
-        found = self.instruments.items()
-        return {name: own for name, own in found if isinstance(own, CameraTable)}
+        every = self.instruments.items()
+        return {name: own for name, own in every if isinstance(own, CameraTable)}
 
     @property
     def carried(self) -> dict[str, CameraTable]:
@@ -349,10 +364,9 @@ class CellFile(TomlTable):
     @model_validator(mode="after")
     def _load_once(self) -> Self:
         own, load = self.payload, self.load
-        if load is None or not own.mass_kg or own.on != load.on:
+        if load is None or not own.mass or own.on != load.on:
             return self
-        same_place = np.array_equal(np.array(own.com_mm) * MM, load.com)
-        if same_place and math.isclose(own.mass_kg, load.mass, rel_tol=0.01):
+        if np.array_equal(own.com, load.com) and math.isclose(own.mass, load.mass, rel_tol=0.01):
             raise ValueError(
                 "[payload] and [load] are the same mass at the same place; it counts once: keep "
                 "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
@@ -379,49 +393,43 @@ class CellFile(TomlTable):
             raise ValueError("has [bodies] and no instrument of kind pose that reads them")
         links = {own.on for own in self.markers_mm.values()}
         # Cameras that read markers: all but those that ride before the world, or with all markers.
-        reading = [
-            n for n, own in self.cameras.items() if links - {own.on} and n not in self.carried
-        ]
+        reading = {n for n, own in self.cameras.items() if links - {own.on}} - self.carried.keys()
         if self.markers_mm and "markers" not in read.values() and not reading:
             raise ValueError("has [markers_mm] and no instrument that reads them")
-        self._check_boards(reading)
-        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
-        for name in (own for own, count in named.items() if count > 1):
-            raise ValueError(f"{name!r} names two things; rename one")
-        return self
-
-    def _check_boards(self, reading: list[str]) -> None:
-        """Each camera sees something, and each board is seen.
-
-        reading : cameras that read markers
-        """
-        seen = set[str]()
         for name, camera in self.cameras.items():
-            for one in camera.boards or ():
-                if one not in self.boards or self.boards[one].on == camera.on:
-                    fault = "rides with it" if one in self.boards else "is none of [boards]"
-                    raise ValueError(f"has camera {name}, whose board {one} {fault}; take it out")
-            own = camera.seen(self.boards)
-            if not own and name not in reading:
-                raise ValueError(
-                    f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
-                    "on = 'tip', or [markers_mm]"
-                    if camera.on == WORLD
-                    else f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
-                    "[boards.NAME] with on = 'world', or on another link"
-                )
-            if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
-                raise ValueError(
-                    f"has camera {name}, that sees boards in the world and on other links; name some "
-                    "of one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
-                )
-            seen |= own.keys()
+            self._check_camera(name, camera, name in reading)
+        seen = {board for camera in self.cameras.values() for board in camera.seen(self.boards)}
         for name, board in self.boards.items():
             if name not in seen:
                 other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
                 raise ValueError(
                     f"has board {name} on {_named(board.on)} and no camera {other} that sees it"
                 )
+        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
+        for name in (own for own, count in named.items() if count > 1):
+            raise ValueError(f"{name!r} names two things; rename one")
+        return self
+
+    def _check_camera(self, name: str, camera: CameraTable, reads_markers: bool) -> None:
+        """Each camera sees something."""
+        for one in camera.boards or ():
+            if one not in self.boards or self.boards[one].on == camera.on:
+                fault = "rides with it" if one in self.boards else "is none of [boards]"
+                raise ValueError(f"has camera {name}, whose board {one} {fault}; take it out")
+        own = camera.seen(self.boards)
+        if not own and not reads_markers:
+            raise ValueError(
+                f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
+                "on = 'tip', or [markers_mm]"
+                if camera.on == WORLD
+                else f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
+                "[boards.NAME] with on = 'world', or on another link"
+            )
+        if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
+            raise ValueError(
+                f"has camera {name}, that sees boards in the world and on other links; name some of "
+                "one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
+            )
 
 
 def _named(on: str) -> str:

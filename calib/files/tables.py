@@ -51,23 +51,22 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     warnings.extend(joint_warnings(table, cell.robot, q_rows))
     named = table.names("pose")
     order = {name: i for i, name in enumerate(dict.fromkeys(named))}
-    pose_names, pose_of_row = tuple(order), np.array([order[name] for name in named])
+    pose_of_row = np.array([order[name] for name in named])
     _, first = np.unique(pose_of_row, return_index=True)
     given = covariates(table, cell.robot, first)
-    poses = with_moves(poses_at(q_rows[first], pose_names, **given))
+    poses = with_moves(poses_at(q_rows[first], tuple(order), **given))
     _check_poses_agree(table, cell, pose_of_row, first)
     poses = replace(poses, site=sites_of(table, cell, pose_of_row, first))
-
     refuse_payload_and_wrench(cell, path, poses)
-    m = len(pose_names)
-    readings, seen, sigma = readings_of(table, cell, pose_of_row, m)
+    readings, seen, sigma = readings_of(table, cell, pose_of_row, len(order))
     shown = set(table.text("marker")) if every_marker else set(cell.read_names)
-    alone = [n for n in cell.read_names if n in cell.marker_names and n.partition(":")[0] == n]
-    for name in (n for n in alone if n not in shown):
-        table_of = "bodies" if name in cell.bodies else "markers_mm"
-        what = f"is in the cell's [{table_of}] and never measured"
-        raise InputError(path, f"marker {name}", what, "measure it or take it out of the cell")
-    if cell.load is not None and not poses.wrench.any() and poses.configuration.max() + 1 < m:
+    for name in cell.read_names:
+        if name in cell.marker_names and ":" not in name and name not in shown:
+            table_of = "bodies" if name in cell.bodies else "markers_mm"
+            what = f"is in the cell's [{table_of}] and never measured"
+            raise InputError(path, f"marker {name}", what, "measure it or take it out of the cell")
+    repeats = poses.configuration.max() + 1 < len(poses)
+    if cell.load is not None and not poses.wrench.any() and repeats:
         warnings.append(
             f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
             "one is for plans: readings under load need columns fx_N .. mz_Nm"
@@ -101,17 +100,14 @@ def _load_poses(
             joint_columns(path, cell.robot, columns)
 
     table = read_table(path, required, check)
-    if tips and is_cartesian(cell.robot, table.columns):
-        q = tip_joints(table, cell.robot)
-    else:
-        q = joint_values(table, cell.robot)
-    given = covariates(table, cell.robot, np.arange(len(q)))
+    of_tips = tips and is_cartesian(cell.robot, table.columns)
+    q = (tip_joints if of_tips else joint_values)(table, cell.robot)
+    rows = np.arange(len(q))
+    given = covariates(table, cell.robot, rows)
     if "pose" in table.columns:
-        names = table.names("pose")
+        given["names"] = tuple(table.names("pose"))
         table.refuse_twice("pose", "rename one of them")
-        given["names"] = tuple(names)
-    given["site"] = sites_of(table, cell, np.arange(len(q)), np.arange(len(q)))
-    return poses_at(q, **given), table
+    return poses_at(q, site=sites_of(table, cell, rows, rows), **given), table
 
 
 def load_plan(cell: Cell, path: str | Path) -> Poses:

@@ -93,40 +93,43 @@ class Urdf:
         return self.origin(f"joint {joint.name}", joint.element)
 
     @cached_property
+    def links(self) -> dict[str, Element]:
+        """All of the file, by name."""
+        return {link.get("name", ""): link for link in self.root.findall("link")}
+
+    @cached_property
     def joints(self) -> dict[str, UrdfJoint]:
         """All of the file, by name."""
-        found: dict[str, UrdfJoint] = {}
+        joints: dict[str, UrdfJoint] = {}
         moved: dict[str, str] = {}
         for element in self.root.findall("joint"):
             name = element.get("name", "")
-            parent, child = element.find("parent"), element.find("child")
-            if not name or parent is None or child is None:
-                what = "lacks a name, a parent or a child"
-                raise InputError(self.path, f"joint {name!r}", what, "add it")
+            ends = [element.find("parent"), element.find("child")]
+            where, (parent, child) = f"joint {name!r}", (_attribute(e, "link", "") for e in ends)
+            if not name or None in ends:
+                raise InputError(self.path, where, "lacks a name, a parent or a child", "add it")
             if fault := fault_of_name(name):
-                what = f"the name {fault}"
-                raise InputError(self.path, f"joint {name!r}", what, "name it plainly")
-            links = parent.get("link", ""), child.get("link", "")
-            if name in found:
+                raise InputError(self.path, where, f"the name {fault}", "name it plainly")
+            if name in joints:
                 raise InputError(self.path, f"joint {name}", "stands twice", "rename one of them")
-            if links[1] in moved:
-                what = f"link {links[1]!r} already hangs on joint {moved[links[1]]!r}"
+            if child in moved:
+                what = f"link {child!r} already hangs on joint {moved[child]!r}"
                 remedy = (
                     "links in a loop cannot be modelled: leave this joint out, and say in "
                     "[robot.coupled] what moves the joints of the loop that have no drive"
                 )
                 raise InputError(self.path, f"joint {name}", what, remedy)
-            moved[links[1]] = name
-            found[name] = UrdfJoint(element, name, element.get("type", ""), *links)
-        return found
+            moved[child] = name
+            joints[name] = UrdfJoint(element, name, element.get("type", ""), parent, child)
+        return joints
 
     def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> list[UrdfJoint]:
         """Joints from ``base`` to ``tip``, then those to other links: parents first, fixed ones too."""
-        links = [link.get("name", "") for link in self.root.findall("link")]
         on = [("'on' of what it carries", other) for other in others]
         for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):
-            if name not in links:
-                remedy = f"set {key} to one of: {', '.join(links[:12]) or 'none'}"
+            if name not in self.links:
+                known = ", ".join([*self.links][:12]) or "none"
+                remedy = f"set {key} to one of: {known}"
                 raise InputError(self.path, "", f"has no link {name!r}", remedy)
         chain = list(dict.fromkeys(j for end in (tip, *others) for j in self._way(base, end)))
         for joint in chain:
@@ -158,24 +161,24 @@ class Urdf:
 
     def places(self, base: str, chain: Sequence[UrdfJoint]) -> dict[str, Place]:
         """Where every link of the arm is; joints beside the chain, of any type, are held at zero."""
-        found: dict[str, Place] = {base: (0, np.eye(4))}
+        places: dict[str, Place] = {base: (0, np.eye(4))}
         moving = 0
         for joint in chain:
-            k, T = found[joint.parent]
+            k, T = places[joint.parent]
             moving += joint.moves
             at = (moving, np.eye(4)) if joint.moves else (k, T @ self.origin_of(joint))
-            found[joint.child] = at
+            places[joint.child] = at
         beside: dict[str, list[UrdfJoint]] = {}
         for joint in self.joints.values():
             beside.setdefault(joint.parent, []).append(joint)
-        pending = list(found)
+        pending = list(places)
         for link in pending:  # grows as links are placed
             for joint in beside.get(link, ()):
-                if joint.child not in found:
-                    k, T = found[link]
-                    found[joint.child] = k, T @ self.origin_of(joint)
+                if joint.child not in places:
+                    k, T = places[link]
+                    places[joint.child] = k, T @ self.origin_of(joint)
                     pending.append(joint.child)
-        return found
+        return places
 
 
 def _attribute(element: Element | None, key: str, default: str) -> str:
@@ -202,9 +205,7 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
     hung = [(*places[joint.parent], urdf.origin_of(joint)) for joint in moving]
     hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
     axes = np.array([_axis(urdf, joint) for joint in moving])
-    limits, efforts, speeds = map(
-        np.array, zip(*(_limits(urdf, own) for own in moving), strict=True)
-    )
+    limits, efforts, speeds = map(np.array, zip(*(_limits(urdf, j) for j in moving), strict=True))
     mimics = tuple(own for joint in moving if (own := _mimic(urdf, joint)) is not None)
     _keep_within_masters(urdf, mimics, names, limits)
     on_arm = ((places[link], mass, com) for link, mass, com in weights if link in places)
@@ -233,16 +234,14 @@ def load_urdf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
 
 def _weights(urdf: Urdf) -> Iterator[tuple[str, float, Array]]:
     """Every link with an <inertial>: its name, mass [kg] and centre of mass (3,), m."""
-    for link in urdf.root.findall("link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        where = f"link {link.get('name')}"
-        mass = urdf.number(f"{where} mass", inertial.find("mass"), "value")
-        if mass < 0:
-            what = f"is negative ({mass:g} kg)"
-            raise InputError(urdf.path, f"{where} mass", what, "correct it")
-        yield link.get("name", ""), mass, urdf.origin(where, inertial)[:3, 3]
+    for name, link in urdf.links.items():
+        inertial, where = link.find("inertial"), f"link {name}"
+        if inertial is not None:
+            mass = urdf.number(f"{where} mass", inertial.find("mass"), "value")
+            if mass < 0:
+                what = f"is negative ({mass:g} kg)"
+                raise InputError(urdf.path, f"{where} mass", what, "correct it")
+            yield name, mass, urdf.origin(where, inertial)[:3, 3]
 
 
 def _mimic(urdf: Urdf, joint: UrdfJoint) -> Mimic | None:
@@ -309,9 +308,8 @@ def _limits(urdf: Urdf, joint: UrdfJoint) -> tuple[tuple[float, float], float, f
 
 def _spans(urdf: Urdf, places: dict[str, Place], unread: list[str]) -> Iterator[Span]:
     """Collision shapes of the arm's links; what cannot be read is named with its reason."""
-    links = {link.get("name", ""): link for link in urdf.root.findall("link")}
     for name, place in places.items():
-        for element in links[name].findall("collision") if name in links else ():
+        for element in urdf.links[name].findall("collision") if name in urdf.links else ():
             where = f"link {name}"
             try:
                 points, radius = _spanned(urdf, where, element)
@@ -345,11 +343,9 @@ def _spanned(urdf: Urdf, where: str, collision: Element) -> tuple[Array, float]:
 def _mesh_file(path: Path, name: str) -> Path:
     """Where a mesh lies: beside the URDF, or in the package above or below a folder above it."""
     scheme, _, rest = name.rpartition("://")
-    if scheme != "package":
-        return path.parent / rest
     parts = PurePosixPath(rest).parts
-    for folder in path.resolve().parents:
+    for folder in path.resolve().parents if scheme == "package" else ():
         for own in (parts, parts[1:]):
-            if own and (found := folder.joinpath(*own)).is_file():
-                return found
+            if own and (file := folder.joinpath(*own)).is_file():
+                return file
     return path.parent / rest

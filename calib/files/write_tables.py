@@ -15,7 +15,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
-from calib.files.columns import ANGLES, LENGTHS, WRENCH, joint_columns, torque_columns
+from calib.files.columns import WRENCH, joint_columns, motion_columns, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
@@ -24,28 +24,34 @@ from calib.poses import Measurements, Poses
 if TYPE_CHECKING:
     from calib.prediction.compensate import Compensation
 
+_CHANGE = "change"
+
 
 def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
-    """Columns that tell the joints: masters in place of joints that follow them.
+    """Columns that give the joints: masters in place of joints that follow them.
 
-    q : ndarray, shape (m, n), values to be told; where some do not follow, every joint has its own
+    q : ndarray, shape (m, n), values to be given; where some do not follow, every joint has its own
     """
     follows = q is None or robot.follows(q)
-    told = [
+    given = [
         own[-1] if follows else own[0]
         for own in robot.sources
         if not (follows and own[0].joint in robot.undriven)
     ]
-    return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in told))
+    return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in given))
 
 
 def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
     """Numbers of each of these columns, of joint values (m, n)."""
     header = joint_header(robot, q)
     columns = joint_columns(Path(), robot, tuple(header))
-    texts = {c.name: c.numbers(own) for c, own in zip(columns, q.T, strict=True) if c is not None}
-    # No "-0" of a joint at its end.
-    return {name: [f"{value + 0.0:.9g}" for value in texts[name]] for name in header}
+    each = zip(columns, q.T, strict=True)
+    texts = {c.name: _numbers(c.numbers(own)) for c, own in each if c is not None}
+    return {name: texts[name] for name in header}
+
+
+def _numbers(values: Array, form: str = ".9g") -> list[str]:
+    return [f"{value + 0.0:{form}}" for value in values]  # no "-0" of a joint at its end
 
 
 def measurement_columns(
@@ -68,69 +74,58 @@ def measurements_csv(cell: Cell, data: Measurements) -> str:
     poses = data.poses
     wrench = wrench_with_load(cell.robot, cell.gravity, poses)
     read_by = [i for i, part in cell.channels.blocks for _ in range(part.start, part.stop)]
-    channels = list(zip(read_by, cell.channel_names, strict=True))
     pose, channel = (part.tolist() for part in np.nonzero(data.seen))
-    read = [channels[c] for c in channel]
-
-    def each(texts: Sequence[str]) -> list[str]:
-        return [texts[i] for i in pose]
-
-    table = {"pose": each(poses.names), "marker": [marker for _, marker in read]}
-    if sum(len(own.names) for own in cell.instruments) > 1:
-        sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
-        table["instrument"] = [
-            own.name_at(sites[i]) for i, (own, _) in zip(pose, read, strict=True)
-        ]
-    table |= {name: each(texts) for name, texts in _joint_texts(cell.robot, poses.q).items()}
-    shown = [
-        _reading_texts(own, data.readings[i, c])
-        for i, c, (own, _) in zip(pose, channel, read, strict=True)
-    ]
-    columns = dict(c for instrument in cell.instruments for c in written_columns(instrument))
-    table |= {name: [texts.get(name, "") for texts in shown] for name in columns}
+    sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
+    table = {"pose": list(poses.names), **_joint_texts(cell.robot, poses.q)}
     if wrench.any():
-        loads = zip(WRENCH, wrench.T, strict=True)
-        table |= {name: each([f"{value:.6f}" for value in own]) for name, own in loads}
-    table |= {name: each(texts) for name, texts in _session(cell, poses).items()}
-    return columns_text(table)
+        table |= {name: _numbers(own, ".6f") for name, own in zip(WRENCH, wrench.T, strict=True)}
+    table |= _session(cell, poses)
+    shown = [
+        {"marker": cell.channel_names[c], "instrument": read_by[c].name_at(sites[i])}
+        | _reading_texts(read_by[c], data.readings[i, c])
+        for i, c in zip(pose, channel, strict=True)
+    ]
+    header = measurement_columns(cell.robot, cell.instruments, poses.q)
+    return columns_text(
+        {
+            name: [table[name][i] for i in pose]
+            if name in table
+            else [texts.get(name, "") for texts in shown]
+            for name in dict.fromkeys((*header, *table))
+        }
+    )
 
 
 def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
     """A row of an instrument by its columns."""
     entries = instrument.entries_of(numbers[: instrument.rows])
     digits = (5 if column.quantity == "length" else 9 for column in instrument.columns)
-    return {
-        name: f"{value / scale:.{places}f}"
-        for (name, scale), value, places in zip(
-            written_columns(instrument), entries, digits, strict=True
-        )
-    }
+    each = zip(written_columns(instrument), entries, digits, strict=True)
+    return {name: f"{value / scale:.{places}f}" for (name, scale), value, places in each}
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
     """Columns of temperature, time, torques, moves, station and session, where poses have them."""
-    found: dict[str, list[str]] = {}
+    robot, columns = cell.robot, dict[str, list[str]]()
     if poses.temperature is not None:
-        found["temperature_degC"] = [f"{value:.6g}" for value in poses.temperature]
+        columns["temperature_degC"] = _numbers(poses.temperature, ".6g")
     if poses.time is not None:
-        found["time_s"] = [f"{value:.9g}" for value in poses.time]
+        columns["time_s"] = _numbers(poses.time)
     if poses.torque is not None:
-        for name, own in zip(torque_columns(cell.robot), poses.torque.T, strict=True):
-            found[name] = [f"{value:.9g}" for value in own]
+        each = zip(torque_columns(robot), poses.torque.T, strict=True)
+        columns |= {name: _numbers(own) for name, own in each}
     if poses.approach is not None and not poses.approach_derived:
-        for joint, signs in zip(cell.robot.joints, poses.approach.T, strict=True):
-            found[f"approach_{joint}"] = [f"{sign + 0.0:.0f}" for sign in signs]
+        signs = zip(robot.joints, poses.approach.T, strict=True)
+        columns |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
     if poses.motion is not None and poses.motion_told:
-        for joint, slides, own in zip(
-            cell.robot.joints, cell.robot.prismatic, poses.motion.T, strict=True
-        ):
-            unit, scale = next(iter((LENGTHS if slides else ANGLES).items()))
-            found[f"move_{joint}_{unit}"] = [f"{value / scale:.9g}" for value in own]
+        blank = CsvTable(Path(), (), [], [])
+        moves = zip(motion_columns(blank, robot).items(), poses.motion.T, strict=True)
+        columns |= {name: _numbers(own / scale) for (name, scale), own in moves}
     if len(poses.stations) > 1:
-        found["station"] = [poses.stations[i] for i in poses.station]
+        columns["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:
-        found["session"] = poses.session.tolist()
-    return found
+        columns["session"] = poses.session.tolist()
+    return columns
 
 
 def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
@@ -143,10 +138,6 @@ def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
         columns["level"] = [f"{own:.9g}" for own in level]
     columns["order"] = [f"{number}" for number in range(1, len(poses) + 1)]
     return columns_text(columns | _session(cell, poses))
-
-
-_MM = 1e3
-_CHANGE = "change"
 
 
 def nominal_table(cell: Cell, path: Path) -> CsvTable:
@@ -168,27 +159,14 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     """
     tips = is_cartesian(cell.robot, table.columns)
     titles = tuple(joint_header(cell.robot)) if tips else table.columns
-    named = joint_columns(table.path, cell.robot, titles)
-    joints = {
-        column.name: [f"{value:.9g}" for value in column.numbers(q)]
-        for column, q in zip(named, found.q.T, strict=True)
-        if column is not None
-    }
+    named = zip(joint_columns(table.path, cell.robot, titles), found.q.T, strict=True)
+    joints = {c.name: [f"{value:.9g}" for value in c.numbers(q)] for c, q in named if c is not None}
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
-    columns |= _added(cell, found)
-    return columns_text(columns)
-
-
-def _added(cell: Cell, found: Compensation) -> dict[str, list[str]]:
-    """Change of each joint, and errors at the target before and after."""
-    columns = {}
-    for joint, slides, change in zip(
-        cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True
-    ):
+    changed = zip(cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True)
+    for joint, slides, change in changed:
         unit, scale = ("um", 1e-6) if slides else ("mdeg", math.pi / 180e3)
         columns[f"{_CHANGE}_{joint}_{unit}"] = [f"{value / scale:.3f}" for value in change]
     for name in ("before", "left", "expected"):
-        columns[f"{name}_mm"] = [f"{value * _MM:.5f}" for value in getattr(found, name)]
-    columns["limited_by"] = list(found.limited_by)
-    return columns
+        columns[f"{name}_mm"] = [f"{value * 1e3:.5f}" for value in getattr(found, name)]
+    return columns_text(columns | {"limited_by": list(found.limited_by)})

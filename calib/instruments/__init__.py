@@ -1,14 +1,14 @@
 """The instruments that posecal knows: one file each, all behind one protocol."""
 
-from calib.instruments.camera import ArmCamera, Camera, FixedCamera
-from calib.instruments.camera_table import CameraTable
+from calib.instruments.camera import ArmCamera, Camera, CameraTable, FixedCamera
 from calib.instruments.channels import Channels, KnownDistance
 from calib.instruments.distance import Distance, DistanceTable
+from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.plane import Plane, PlaneTable
-from calib.instruments.points import TRACKER, PointsTable, Tracker
 from calib.instruments.pose import Pose, PoseTable
-from calib.instruments.protocol import CellParts, Instrument, KeysTable
+from calib.instruments.protocol import Instrument
 from calib.instruments.socket import Socket, SocketTable
+from calib.instruments.tracker import TRACKER, PointsTable, Tracker
 
 KINDS: dict[str, tuple[type[Instrument], type[KeysTable]]] = {
     own.kind: (own, table)

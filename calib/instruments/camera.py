@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field
 
-from calib.arm.se3 import (
-    displaced_shape,
-    moved_as_one,
-    rotate,
-    so3_exp,
-    so3_log,
-)
+from calib.arm.se3 import displaced_shape, inverse, moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.detection import Board
+from calib.instruments.board import Board, BoardTable
+from calib.instruments.keys_table import BodyTable, CellParts, KeysTable
 from calib.instruments.lens import CENTER, DISTORTION, FOCAL, Lens
-from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
+    FRAME,
     MOTION,
     SCALE,
+    WORLD,
+    Component,
     Instrument,
     Linear,
     Nominal,
-    Number,
     ReadingColumn,
     Start,
     Unknown,
 )
-from calib.instruments.resection import Mounted, Ridden, on_tip, resected
+from calib.instruments.resection import Mounted, Resected, Ridden, on_tip, resected
 from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of
+from calib.keys import (
+    DEG,
+    Count,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    TomlTable,
+    Vector,
+    Written,
+    key,
+    times,
+)
 
 _BEFORE = 2e-3  # m
 _BENT = 0.1  # plausible size of a coefficient of distortion
@@ -41,13 +51,26 @@ FREE = {"focal": FOCAL, "center": CENTER, "distortion": DISTORTION}
 """Parts of a lens that may be unknown, by their names in a cell."""
 
 
+class Sight(NamedTuple):
+    """Points (..., m, C, 3), m, in the axes of a camera, and their derivatives.
+
+    by_points : by the points that readings take, (..., m or 1, C or 1, 3, 3 k)
+    by_standing, by_loose : by where it, or its boards, stand, and by how far these came loose
+    """
+
+    points: Array
+    by_points: Array
+    by_standing: Array
+    by_loose: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Camera(Instrument):
     """A pinhole with its lens. The place ends with what is unknown of the lens, beyond the given.
 
     sigma : float, px, of a coordinate; image : ndarray, shape (2,), px, its size, or None
     free : ndarray of int, positions of the unknown values of the lens
-    believed : ndarray, shape (n,), standard deviations of the lens's values, NaN where none is given
+    believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
     boards : tuple of Board, that it sees; tilt : rad, by which one that is seen leans at most
     standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
     """
@@ -62,27 +85,23 @@ class Camera(Instrument):
     tilt: float = float(np.radians(60.0))
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
-    columns: ClassVar[tuple[ReadingColumn, ...]] = (
-        ReadingColumn("u", "pixel"),
-        ReadingColumn("v", "pixel"),
-    )
+    columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "pixel") for c in "uv")
+    numbers: ClassVar[tuple[Component, ...]] = tuple(Component(c, "px", 1.0) for c in "uv")
+    unplaced: ClassVar[str]
 
     @property
     def of_lens(self) -> tuple[Unknown, ...]:
         """What is unknown of the lens."""
-        focal = float(self.lens.values[FOCAL].mean())
-        return tuple(
-            Unknown(self.lens.names[i], "px", 1.0, _OFF * focal) if i < DISTORTION.start
-            else Unknown(self.lens.names[i], "", 1.0, _BENT)
-            for i in self.free.tolist()
-        )  # fmt: skip
+        off = _OFF * float(self.lens.values[FOCAL].mean())
+        kinds = [*[("px", 1.0, off)] * DISTORTION.start, *[("", 1.0, _BENT)] * 5]
+        return tuple(Unknown(self.lens.names[i], *kinds[i]) for i in self.free.tolist())
 
-    @property
-    def guess(self) -> Array:
-        found = np.zeros(len(self.unknowns))
+    def guess_at(self, name: str) -> Array:
+        del name
+        place = np.zeros(len(self.unknowns))
         if self.standing is not None:
-            found[: len(self.standing)] = self.standing
-        return found
+            place[: len(self.standing)] = self.standing
+        return place
 
     @property
     def prior(self) -> Array:
@@ -98,8 +117,8 @@ class Camera(Instrument):
         return bool(self.boards)
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
-        return (Number("u", "px", 1.0), Number("v", "px", 1.0))
+    def unforeseen(self) -> str:
+        return "" if self.standing is not None else self.unplaced
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
         """Even in both directions; it grows as figures look smaller, unless sigma says it, px."""
@@ -114,11 +133,32 @@ class Camera(Instrument):
         return replace(self, standing=place[: len(self.unknowns) - len(self.free)])
 
     @abstractmethod
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
+        """What points (..., m, C, 3 k), m, base axes, show from where it, or its boards, stand.
+
+        loose : ndarray, shape (..., n), how far its boards are from there
+        """
+
+    def linearise(self, place: Array, points: Array) -> Linear:
+        standing, lens, loose = self.split(place)
+        seen = self.sight(standing, points, loose[..., MOTION.stop :])
+        own, turn, by_motion = seen.points, np.eye(3), np.zeros((*seen.points.shape, 0))
+        if loose.shape[-1]:  # what it sees moves as one
+            own, turn, by_motion = moved_as_one(loose[..., None, MOTION], own)
+        rows, by_own, by_lens = lens.linearise(own)
+        by_seen = by_own @ turn if loose.shape[-1] else by_own
+        of_lens = by_lens[..., self.free]
+        by = [by_seen @ seen.by_standing, of_lens, by_own @ by_motion, by_seen @ seen.by_loose]
+        return Linear(rows, by_seen @ seen.by_points, np.concatenate(by, axis=-1))
+
     def viewed(self, points: Array) -> Array | None:
         """What points (m, C, 3 k), m, base axes, that readings take, show: (m, C, 3), camera axes.
 
         None where nobody said where it, or its boards, stand.
         """
+        if self.standing is None:
+            return None
+        return self.sight(self.standing, points, np.zeros(0)).points
 
     @abstractmethod
     def sees_from(self, board: Board, point: int) -> Array | None:
@@ -141,17 +181,15 @@ class Camera(Instrument):
             seen[own] = board.found(viewed[own], seen[own], self.tilt)
         return seen
 
-    @property
-    def _focal_free(self) -> bool:
-        return bool(np.isin(np.arange(FOCAL.stop), self.free).all())
-
-    def _lens_at(self, focal: float) -> Array:
-        """What is unknown of the lens, with focal lengths of so many times their given values."""
+    def resected(self, rows: Array, seen: Mask, mounted: Mounted) -> tuple[Resected, Array]:
+        """Places from which the rays fit, and what is unknown of the lens, of the same focal length."""
+        focal = bool(np.isin(np.arange(FOCAL.stop), self.free).all())
+        places = resected(self.lens.ideal(rows), seen, mounted, focal)
         by = np.zeros(len(self.lens.values))
-        by[FOCAL] = (focal - 1.0) * self.lens.values[FOCAL]
-        return by[self.free]
+        by[FOCAL] = (places.focal - 1.0) * self.lens.values[FOCAL]
+        return places, by[self.free]
 
-    def _split(self, place: Array) -> tuple[Array, Lens, Array]:
+    def split(self, place: Array) -> tuple[Array, Lens, Array]:
         """Where the camera, or its boards, stand; the lens; and what came loose."""
         count = len(self.unknowns)
         standing = count - len(self.free)
@@ -162,59 +200,36 @@ class Camera(Instrument):
         return place[..., :standing], self.lens.moved(by), place[..., count:]
 
 
-def _viewed(points: Array, loose: Array) -> tuple[Array, Array, Array]:
-    """Points (..., m, C, 3) in the axes of a camera that moved: what it sees moves as one.
-
-    Returns them and their derivatives by the points and by the motion, of which there may be none.
-    """
-    if not loose.shape[-1]:
-        return points, np.eye(3), np.zeros((*points.shape, 0))
-    return moved_as_one(loose[..., None, MOTION], points)
-
-
 @dataclass(frozen=True, eq=False)
 class FixedCamera(Camera):
     """In the world, of markers and boards on the tip. The place begins with ``T_camera_base``."""
 
+    unplaced: ClassVar[str] = (
+        "where it stands is not known; give its position_mm and rpy_deg in the base's frame, z ahead "
+        "and x to the right of the image"
+    )
+
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return (*Tracker.unknowns, *self.of_lens)
+        return (*FRAME, *self.of_lens)
 
-    def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self._split(place)
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
         own, R, by_standing = moved_as_one(standing[..., None, :], points)
-        viewed, turned, by_motion = _viewed(own, loose)
-        rows, by_viewed, by_lens = lens.linearise(viewed)
-        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
-        by_place = np.concatenate(
-            [by_own @ by_standing, by_lens[..., self.free], by_viewed @ by_motion], axis=-1
-        )
-        return Linear(rows, by_own @ R, by_place)
+        return Sight(own, R, by_standing, np.zeros((*own.shape, loose.shape[-1])))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet what rides on the tip."""
-        shapes = tuple((board.channels, board.points) for board in self.boards)
-        bodies = on_tip(arm, shapes)
+        bodies = on_tip(arm, tuple((board.channels, board.points) for board in self.boards))
         guess = np.zeros(6) if self.standing is None or arm.placed else self.standing
         camera = so3_exp(guess[3:]), guess[:3]
         mounted = Mounted((arm.R_tip, arm.p_tip), bodies, camera, arm.placed)
-        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
+        places, lens = self.resected(rows, seen, mounted)
         markers, told = arm.markers.copy(), np.zeros_like(arm.free)
-        for body, (R, t) in zip(bodies, found.bodies, strict=True):
-            own = body.channels
-            if not body.known and seen[:, own].any():
-                markers[own], told[own] = body.points @ R.T + t, arm.free[own]
-        place = np.concatenate([found.t, so3_log(found.R), self._lens_at(found.focal)])
-        return Start(place, markers, told)
-
-    @property
-    def unforeseen(self) -> str:
-        return (
-            ""
-            if self.standing is not None
-            else "where it stands is not known; give its position_mm and rpy_deg in the base's frame, "
-            "z ahead and x to the right of the image"
-        )
+        for body, (R, t) in zip(bodies, places.bodies, strict=True):
+            channels = body.channels
+            if not body.known and seen[:, channels].any():
+                markers[channels], told[channels] = body.points @ R.T + t, arm.free[channels]
+        return Start(np.concatenate([places.t, so3_log(places.R), lens]), markers, told)
 
     @property
     def position(self) -> Array | None:
@@ -226,11 +241,6 @@ class FixedCamera(Camera):
         del board, point
         return self.position
 
-    def viewed(self, points: Array) -> Array | None:
-        if self.standing is None:
-            return None
-        return rotate(so3_exp(self.standing[3:]), points) + self.standing[:3]
-
 
 @dataclass(frozen=True, eq=False)
 class ArmCamera(Camera):
@@ -240,41 +250,25 @@ class ArmCamera(Camera):
     """
 
     each: ClassVar[int] = CORNERS
+    unplaced: ClassVar[str] = (
+        "where its boards stand is not known; give position_mm and rpy_deg of each in the base's "
+        "frame, and of the camera on the tip"
+    )
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        several = len(self.boards) > 1
-        standing = (
-            u._replace(name=f"{board.name}.{u.name}" if several else u.name)
-            for board in self.boards
-            for u in Tracker.unknowns
-        )
+        before = [f"{board.name}." if len(self.boards) > 1 else "" for board in self.boards]
+        standing = (u._replace(name=own + u.name) for own in before for u in FRAME)
         return (*standing, *self.of_lens)
 
     @property
     def parts(self) -> Mapping[str, slice]:
-        ends = MOTION.stop + SCALE.stop * np.arange(len(self.boards) + 1)
+        ends = [MOTION.stop + SCALE.stop * k for k in range(len(self.boards) + 1)]
         boards = {
-            f"board:{board.name}": slice(int(a), int(b))
+            f"board:{board.name}": slice(a, b)
             for board, a, b in zip(self.boards, ends, ends[1:], strict=False)
         }
         return {**super().parts, **boards}
-
-    @property
-    def unforeseen(self) -> str:
-        return (
-            ""
-            if self.standing is not None
-            else "where its boards stand is not known; give position_mm and rpy_deg of each in the "
-            "base's frame, and of the camera on the tip"
-        )
-
-    def viewed(self, points: Array) -> Array | None:
-        if self.standing is None:
-            return None
-        centre, axes = self._seen_at(points)
-        targets, _, _ = self._targets(self.standing, np.zeros(0))
-        return rotate(axes, targets - centre)
 
     def sees_from(self, board: Board, point: int) -> Array | None:
         """A little before the board: what it lies on does not hide it."""
@@ -284,47 +278,34 @@ class ArmCamera(Camera):
         lifted = board.points[point] - np.array([0.0, 0.0, _BEFORE if board.printed else 0.0])
         return np.asarray(so3_exp(place[3:]) @ lifted + place[:3])
 
-    def _seen_at(self, points: Array) -> tuple[Array, Array]:
-        """Its centre (..., 1, 3) and axes (..., 1, 3, 3), by rows, of points (..., C, 9), all alike."""
-        return frame_of(points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3)))
+    def sight(self, standing: Array, points: Array, loose: Array) -> Sight:
+        corners = points[..., :1, :].reshape((*points.shape[:-2], 1, CORNERS, 3))  # all alike
+        centre, axes = frame_of(corners)
+        targets, *by = self._targets(standing, loose)
+        ray = targets[..., None, :, :] - centre
+        by_board, by_part = (axes @ own[..., None, :, :, :] for own in by)
+        return Sight(rotate(axes, ray), by_corners(axes, ray), by_board, by_part)
 
     def _targets(self, standing: Array, loose: Array) -> tuple[Array, Array, Array]:
         """The boards' points (..., C, 3) in base axes.
 
         Their derivatives: (..., C, 3, 6 boards), and by what came loose of the boards
         """
-        batch, places = standing.shape[:-1], standing.reshape((*standing.shape[:-1], -1, 6))
+        places = standing.reshape((*standing.shape[:-1], -1, 6))
         count = sum(len(board.points) for board in self.boards)
-        points, by = np.zeros((*batch, count, 3)), np.zeros((*batch, count, 3, standing.shape[-1]))
-        by_loose = np.zeros((*batch, count, 3, loose.shape[-1]))
+        points = np.zeros((*standing.shape[:-1], count, 3))
+        by = np.zeros((*points.shape, standing.shape[-1]))
+        by_loose = np.zeros((*points.shape, loose.shape[-1]))
         for k, board in enumerate(self.boards):
-            shape = board.points
+            shape, own = board.points, board.channels
             part = slice(SCALE.stop * k, SCALE.stop * (k + 1))
             if loose.shape[-1]:
                 shape, by_part = displaced_shape(loose[..., part], shape)
-            moved, R, by_place = moved_as_one(places[..., k, :], shape)
-            points[..., board.channels, :] = moved
-            by[..., board.channels, :, 6 * k : 6 * k + 6] = by_place
+            points[..., own, :], R, by_place = moved_as_one(places[..., k, :], shape)
+            by[..., own, :, 6 * k : 6 * k + 6] = by_place
             if loose.shape[-1]:
-                by_loose[..., board.channels, :, part] = R @ by_part
+                by_loose[..., own, :, part] = R @ by_part
         return points, by, by_loose
-
-    def linearise(self, place: Array, points: Array) -> Linear:
-        standing, lens, loose = self._split(place)
-        centre, axes = self._seen_at(points)
-        targets, by_board, by_part = self._targets(standing, loose[..., MOTION.stop :])
-        ray = targets[..., None, :, :] - centre
-        viewed, turned, by_motion = _viewed(rotate(axes, ray), loose)
-        rows, by_viewed, by_lens = lens.linearise(viewed)
-        by_own = by_viewed @ turned if loose.shape[-1] else by_viewed
-        by_target = by_own @ axes
-        parts = [
-            by_target @ by_board[..., None, :, :, :],
-            by_lens[..., self.free],
-            by_viewed @ by_motion,
-            by_target @ by_part[..., None, :, :, :],
-        ]
-        return Linear(rows, by_own @ by_corners(axes, ray), np.concatenate(parts, axis=-1))
 
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         """Where the rays of all images meet the boards: the arm carries the camera, seen from it the
@@ -333,22 +314,149 @@ class ArmCamera(Camera):
         known = arm.placed
         guess = np.zeros(6 * len(self.boards)) if self.standing is None or known else self.standing
         bodies = tuple(
-            Ridden(board.channels, board.points, so3_exp(own[3:]), own[:3], known)
-            for board, own in zip(self.boards, guess.reshape(-1, 6), strict=True)
+            Ridden(board.channels, board.points, so3_exp(place[3:]), place[:3], known)
+            for board, place in zip(self.boards, guess.reshape(-1, 6), strict=True)
         )
         centre, axes = frame_of(arm.markers[:CORNERS])
-        back = np.swapaxes(arm.R_tip, -1, -2)
-        mounted = Mounted(
-            (back, -rotate(back, arm.p_tip)),
-            bodies,
-            (axes, -axes @ centre),
-            not arm.free[:CORNERS].any(),
+        back, free = np.swapaxes(arm.R_tip, -1, -2), arm.free[:CORNERS].any()
+        base, camera = (back, -rotate(back, arm.p_tip)), (axes, -axes @ centre)
+        places, lens = self.resected(rows, seen, Mounted(base, bodies, camera, not free))
+        corners = corners_of(places.R.T, -places.R.T @ places.t)
+        corners = np.tile(corners, (len(arm.markers) // CORNERS, 1))
+        stands = [np.concatenate([t, so3_log(R)]) for R, t in places.bodies]
+        markers = np.where(arm.free, corners, arm.markers)
+        return Start(np.concatenate([*stands, lens]), markers, arm.free)
+
+
+Pixels = tuple[Positive, Positive]
+Coefficients = tuple[Number, Number, Number, Number] | tuple[Number, Number, Number, Number, Number]
+FreeParts = list[Literal["focal", "center", "distortion"]]
+
+
+class IntrinsicsStd(TomlTable):
+    """Standard deviations of parts of a lens."""
+
+    focal_px: Positive | None = None
+    """standard deviation of the focal length"""
+    center_px: Positive | None = None
+    """standard deviation of the principal point"""
+    distortion: Positive | Annotated[list[Positive], Field(min_length=4, max_length=5)] | None = (
+        None
+    )
+    """standard deviation of the coefficients"""
+
+    def values(self) -> Array:
+        """Those of the lens's values, shape (9,), NaN where none is given."""
+        std_of = np.full(len(Lens.names), np.nan)
+        for part, std in zip(FREE.values(), dict(self).values(), strict=True):
+            if std is not None:
+                several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
+                std_of[part] = several[: len(std_of[part])]
+        return std_of
+
+
+def _listed(given: list[float]) -> Array:
+    known = np.array([*given, *[0.0] * (len(Lens.names) - len(given))])
+    return np.where(known > 0.0, known, np.nan)
+
+
+_Believed = (
+    Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)]
+    | Annotated[
+        Array, Written(Annotated[list[NotNegative], Field(min_length=1, max_length=9)], _listed)
+    ]
+    | None
+)
+
+
+class CameraTable(BodyTable, KeysTable):
+    """A camera: its keys in a cell."""
+
+    reads = "boards"
+    makes = FixedCamera
+    kind: Literal["camera"]
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    """camera: position, in the frame of its link or the base"""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """camera: orientation, z ahead and x to the right of the image"""
+    on: Name = WORLD
+    """where it is fixed: world, tip, or a link of the robot"""
+    boards: Annotated[list[Name], Field(min_length=1)] | None = None
+    """camera: boards that it looks at; without it all that do not ride with it"""
+    focal_px: Positive | Pixels
+    """camera: focal length, one number or two"""
+    center_px: tuple[Number, Number]
+    """camera: principal point"""
+    distortion: Coefficients = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """camera: k1 k2 p1 p2 k3, as OpenCV"""
+    image_px: Pixels | None = None
+    """camera: size of the image"""
+    sigma_px: Positive
+    """camera: one standard deviation of one coordinate, of a board that looks large (`posecal
+    explain camera`)"""
+    free: FreeParts = []
+    """camera: parts of the lens that are identified"""
+    intrinsics_std: _Believed = None
+    """camera: standard deviation of the lens values; a list is fx fy cx cy k1 k2 p1 p2 k3"""
+    tilt: Annotated[Positive, Field(lt=90), times(DEG), key("max_tilt_deg")] = 60.0 * DEG
+    """camera: largest angle between the line of sight and a board's normal in a plan"""
+    min_points: Count | None = None
+    """camera: fewest points by which a plan counts a board; without it all of a chessboard"""
+
+    def seen(self, boards: Mapping[str, BoardTable]) -> dict[str, BoardTable]:
+        """The boards that it looks at: those that it names, else all that do not ride with it."""
+        named = [*boards] if self.boards is None else self.boards
+        return {n: boards[n] for n in named if n in boards and boards[n].on != self.on}
+
+    def rides_before(self, boards: Mapping[str, BoardTable]) -> bool:
+        """Whether it rides on a link and boards that it sees of these stand in the world."""
+        return self.on != WORLD and any(own.on == WORLD for own in self.seen(boards).values())
+
+    def instrument(self, name: str, cell: CellParts) -> Camera:
+        """One of boards in the world, that it rides before, or of what rides elsewhere than itself."""
+        every = {own: table for own, (table, *_) in cell.boards.items()}
+        seen, carried = self.seen(every), self.rides_before(every)
+        reads = [] if carried else [j for j, on in enumerate(cell.links) if on != self.on]
+        boards: list[Board] = []
+        targets: list[str] = []
+        first = len(reads)
+        for own, table in seen.items():
+            _, names, points = cell.boards[own]
+            channels = slice(first + len(targets), first + len(targets) + len(points))
+            boards.append(table.board(own, channels, points, self.min_points))
+            targets += names
+            if not carried:
+                reads += range(cell.parts[own].start, cell.parts[own].stop)
+        if carried:
+            reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
+        believed = np.full(9, np.nan) if self.intrinsics_std is None else self.intrinsics_std
+        free = np.isfinite(believed)
+        for part in self.free:
+            free[FREE[part]] = True
+        return (ArmCamera if carried else FixedCamera)(
+            name=name,
+            markers=tuple(reads),
+            targets=tuple(targets) if carried else (),
+            lens=self.lens,
+            sigma=self.sigma_px,
+            image=None if self.image_px is None else np.array(self.image_px),
+            free=np.flatnonzero(free),
+            believed=believed,
+            boards=tuple(boards),
+            tilt=self.tilt,
+            standing=self._standing([*seen.values()], carried),
         )
-        found = resected(self.lens.ideal(rows), seen, mounted, self._focal_free)
-        places = np.concatenate([np.concatenate([t, so3_log(R)]) for R, t in found.bodies])
-        corners = corners_of(found.R.T, -found.R.T @ found.t)
-        markers = np.where(
-            arm.free, np.tile(corners, (len(arm.markers) // CORNERS, 1)), arm.markers
-        )
-        place = np.concatenate([places, self._lens_at(found.focal)])
-        return Start(place, markers, arm.free)
+
+    @property
+    def lens(self) -> Lens:
+        """As the cell gives it."""
+        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
+        return Lens(np.array([*focal, *self.center_px, *(*self.distortion, 0.0)[:5]]))
+
+    def _standing(self, boards: Sequence[BodyTable], carried: bool) -> Array | None:
+        """The place of the camera, or of the boards before which it is carried, if given."""
+        still = boards if carried else [self]
+        if not all(own.stated for own in still):
+            return None
+        places = [own.frame if carried else inverse(own.frame) for own in still]
+        return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])

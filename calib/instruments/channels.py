@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.protocol import Instrument, Number
+from calib.instruments.protocol import Component, Instrument
 from calib.keys import STRICT, Name, PositiveMetres, key
 
 
@@ -71,7 +71,7 @@ class Channels:
 
     @cached_property
     def rows(self) -> IntArray:
-        """How many independent numbers each tells, shape (C,)."""
+        """How many independent numbers each has, shape (C,)."""
         each = [np.full(part.stop - part.start, len(i.numbers)) for i, part in self.blocks]
         return np.concatenate(each)
 
@@ -81,7 +81,7 @@ class Channels:
         return any(len(i.lengths) for i in self.instruments)
 
     @property
-    def shown(self) -> Number:
+    def shown(self) -> Component:
         """In what errors of all readings together are shown: a length where any is one."""
         numbers = [number for i in self.instruments for number in i.numbers]
         return next((n for n in numbers if n.unit == "mm"), numbers[0])

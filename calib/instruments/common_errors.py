@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -17,9 +17,8 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from calib.arrays import Array
 from calib.keys import NotNegative, Number, Positive, TomlTable, form_of
 
-_REFRACTION = (
-    2.71e-4  # n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature
-)
+_REFRACTION = 2.71e-4
+"""n - 1 of air at 20 degC and 1013.25 hPa, red light; as pressure over temperature."""
 _PER_KELVIN = _REFRACTION / 293.15
 _PER_PASCAL = _REFRACTION / 101325.0
 
@@ -27,8 +26,7 @@ Columns = Callable[[Array], Array]
 """How points (..., 3) read follow it, (..., 3, b), by beams (..., 3), m, from instrument to point."""
 
 
-@dataclass(frozen=True)
-class CommonKind:
+class CommonKind(NamedTuple):
     """A kind of common error.
 
     source : what it is, in words; unit, scale : as the cell states it, and SI per unit
@@ -86,14 +84,13 @@ def _across(beams: Array) -> Array:
 
 def _eccentric(beams: Array) -> Array:
     """Each circle's reading errs by the sine and the cosine of its angle, shape (..., 3, 4)."""
-    azimuth = np.arctan2(beams[..., 1], beams[..., 0])
-    elevation = np.arctan2(beams[..., 2], np.hypot(beams[..., 0], beams[..., 1]))
-    across = _across(beams)
-    turns = [
-        (k, f(angle)) for k, angle in enumerate((azimuth, elevation)) for f in (np.cos, np.sin)
-    ]
-    level = np.hypot(beams[..., 0], beams[..., 1])[..., None]  # an azimuth moves by what is level
-    reach = (level, _range(beams))
+    level = np.hypot(beams[..., 0], beams[..., 1])  # an azimuth moves by what is level
+    azimuth, elevation = (
+        np.arctan2(beams[..., 1], beams[..., 0]),
+        np.arctan2(beams[..., 2], level),
+    )
+    across, reach = _across(beams), (level[..., None], _range(beams))
+    turns = [(k, f(a)) for k, a in enumerate((azimuth, elevation)) for f in (np.cos, np.sin)]
     return np.stack([across[..., k] * reach[k] * wave[..., None] for k, wave in turns], axis=-1)
 
 
@@ -114,8 +111,6 @@ COMMON_KINDS: dict[str, CommonKind] = {
     "level_urad": CommonKind("levelling, direction of gravity", "urad", 1e-6, None),
 }
 """By the key of the cell."""
-
-
 DIVISORS = {"normal": 2.0, "rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
 """By which a limit becomes one standard uncertainty (JCGM 100, 4.3); a normal one may have its own."""
 
@@ -152,33 +147,32 @@ Uncertainty = Annotated[
 class CommonTable(TomlTable):
     """Errors that all readings share: their keys in a cell."""
 
-    scale_um_m: Uncertainty | None = None
+    scale_um_m: Uncertainty = 0.0
     """error that all readings share, as one standard uncertainty or a table: length scale"""
-    r0_um: Uncertainty | None = None
+    r0_um: Uncertainty = 0.0
     """shared error of the zero of the range"""
-    transverse_um: Uncertainty | None = None
+    transverse_um: Uncertainty = 0.0
     """shared error across the beam, at any range"""
-    transverse_um_m: Uncertainty | None = None
+    transverse_um_m: Uncertainty = 0.0
     """shared error across the beam, in proportion to the range"""
-    eccentricity_urad: Uncertainty | None = None
+    eccentricity_urad: Uncertainty = 0.0
     """shared error of the angle encoders, once a turn"""
-    temperature_degC: Uncertainty | None = None  # noqa: N815
+    temperature_degC: Uncertainty = 0.0  # noqa: N815
     """error of the air temperature: 0.92 um/m per kelvin by refraction"""
-    pressure_hPa: Uncertainty | None = None  # noqa: N815
+    pressure_hPa: Uncertainty = 0.0  # noqa: N815
     """error of the air pressure: 0.27 um/m per hectopascal"""
-    level_urad: Uncertainty | None = None
+    level_urad: Uncertainty = 0.0
     """error of the levelling, which tilts gravity"""
 
     def errors(self) -> tuple[CommonError, ...]:
         """Those that are stated; a number is one standard uncertainty."""
-        found = []
-        for key, kind in COMMON_KINDS.items():
-            stated = getattr(self, key)
-            if isinstance(stated, LimitTable):
-                divisor = stated.divisor or DIVISORS[stated.distribution]
-                freedom = stated.degrees_of_freedom or math.inf
-                limit = stated.limit * kind.scale
-                found.append(CommonError(key, limit, stated.distribution, divisor, freedom))
-            elif stated:
-                found.append(CommonError(key, stated * kind.scale))
-        return tuple(found)
+        return tuple(_error(key, given) for key, given in self if given)
+
+
+def _error(key: str, given: float | LimitTable) -> CommonError:
+    scale = COMMON_KINDS[key].scale
+    if not isinstance(given, LimitTable):
+        return CommonError(key, given * scale)
+    divisor = given.divisor or DIVISORS[given.distribution]
+    freedom = given.degrees_of_freedom or math.inf
+    return CommonError(key, given.limit * scale, given.distribution, divisor, freedom)

@@ -7,21 +7,21 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Strict, model_validator
+from pydantic import AfterValidator, model_validator
 
 from calib.arrays import Array, Mask
-from calib.instruments.even import POINT, Even, around, best, contacts, mirrored
+from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.protocol import (
+    POINT,
     ZERO,
-    CellParts,
-    KeysTable,
     Linear,
     Nominal,
     ReadingColumn,
     Start,
     Unknown,
 )
-from calib.keys import MM, NotNegative, Positive, Vector, ordered
+from calib.instruments.touching import Even, around, best, contacts, mirrored
+from calib.keys import MM, Flag, NotNegative, Point, PositiveMetres, key, ordered
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ class Distance(Even):
     def parts(self) -> Mapping[str, slice]:
         return {f"distance:{self.name}": ZERO}
 
-    @property
-    def guess(self) -> Array:
+    def guess_at(self, name: str) -> Array:
+        del name
         found = np.zeros(len(self.unknowns))
         if self.anchor is not None and not self.known:
             found[:3] = self.anchor
@@ -104,34 +104,33 @@ class Distance(Even):
         return best(self, rows, seen, arm, np.array(starts, dtype=float))
 
 
+_Reach = Annotated[
+    tuple[NotNegative, NotNegative],
+    AfterValidator(ordered),
+    AfterValidator(lambda given: (given[0] * MM, given[1] * MM)),
+]
+
+
 class DistanceTable(KeysTable):
     """A ballbar or wire: its keys in a cell."""
 
+    makes = Distance
     kind: Literal["distance"]
-    sigma_mm: Positive
+    sigma: Annotated[PositiveMetres, key("sigma_mm")]
     """one standard deviation of a length"""
-    anchor_mm: Vector | None = None
+    anchor: Annotated[Point | None, key("anchor_mm")] = None
     """distance: where it is measured from; found if absent"""
-    offset: Annotated[bool, Strict()] = False
+    offset: Flag = False
     """distance: whether a constant is added to it"""
-    reach_mm: Annotated[tuple[NotNegative, NotNegative], AfterValidator(ordered)] | None = None
+    reach: Annotated[_Reach, key("reach_mm")] = (0.0, np.inf)
     """distance: shortest and longest value, from anchor_mm"""
 
     @model_validator(mode="after")
     def _reach_from_somewhere(self) -> Self:
-        if self.reach_mm is not None and self.anchor_mm is None:
+        if "reach" in self.model_fields_set and self.anchor is None:
             raise ValueError("has reach_mm, which counts from anchor_mm; add that")
         return self
 
     def instrument(self, name: str, cell: CellParts) -> Distance:
-        anchor = None if self.anchor_mm is None else np.array(self.anchor_mm) * MM
-        nearest, farthest = self.reach_mm or (0.0, np.inf)
-        return Distance(
-            name=name,
-            markers=cell.read_from(self.on),
-            sigma=self.sigma_mm * MM,
-            anchor=anchor,
-            known=anchor is not None and not cell.placed,
-            offset=self.offset,
-            reach=(nearest * MM, farthest * MM),
-        )
+        known = self.anchor is not None and not cell.placed
+        return Distance(name=name, markers=cell.read_from(self.on), known=known, **self.fields)

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
-from calib.instruments.even import Surface, best, contacts
+from calib.instruments.keys_table import KeysTable
 from calib.instruments.protocol import (
     ZERO,
-    CellParts,
-    KeysTable,
     Linear,
     Nominal,
     ReadingColumn,
     Start,
     Unknown,
 )
-from calib.keys import MM, Direction, Positive, Vector
+from calib.instruments.touching import Surface, best, contacts
+from calib.keys import MM, Direction, PositiveMetres, Vector, key
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEAST_TURN = 1e-3  # rad: of a normal from straight down, where two tilts are one
@@ -49,10 +48,6 @@ class Plane(Surface):
     @property
     def parts(self) -> Mapping[str, slice]:
         return {f"plane:{self.name}": ZERO}
-
-    @property
-    def metric(self) -> bool:
-        return False
 
     def linearise(self, place: Array, points: Array) -> Linear:
         turn = np.concatenate([place[..., :2], np.zeros_like(place[..., 2:3])], axis=-1)
@@ -102,8 +97,9 @@ class PlaneTable(KeysTable):
     """A plane: its keys in a cell."""
 
     rides = False
+    makes = Plane
     kind: Literal["plane"]
-    sigma_mm: Positive
+    sigma: Annotated[PositiveMetres, key("sigma_mm")]
     """one standard deviation of a length"""
     position_mm: Vector | None = None
     """plane: a point of it, in the base's frame"""
@@ -116,9 +112,9 @@ class PlaneTable(KeysTable):
             raise ValueError("position_mm, a point of it, and normal go together")
         return self
 
-    def instrument(self, name: str, cell: CellParts) -> Plane:
-        standing = None
-        if self.position_mm is not None and self.normal is not None:
-            standing = place_of(np.array(self.position_mm) * MM, np.array(self.normal))[None]
-        sigma = self.sigma_mm * MM
-        return Plane(name=name, markers=cell.read_from(self.on), sigma=sigma, standing=standing)
+    @property
+    def fields(self) -> dict[str, Any]:
+        if self.position_mm is None or self.normal is None:
+            return {"sigma": self.sigma}
+        place = place_of(np.array(self.position_mm) * MM, np.array(self.normal))
+        return {"sigma": self.sigma, "standing": place[None]}

@@ -16,19 +16,18 @@ from pydantic import model_validator
 
 from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
+from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.placing import hand_eye
-from calib.instruments.points import Tracker
 from calib.instruments.protocol import (
     MOTION,
-    CellParts,
-    KeysTable,
+    Component,
     Linear,
     Nominal,
-    Number,
     ReadingColumn,
     Start,
 )
-from calib.instruments.riding import CORNERS, DIFFERENCES
+from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of
+from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row
 from calib.noise import Noise
 
@@ -50,13 +49,10 @@ class Pose(Tracker):
         *(ReadingColumn(c, "length") for c in "xyz"),
         *(ReadingColumn(f"q{c}", "ratio") for c in "wxyz"),
     )
-
-    @property
-    def numbers(self) -> tuple[Number, ...]:
-        return (
-            *(Number(c, "mm", 1e-3) for c in "xyz"),
-            *(Number(f"r{c}", "mrad", 1e-3) for c in "xyz"),
-        )
+    numbers: ClassVar[tuple[Component, ...]] = (
+        *(Component(c, "mm", 1e-3) for c in "xyz"),
+        *(Component(f"r{c}", "mrad", 1e-3) for c in "xyz"),
+    )
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -70,14 +66,16 @@ class Pose(Tracker):
         if place.shape[-1] > MOTION.stop:
             rows, turn, by_motion = moved_as_one(place[..., None, MOTION.stop :], rows)
             R, by_place = turn @ R, np.concatenate([turn @ by_place, by_motion], axis=-1)
+        corners = rows.reshape((*rows.shape[:-2], -1, CORNERS, 3))
+        by_corner = by_place.reshape((*corners.shape, by_place.shape[-1]))
+        frame = np.einsum("ab,...bi->...ai", DIFFERENCES, corners)
         turned = np.einsum("ab,...ij->...aibj", DIFFERENCES, R)
-        shape = (*rows.shape[:-2], -1, 9)
-        by_corner = by_place.reshape((*shape[:-1], CORNERS, 3, by_place.shape[-1]))
-        by_row = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
+        by_frame = np.einsum("ab,...biu->...aiu", DIFFERENCES, by_corner)
+        flat = (*frame.shape[:-2], 9)
         return Linear(
-            _flat(_frame(rows.reshape(shape))),
+            frame.reshape(flat),
             turned.reshape((*turned.shape[:-4], 9, 9)),
-            by_row.reshape((*by_corner.shape[:-3], 9, by_place.shape[-1])),
+            by_frame.reshape((*flat, by_place.shape[-1])),
         )
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
@@ -117,8 +115,8 @@ class Pose(Tracker):
     def bodies(self, markers: Array) -> Iterator[tuple[int, tuple[Array, Array]]]:
         """Of each body the position of its origin among markers (M, 3), and p and rotation vector."""
         for first in self.read_of(len(markers))[::CORNERS].tolist():
-            frame = _frame(markers[first : first + CORNERS].reshape(9))
-            yield first, (frame[0], so3_log(rotation_of(_flat(frame))))
+            origin, axes = frame_of(markers[first : first + CORNERS])
+            yield first, (origin, so3_log(axes.T))
 
     @property
     def even(self) -> float | None:
@@ -133,16 +131,6 @@ class Pose(Tracker):
         R, t, corners = hand_eye((rotation_of(rows), rows[..., :3]), seen, arm)
         told = arm.free & np.repeat(np.any(seen, axis=0), CORNERS)[:, None]
         return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
-
-
-def _frame(points: Array) -> Array:
-    """Origin and two axes (..., 3, 3), by rows, of three points (..., 9)."""
-    corners = points.reshape((*points.shape[:-1], CORNERS, 3))
-    return np.asarray(np.einsum("ab,...bi->...ai", DIFFERENCES, corners))
-
-
-def _flat(corners: Array) -> Array:
-    return corners.reshape((*corners.shape[:-2], 9))
 
 
 def rotation_of(rows: Array) -> Array:
@@ -167,12 +155,14 @@ def _tangent(R: Array) -> Array:
 
 
 _SYMMETRIC = 1e-6  # of the deviations
+_UNITS = np.repeat([MM, URAD], 3)
 
 
 class PoseTable(KeysTable):
     """What reads poses of bodies: its keys in a cell."""
 
     reads = "bodies"
+    makes = Pose
     kind: Literal["pose"]
     sigma_mm: Positive | None = None
     """one standard deviation of a length"""
@@ -194,17 +184,15 @@ class PoseTable(KeysTable):
 
     def instrument(self, name: str, cell: CellParts) -> Pose:
         parts = [cell.parts[body] for body, on in cell.read_as_poses.items() if on != self.on]
-        units = np.repeat([MM, URAD], 3)
         if self.covariance is not None:
-            covariance = np.array(self.covariance) * np.outer(units, units)
+            covariance = np.array(self.covariance) * np.outer(_UNITS, _UNITS)
         else:
             sigma = np.repeat([self.sigma_mm or np.nan, self.sigma_urad or np.nan], 3)
-            covariance = np.diag((sigma * units) ** 2)
-        alone = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
+            covariance = np.diag((sigma * _UNITS) ** 2)
         return Pose(
             name=name,
             markers=tuple(i for own in parts for i in range(own.start, own.stop)),
-            noise=Noise.isotropic(alone),
+            noise=Noise.isotropic(float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))),
             covariance=covariance,
         )
 

@@ -3,17 +3,16 @@
 An instrument reads points at each pose, each of them as a **row** of numbers: three coordinates, two
 pixels, one distance. A reading may take several points of the tip together; three of them fix its
 frame, which an instrument may read, or ride on. How it stands against the robot's base is unknown, its
-**place**: nuisance beside the parameters, found without a guess. A new instrument is one file with
+**place**: nuisance beside the parameters, estimated without a guess. A new instrument is one file with
 
+    unknowns            the coordinates of its place
     linearise           rows of points in base axes, their derivatives by the points and by the place
     whitening           from the covariance of a row; what the simulator adds follows from it
-    start               the place, and the markers if it tells them, from nothing but the rows
+    start               the place, and the markers if they follow, from nothing but the rows
     columns             how a row stands in a table
-    numbers             what it says of an error, by which figures are grouped
-    position            where the picture shows it, and lines of sight end
     a KeysTable         its keys in a cell, below each what it means, and the instrument that they make
 
-and one entry in ``calib.instruments.KINDS``.
+and two entries in ``calib.instruments``: an import and one in ``KINDS``.
 
 Of C readings a pose the points are (m, C, 3), or (m, C, 3 k) where each takes k, the rows (m, C, r).
 """
@@ -26,11 +25,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import model_validator
 
 from calib.arrays import Array, IntArray, Mask
-from calib.instruments.board_table import BoardTable, RidingTable
-from calib.keys import Name
 
 WORLD, TIP = "world", "tip"
 """Where things stand that ride on no link, and what a cell calls the robot's last one."""
@@ -45,6 +41,9 @@ class Unknown(NamedTuple):
     size: float
 
 
+POINT = tuple(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz")
+FRAME = (*POINT, *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"))
+"""A point, and a frame, in base axes."""
 ZERO, MOTION, SCALE = slice(0, 1), slice(0, 6), slice(6, 7)
 """Of a part that may come loose: a displacement in its own axes, and what it is too large by."""
 
@@ -60,7 +59,7 @@ class ReadingColumn(NamedTuple):
     optional: bool = False
 
 
-class Number(NamedTuple):
+class Component(NamedTuple):
     """One number of an error: its name, the unit shown, and that unit in SI.
 
     ``<name>_<unit>`` is a field of each residual in the results.
@@ -101,7 +100,7 @@ class Nominal(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A place (u,), the markers (C k, 3), m, and which of their components the rows told."""
+    """A place (u,), the markers (C k, 3), m, and which of their components follow from the rows."""
 
     place: Array
     markers: Array
@@ -122,8 +121,16 @@ class Instrument(ABC):
         of the base's axes then goes for that link's (:mod:`calib.instruments.riding`)
     rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
-    sought : whether its place is unknown even where the model has no base: nothing else tells it
+    sought : whether its place is unknown even where the model has no base: nothing else gives it
     touches : whether it reads where the arm meets it alone: its poses are solved for, not drawn
+    unforeseen : what keeps its readings from being foreseen, and what to do; empty where nothing does
+    metric : whether its readings hold a length: without any, an arm of twice the size reads the same
+    anchored : whether the cell says where it stands, whatever else of its place is unknown
+    even : the standard deviation of every number at any place, None where one does not say it all
+    fixed : whether its noise depends on where it stands, and that is given once for all stations
+    position : ndarray, shape (3,), m, base frame, where it stands; None where that is not given
+    parts : what effects may change from pose to pose, by its place in results: these numbers, zero at
+        rest, a place may have after its unknowns
     """
 
     name: str = "instrument"
@@ -140,85 +147,36 @@ class Instrument(ABC):
     touches: ClassVar[bool] = False
 
     @property
-    def has_stations(self) -> bool:
-        """Whether it stands elsewhere from station to station."""
-        return self.stationed and self.seat is None
-
-    @property
     @abstractmethod
     def unknowns(self) -> tuple[Unknown, ...]:
         """The coordinates of its place."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What the cell calls it: its own name, or those of its sites."""
-        return self.sites or (self.name,)
-
-    def name_at(self, site: str) -> str:
-        """What the cell calls it where it stands at a site."""
-        return site if site in self.sites else self.name
-
-    @property
-    def anchored(self) -> bool:
-        """Whether the cell says where it stands, whatever else of its place is unknown."""
-        return False
-
-    @property
-    def prior(self) -> Array:
-        """Standard deviations of its place about zero that are known beforehand, (u,), NaN for none."""
-        return np.full(len(self.unknowns), np.nan)
-
-    @property
-    def belief(self) -> Array:
-        """The same as rows of unit variance (k, u): each is known about zero."""
-        known = np.isfinite(self.prior)
-        return np.asarray(np.diag(1.0 / np.where(known, self.prior, 1.0))[known])
-
-    @property
-    def guess(self) -> Array:
-        """Where it is taken to stand before it has read anything, (u,): known, or zero."""
-        return np.zeros(len(self.unknowns))
-
-    def guess_at(self, name: str) -> Array:
-        """The same of the one of its sites that has this name."""
-        del name
-        return self.guess
-
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        """What effects may change from pose to pose, by its place in results.
-
-        These numbers, zero at rest, a place may have after its unknowns.
-        """
-        return {}
-
-    @property
-    def unforeseen(self) -> str:
-        """What keeps its readings from being foreseen, and what to do; empty where nothing does."""
-        return ""
-
-    @property
-    def metric(self) -> bool:
-        """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
-        return True
-
     @abstractmethod
     def linearise(self, place: Array, points: Array) -> Linear:
         """Rows and their derivatives of points (..., m, C, 3 k), m, in base axes; place : (..., u)."""
+
+    @abstractmethod
+    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
+        """Matrices W with ``W cov W^T = I`` for rows (..., m, C, r), shape (..., m, C, r, r).
+
+        sigma : ndarray, shape (m, C), overriding standard deviation of a reading, NaN for none
+        """
+
+    @abstractmethod
+    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
+        """Place and markers under the nominal arm, without a guess.
+
+        rows : ndarray, shape (m, C, r); seen : ndarray of bool, shape (m, C), at least one of them
+        """
 
     def read(self, place: Array, points: Array) -> Array:
         """The rows (..., m, C, r) alone."""
         return self.linearise(place, points).rows
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
+    def numbers(self) -> tuple[Component, ...]:
         """What :meth:`shown` gives, in its order: as many as a reading has that are independent."""
-        return tuple(Number(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
-
-    @property
-    def lengths(self) -> IntArray:
-        """Positions in a row of the numbers whose errors are lengths, m."""
-        return np.flatnonzero([number.unit == "mm" for number in self.numbers])
+        return tuple(Component(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
 
     def shown(self, measured: Array, off: Array) -> Array:
         """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""
@@ -233,86 +191,79 @@ class Instrument(ABC):
         """The way back."""
         return rows
 
-    @abstractmethod
-    def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
-        """Matrices W with ``W cov W^T = I`` for rows (..., m, C, r), shape (..., m, C, r, r).
-
-        sigma : ndarray, shape (m, C), overriding standard deviation of a reading, NaN for none
-        """
-
-    @property
-    def even(self) -> float | None:
-        """The standard deviation of every number at any place, None where one does not say it all."""
-        return None
-
-    @property
-    def fixed(self) -> bool:
-        """Whether its noise hangs on where it stands, and that is given once for all stations."""
-        return False
-
-    @abstractmethod
-    def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
-        """Place and markers under the nominal arm, without a guess.
-
-        rows : ndarray, shape (m, C, r); seen : ndarray of bool, shape (m, C), at least one of them
-        """
-
-    @property
-    def position(self) -> Array | None:
-        """Where it stands, shape (3,), m, base frame; None where that is not given."""
-        return None
-
     def found_at(self, place: Array) -> Self:
-        """The same as it is foreseen once its place (u,) is found."""
+        """The same as it is foreseen once its place (u,) is known."""
         del place
         return self
+
+    @property
+    def has_stations(self) -> bool:
+        """Whether it stands elsewhere from station to station."""
+        return self.stationed and self.seat is None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the cell calls it: its own name, or those of its sites."""
+        return self.sites or (self.name,)
+
+    def name_at(self, site: str) -> str:
+        """What the cell calls it where it stands at a site."""
+        return site if site in self.sites else self.name
+
+    @property
+    def prior(self) -> Array:
+        """Standard deviations of its place about zero that are known beforehand, (u,), NaN for none."""
+        return np.full(len(self.unknowns), np.nan)
+
+    @property
+    def belief(self) -> Array:
+        """The same as rows of unit variance (k, u): each is known about zero."""
+        known = np.isfinite(self.prior)
+        return np.asarray(np.diag(1.0 / np.where(known, self.prior, 1.0))[known])
+
+    def guess_at(self, name: str) -> Array:
+        """Where the one of its sites that has this name is taken to stand, (u,): known, or zero."""
+        del name
+        return np.zeros(len(self.unknowns))
+
+    @property
+    def guess(self) -> Array:
+        """The same of its first site."""
+        return self.guess_at(self.names[0])
+
+    @property
+    def lengths(self) -> IntArray:
+        """Positions in a row of the numbers whose errors are lengths, m."""
+        return np.flatnonzero([number.unit == "mm" for number in self.numbers])
 
     def read_of(self, markers: int) -> IntArray:
         """Positions of the markers that it reads, of so many."""
         return np.arange(markers) if self.markers is None else np.array(self.markers, dtype=int)
 
+    @property
+    def parts(self) -> Mapping[str, slice]:
+        return {}
 
-@dataclass(frozen=True, eq=False)
-class CellParts:
-    """What of a cell an instrument may read or stand by.
+    @property
+    def unforeseen(self) -> str:
+        return ""
 
-    links : tuple of str, on which the cell's own markers ride, in their order
-    parts : dict, body -> slice, its points among all markers
-    read_as_poses : dict, body that is a frame -> the link on which it rides
-    boards : dict, board -> its table, the names of its points, and these points (n, 3), m, in its frame
-    placed : whether the model has places of instruments: what a cell gives of them is a guess
-    """
+    @property
+    def metric(self) -> bool:
+        return True
 
-    links: tuple[str, ...]
-    parts: Mapping[str, slice]
-    read_as_poses: Mapping[str, str]
-    boards: Mapping[str, tuple[BoardTable, tuple[str, ...], Array]]
-    placed: bool
+    @property
+    def anchored(self) -> bool:
+        return False
 
-    def read_from(self, link: str) -> tuple[int, ...] | None:
-        """Positions among all markers of the cell's own that ride elsewhere; None for all there are."""
-        own = tuple(j for j, on in enumerate(self.links) if on != link)
-        return own if self.parts or len(own) < len(self.links) else None
+    @property
+    def even(self) -> float | None:
+        return None
 
+    @property
+    def fixed(self) -> bool:
+        return False
 
-class KeysTable(RidingTable, ABC):
-    """The table ``[instruments.NAME]`` of one kind, in the units of its keys.
-
-    rides : whether one may stand on a link of the robot
-    """
-
-    reads: ClassVar[Literal["markers", "bodies", "boards"]] = "markers"
-    rides: ClassVar[bool] = True
-    kind: str
-    on: Name = WORLD
-    """where it is fixed: world, tip, or a link of the robot"""
-
-    @model_validator(mode="after")
-    def _rides(self) -> Self:
-        if self.on != WORLD and not self.rides:
-            raise ValueError(f"a {self.kind} rides on no link; take out on = {self.on!r}")
-        return self
-
-    @abstractmethod
-    def instrument(self, name: str, cell: CellParts) -> Instrument:
-        """The instrument, in SI."""
+    @property
+    def position(self) -> Array | None:
+        return None

@@ -1,38 +1,38 @@
 """A camera's place, and those of the bodies that it sees, from the rays of many images together.
 
 The arm moves a camera before bodies, or bodies before a camera: ``x ~ T_camera A_i T_body p`` with A_i
-the arm at image i, from the tip to the base or back. Several starts are laid over the rays and the best
-of them followed: what the cell says; hand-eye calibration by the poses of each body in each image, of
-which two look alike (:mod:`calib.instruments.posit`); and bodies turned and shifted at random about
-where they ride, which makes all their points one shape that the camera sees at once.
+the arm at image i, from the tip to the base or back. A search follows the best of several starts: what
+the cell says; hand-eye calibration by the poses of each body in each image (OpenCV's ``solvePnP``), by
+all of them and by those that have no rival; and bodies turned and shifted at random about where they
+ride, which makes all their points one shape that the camera sees at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.arm.se3 import fit_rigid, moved_as_one, nearest_rotation, rotate, so3_exp, so3_log
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import Motions, hand_eye
-from calib.instruments.posit import LEAST, RESOLUTION, posed, rays_to, refined
 from calib.instruments.protocol import Nominal
 from calib.instruments.riding import CORNERS, corners_of, frame_of
 from calib.solver import levenberg_marquardt
 
-Shape: TypeAlias = tuple[slice, Array]
-"""Positions among the readings, and the points (n, 3), m, in the board's frame."""
-
+_RESOLUTION = 1e-4  # standard deviation of X / Z and Y / Z that a search assumes
+_NEAR = 1e-3  # m
+_LEAST = 4  # points that give a pose
+_LINE, _PLANE = 1e-3, 0.02  # width, thickness over length: below, points lie on a line, on a plane
 _ENOUGH = 3  # images of a body that fix it beside the camera
 _POSED = 60  # images of a body that are looked at by themselves
 _SURE = 9.0  # times the cost of the better pose: the other one is none
-_TURNS = 5  # of hand-eye calibration and choice
 _DRAWN = 32  # places of bodies
+_ABOUT = 0.3  # of the extent of the arm's motion: how far from it a body rides
 _FOLLOWED = 8  # starts, the best of them
-_SEARCHED = 240  # readings that a search looks at: more tell it nothing new
+_SEARCHED = 240  # readings that a search looks at: more add nothing
 _CAMERA, _FOCAL = slice(0, 6), 6
 
 
@@ -49,8 +49,8 @@ class Ridden(NamedTuple):
 class Mounted(NamedTuple):
     """What the arm carries, at m images, and what is known of places.
 
-    arm : of shape (m,), from what carries to where the camera sees the base
-    camera : where it sees that base; known : whether that is so, or a guess
+    arm : rotations (m, 3, 3) and translations (m, 3), m, from what carries to where the camera sees the
+        base; camera : where it sees that base; known : whether that is so, or a guess
     """
 
     arm: Motions
@@ -60,7 +60,7 @@ class Mounted(NamedTuple):
 
 
 class Resected(NamedTuple):
-    """Places found: of the base in the camera's frame, of every body; and the focal length's factor."""
+    """Places of the base in the camera's frame and of every body; and the focal length's factor."""
 
     R: Array
     t: Array
@@ -68,17 +68,20 @@ class Resected(NamedTuple):
     focal: float
 
 
-def on_tip(arm: Nominal, shapes: tuple[Shape, ...]) -> tuple[Ridden, ...]:
-    """The boards and then the markers of the tip, as bodies."""
-    found = []
-    for own, points in shapes:
-        T = fit_rigid(arm.markers[own], points)
-        found.append(Ridden(own, points, T[:3, :3], T[:3, 3], not arm.free[own].any()))
-    taken = {c for own, _ in shapes for c in range(own.start, own.stop)}
+def on_tip(arm: Nominal, shapes: tuple[tuple[slice, Array], ...]) -> tuple[Ridden, ...]:
+    """The boards and then the markers of the tip, as bodies.
+
+    shapes : of each board its positions among the readings, and points (n, 3), m, in its frame
+    """
+    bodies, free = list[Ridden](), np.asarray(arm.free.any(axis=1))
+    for channels, points in shapes:
+        T = fit_rigid(arm.markers[channels], points)
+        bodies.append(Ridden(channels, points, T[:3, :3], T[:3, 3], not free[channels].any()))
+    taken = {c for channels, _ in shapes for c in range(channels.start, channels.stop)}
     for j in sorted(set(range(len(arm.markers))) - taken):
-        known = not arm.free[j].any()
-        found.append(Ridden(slice(j, j + 1), np.zeros((1, 3)), np.eye(3), arm.markers[j], known))
-    return tuple(found)
+        channels = slice(j, j + 1)
+        bodies.append(Ridden(channels, np.zeros((1, 3)), np.eye(3), arm.markers[j], not free[j]))
+    return tuple(bodies)
 
 
 def resected(ideal: Array, seen: Mask, mounted: Mounted, focal: bool = False) -> Resected:
@@ -89,12 +92,12 @@ def resected(ideal: Array, seen: Mask, mounted: Mounted, focal: bool = False) ->
     """
     images = _images(ideal, seen, mounted, focal)
     guessed = images.at(mounted.camera, [(body.R, body.t) for body in mounted.bodies])
-    by_hand_eye = _by_hand_eye(ideal, seen, mounted, images)
-    start = np.concatenate([guessed[None], *by_hand_eye, *images.anyhow(guessed, mounted.known)])
+    starts = [guessed[None], *_by_hand_eye(ideal, seen, mounted, images)]
+    start = np.concatenate([*starts, *images.drawn(guessed, mounted.known)])
     cost = np.sum(images.linearise(start)[0] ** 2, axis=-1)
     best = start[np.argsort(np.nan_to_num(cost, nan=np.inf))[:_FOLLOWED]]
-    found = levenberg_marquardt(images.linearise, best, images.span)
-    values = found.values[int(np.argmin(found.cost))]
+    minimum = levenberg_marquardt(images.linearise, best, images.span)
+    values = minimum.values[int(np.argmin(minimum.cost))]
     places = [(so3_exp(values[part][3:]), values[part][:3]) for part in images.parts]
     return Resected(so3_exp(values[3:6]), values[:3], places, float(values[_FOCAL]))
 
@@ -122,32 +125,28 @@ class _Images:
         """Where each body's place stands among the values."""
         return [slice(7 + 6 * k, 13 + 6 * k) for k in range(len(self.bodies))]
 
-    def of(self, body: Ridden) -> Mask:
-        """Which readings are of a body."""
-        own = body.channels
-        return np.asarray((self.channel >= own.start) & (self.channel < own.stop))
-
     def linearise(self, values: Array) -> tuple[Array, Array]:
         """Residuals (..., 2 n) of the rays, and their derivatives (..., 2 n, p)."""
         u, by = self._ridden(values)
         points = self.p_arm + rotate(self.R_arm, u)
         viewed, R, by_place = moved_as_one(values[..., _CAMERA], points)
-        rays, by_point = rays_to(viewed)
+        rays, by_point = _rays_to(viewed)
         J = by_point @ (R @ (self.R_arm @ by))
         J[..., _CAMERA] = by_point @ by_place
         factor = values[..., None, None, _FOCAL]
         J = J * factor[..., None]
         J[..., _FOCAL] = rays
         r = (self.rays - factor * rays).reshape((*values.shape[:-1], -1))
-        return r / RESOLUTION, J.reshape((*r.shape, len(self.span))) / RESOLUTION
+        return r / _RESOLUTION, J.reshape((*r.shape, len(self.span))) / _RESOLUTION
 
     def _ridden(self, values: Array) -> tuple[Array, Array]:
         """Where the points read ride on the arm (..., n, 3), and the derivatives (..., n, 3, p)."""
         u = np.zeros((*values.shape[:-1], *self.p_arm.shape))
         J = np.zeros((*u.shape, len(self.span)))
         for body, part in zip(self.bodies, self.parts, strict=True):
-            here = self.of(body)
-            local = body.points[self.channel[here] - body.channels.start]
+            channels = body.channels
+            here = (self.channel >= channels.start) & (self.channel < channels.stop)
+            local = body.points[self.channel[here] - channels.start]
             u[..., here, :], _, J[..., here, :, part] = moved_as_one(values[..., part], local)
         return u, J
 
@@ -156,7 +155,7 @@ class _Images:
         each = [np.concatenate([t, so3_log(R)]) for R, t in (camera, *places)]
         return np.concatenate([each[0], [1.0], *each[1:]])
 
-    def anyhow(self, guessed: Array, known: bool) -> Iterator[Array]:
+    def drawn(self, guessed: Array, known: bool) -> Iterator[Array]:
         """Values (k, p) with the unknown bodies drawn about where they are guessed.
 
         known : whether the camera's place is
@@ -173,16 +172,10 @@ class _Images:
         if known:
             yield start
             return
-        if len(self.rays) < LEAST:
-            return
         points = self.p_arm + rotate(self.R_arm, self._ridden(start)[0])
-        R, t, sound = posed(np.broadcast_to(self.rays, (count, *self.rays.shape)), points)
-        for way in (0, 1):
-            start[:, _CAMERA] = np.concatenate([t[:, way], so3_log(R[:, way])], axis=-1)
-            yield start[sound]
-
-
-_ABOUT = 0.3  # of the extent of the arm's motion: how far from it a body rides
+        for own, there in zip(start, points, strict=True):
+            for R, t, _ in poses_of(self.rays, there):
+                yield np.concatenate([t, so3_log(R), own[_FOCAL:]])[None]
 
 
 def _images(ideal: Array, seen: Mask, mounted: Mounted, focal: bool) -> _Images:
@@ -192,118 +185,99 @@ def _images(ideal: Array, seen: Mask, mounted: Mounted, focal: bool) -> _Images:
         pose, channel = pose[chosen], channel[chosen]
     free = [*[not mounted.known] * 6, focal]
     for body in mounted.bodies:
-        read = bool(seen[:, body.channels].any())
-        moves, turns = read and not body.known, len(body.points) > 1
-        free += [*[moves] * 3, *[moves and turns] * 3]
+        moves = bool(seen[:, body.channels].any()) and not body.known
+        free += [*[moves] * 3, *[moves and len(body.points) > 1] * 3]
     (R, p), span = mounted.arm, np.eye(len(free))[:, np.array(free)]
     return _Images(ideal[pose, channel], R[pose], p[pose], channel, mounted.bodies, span)
 
 
-# -- hand-eye calibration ------------------------------------------------------------------------
+def _rays_to(points: Array) -> tuple[Array, Array]:
+    """``X / Z, Y / Z`` of points (..., 3) in camera axes, and the derivatives (..., 2, 3)."""
+    depth = np.maximum(points[..., 2], _NEAR)
+    ray = points[..., :2] / depth[..., None]
+    by = np.zeros((*points.shape[:-1], 2, 3))
+    by[..., 0, 0] = by[..., 1, 1] = 1.0 / depth
+    by[..., 2] = -ray / depth[..., None]
+    return ray, by
+
+
+# -- image by image ------------------------------------------------------------------------------
+
+
+def poses_of(rays: Array, points: Array) -> list[tuple[Array, Array, float]]:
+    """Poses ``T_camera_body`` from which points (n, 3), m, are seen along rays (n, 2), best first.
+
+    Returns rotation, translation [m] and cost: both of a plane that look alike, at most one of a solid
+    shape, none of points on a line.
+    """
+    import cv2
+
+    middle = points.mean(axis=0)
+    _, size, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if len(points) < _LEAST or size[1] <= _LINE * size[0]:
+        return []
+    axes *= np.linalg.det(axes)
+    local, flat = (points - middle) @ axes.T, size[2] < _PLANE * size[0]
+    way = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
+    local[:, 2] *= not flat
+    try:
+        _, turns, shifts, errors = cv2.solvePnPGeneric(local, rays, np.eye(3), None, flags=way)
+    except cv2.error:  # of rays that are those of no shape
+        return []
+    poses = []
+    for turn, shift, error in zip(turns, shifts, np.ravel(errors), strict=False):
+        R, t = so3_exp(turn[:, 0]) @ axes, shift[:, 0]
+        if np.isfinite(t).all() and np.isfinite(R).all() and t[2] > _NEAR:
+            cost = 2.0 * len(rays) * float(error / _RESOLUTION) ** 2
+            poses.append((R, t - R @ middle, cost))
+    return sorted(poses, key=lambda pose: pose[2])[: 2 if flat else 1]
+
+
+def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motions, Mask, Mask]:
+    """The better pose of B bodies in m images, shape (m, B).
+
+    Returns where enough of a body is seen, and where the other pose is none, both (m, B), too.
+    """
+    m, count = len(ideal), len(bodies)
+    R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
+    whole, sure = np.zeros((m, count), dtype=bool), np.zeros((m, count), dtype=bool)
+    for k, body in enumerate(bodies):
+        channels = body.channels
+        images = np.flatnonzero(seen[:, channels].sum(axis=1) >= _LEAST)
+        if len(images) > _POSED:
+            images = images[np.linspace(0, len(images) - 1, _POSED).astype(int)]
+        for i in images.tolist():
+            here = seen[i, channels]
+            poses = poses_of(ideal[i, channels][here], body.points[here])
+            if poses:
+                R[i, k], t[i, k], cost = poses[0]
+                rival = poses[1][2] if poses[1:] else np.inf
+                whole[i, k], sure[i, k] = True, rival > _SURE * max(cost, seen.shape[1])
+    return (R, t), whole, sure
 
 
 def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) -> Iterator[Array]:
     """Values (1, p) by the poses of each body in each image: by all of them, and by the sure ones.
 
-    What is not seen whole often enough goes where the rays of its points meet.
+    What is not seen whole often enough stays where it is guessed.
     """
-    bodies = mounted.bodies
-    R, t, cost, whole = body_poses(ideal, seen, bodies)
-    sure = whole & (cost[..., 1] > _SURE * np.maximum(cost[..., 0], seen.shape[1]))
-    known = np.array([body.known for body in bodies])
-    for trusted in (whole, sure):
-        count = trusted.sum(axis=0)
-        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
-        if not use:
-            continue
-        measured = R[:, use], t[:, use]
-        own = mounted._replace(bodies=tuple(bodies[k] for k in use))
-        camera, found = _chosen(measured, whole[:, use], trusted[:, use], own)
-        places = [(body.R, body.t) for body in bodies]
-        for k, body in enumerate(bodies):
-            if k in use:
-                places[k] = found[use.index(k)]
-            elif not body.known:
-                places[k] = _met(images, body, camera)
-        yield images.at(camera, places)[None]
-
-
-def body_poses(
-    ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]
-) -> tuple[Array, Array, Array, Mask]:
-    """``T_camera_body`` of every body in every image, both that look alike: (m, B, 2), best first.
-
-    Returns rotations, translations, costs, and where there is enough of it, (m, B).
-    """
-    m, count = len(ideal), len(bodies)
-    R, t = np.tile(np.eye(3), (m, count, 2, 1, 1)), np.zeros((m, count, 2, 3))
-    cost, whole = np.full((m, count, 2), np.inf), np.zeros((m, count), dtype=bool)
-    for k, body in enumerate(bodies):
-        own = body.channels
-        enough = np.flatnonzero(seen[:, own].sum(axis=1) >= LEAST)
-        if len(enough) > _POSED:
-            enough = enough[np.linspace(0, len(enough) - 1, _POSED).astype(int)]
-        for here, at in _alike(seen[enough, own]):
-            rows = enough[at]
-            points = np.broadcast_to(body.points[here], (len(rows), int(here.sum()), 3))
-            R[rows, k], t[rows, k], whole[rows, k] = posed(ideal[rows, own][:, here], points)
-        good = whole[:, k]
-        if good.any():
-            rays, shown = ideal[good, None, own], seen[good, None, own]
-            poses = refined(rays, shown, body.points, R[good, k], t[good, k])
-            best = np.argsort(poses[2], axis=-1)
-            each = np.arange(len(best))[:, None]
-            R[good, k], t[good, k], cost[good, k] = (part[each, best] for part in poses)
-    return R, t, cost, whole
-
-
-def _alike(seen: Mask) -> Iterator[tuple[Mask, IntArray]]:
-    """What is seen (C,), and the images (n,) in which it is that."""
-    patterns, which = np.unique(seen, axis=0, return_inverse=True)
-    for k, here in enumerate(patterns):
-        yield here, np.flatnonzero(which.reshape(-1) == k)
-
-
-def _chosen(
-    measured: Motions, whole: Mask, trusted: Mask, mounted: Mounted
-) -> tuple[Motions, list[Motions]]:
-    """The camera's and the bodies' places, and in turn which of two poses fits them in each image."""
-    (R, t), bodies, camera = measured, mounted.bodies, mounted.camera
+    (R, t), *trusted = _views(ideal, seen, mounted.bodies)
+    bodies, camera = mounted.bodies, mounted.camera
     if mounted.known:  # seen from the base then
         back = camera[0].T
         R, t = back @ R, rotate(back, t - camera[1])
-    corners = np.concatenate([corners_of(body.R, body.t) for body in bodies])
-    free = np.repeat([not body.known for body in bodies], CORNERS)[:, None] & np.ones(3, dtype=bool)
-    arm = Nominal(*mounted.arm, corners, free, mounted.known)
-    which, using = np.zeros(whole.shape, dtype=int), trusted
-    i, b = np.indices(whole.shape)
-    for _ in range(_TURNS):
-        R_base, t_base, corners = hand_eye((R[i, b, which], t[i, b, which]), using, arm)
+    known = np.array([body.known for body in bodies])
+    for using in trusted:
+        count = using.sum(axis=0)
+        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
+        if not use:
+            continue
+        corners = np.concatenate([corners_of(bodies[k].R, bodies[k].t) for k in use])
+        free = np.repeat(~known[use], CORNERS)[:, None] & np.ones(3, dtype=bool)
+        arm = Nominal(*mounted.arm, corners, free, mounted.known)
+        R_base, t_base, corners = hand_eye((R[:, use], t[:, use]), using[:, use], arm)
         origins, axes = frame_of(corners)
-        expected = R_base @ arm.R_tip[:, None] @ np.swapaxes(axes, -1, -2)
-        alike = np.einsum("mbij,mbkij->mbk", expected, R)  # 1 + 2 cos of the angle between
-        now = alike.argmax(axis=-1)
-        if np.array_equal(now, which) and np.array_equal(using, whole):
-            break
-        which, using = now, whole
-    found = [(own.T, origin) for own, origin in zip(axes, origins, strict=True)]
-    return (camera if mounted.known else (R_base, t_base)), found
-
-
-def _met(images: _Images, body: Ridden, camera: Motions) -> Motions:
-    """A body turned as guessed, its points where their rays meet, in the least squares sense."""
-    here, (R, t) = images.of(body), camera
-    if not here.any():
-        return body.R, body.t
-    x, y = images.rays[here].T
-    none = np.zeros_like(x)
-    to = np.stack(  # what is zero for a point on the ray
-        [np.stack([none - 1.0, none, x], axis=-1), np.stack([none, none - 1.0, y], axis=-1)],
-        axis=-2,
-    )
-    own = rotate(body.R, body.points[images.channel[here] - body.channels.start])
-    A = to @ R @ images.R_arm[here]
-    at = rotate(images.R_arm[here], own) + images.p_arm[here]
-    rest = rotate(to, rotate(R, at) + t)
-    u = np.linalg.lstsq(A.reshape(-1, 3), -rest.reshape(-1), rcond=1e-6)[0]
-    return body.R, np.asarray(u)
+        places = [(body.R, body.t) for body in bodies]
+        for k, origin, turn in zip(use, origins, axes, strict=True):
+            places[k] = turn.T, origin
+        yield images.at(camera if mounted.known else (R_base, t_base), places)[None]

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.instruments.even import POINT, Surface, contacts
+from calib.instruments.keys_table import KeysTable
 from calib.instruments.placing import Apart, levers
 from calib.instruments.protocol import (
-    CellParts,
+    POINT,
     Instrument,
-    KeysTable,
     Linear,
     Nominal,
     ReadingColumn,
     Start,
     Unknown,
 )
-from calib.keys import MM, Positive, Vector
+from calib.instruments.touching import Surface, contacts
+from calib.keys import Point, PositiveMetres, Written, key
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +37,6 @@ class Socket(Surface):
     def parts(self) -> Mapping[str, slice]:
         """It stands at one of its sites each time: which of them moved, the pose says."""
         return {f"socket:{name}": slice(0, 3) for name in self.names}
-
-    @property
-    def metric(self) -> bool:
-        return False
 
     def linearise(self, place: Array, points: Array) -> Linear:
         moved = place.reshape((*place.shape[:-1], -1, 3)).sum(axis=-2)  # from where it stood
@@ -64,17 +60,14 @@ class SocketTable(KeysTable):
     """A socket: its keys in a cell."""
 
     rides = False
+    makes = Socket
     kind: Literal["socket"]
-    sigma_mm: Positive
+    sigma: Annotated[PositiveMetres, key("sigma_mm")]
     """one standard deviation of a length"""
-    position_mm: Vector | None = None
+    standing: Annotated[
+        Annotated[Array, Written(Point, np.atleast_2d)] | None, key("position_mm")
+    ] = None
     """socket: its centre, in the base's frame"""
-
-    def instrument(self, name: str, cell: CellParts) -> Socket:
-        standing = None if self.position_mm is None else np.array(self.position_mm)[None] * MM
-        return Socket(
-            name=name, markers=cell.read_from(self.on), sigma=self.sigma_mm * MM, standing=standing
-        )
 
 
 def joined_sockets(instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:

@@ -54,6 +54,11 @@ class Observation(ABC):
     def rows(self, J: Array) -> Array:
         """Weighted rows (..., m, rows, p) of a Jacobian (..., m, C, r, p)."""
 
+    @property
+    def efficient(self) -> bool:
+        """Whether it is weighted by the inverse of its noise, so that nothing is lost."""
+        return True
+
     @cached_property
     def weighing(self) -> Mixing | None:
         """What makes the rows independent as far as the cell knows how they err; None where they are.
@@ -106,11 +111,6 @@ class Observation(ABC):
         off = -(prior @ values[..., None])[..., 0]
         return np.concatenate([off, known], axis=-1), np.concatenate([prior, by_known], axis=-2)
 
-    @property
-    def efficient(self) -> bool:
-        """Whether it is weighted by the inverse of its noise, so that nothing is lost."""
-        return True
-
     def span(self) -> Array:
         """Directions in which values may move, shape (p, k)."""
         staying = [*self.model.still, *self.lost]
@@ -124,10 +124,6 @@ class Observation(ABC):
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
         return self.linear(values, span).covariance
-
-    def gains(self, values: Array, span: Array) -> Array:
-        """How the least-squares values follow the whitened rows, shape (m, rows, p)."""
-        return self.linear(values, span).gains
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
         """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""

@@ -17,6 +17,7 @@ import numpy as np
 from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform, transformed
 from calib.arrays import Array, Mask
 from calib.effects.tool import Tool
+from calib.linear import LinearProblem
 from calib.observations.points import Observation, Points, points_of
 from calib.observations.shape import (
     free_components,
@@ -133,9 +134,8 @@ class PoseObservation(Observation):
         """
         if self.efficient and not self.own_shape:
             return super().covariance(values, span)
-        response = self._response(values, span)
-        half = response @ blockwise_inverse(self.weights)
-        held, of_points = self.linear(values, span).held_gains, points_of(self).mixing
+        linear, of_points = self.linear(values, span), points_of(self).mixing
+        half, held = self._response(linear) @ blockwise_inverse(self.weights), linear.held_gains
         if of_points is not None:
             gains = np.swapaxes(half, -1, -2).reshape(*self.weights.shape[:3], -1)
             at = np.arange(len(gains))[:, None], self.data.read
@@ -145,14 +145,14 @@ class PoseObservation(Observation):
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_held)
 
     def followed(self, values: Array, span: Array, moved: Array) -> Array:
-        response = self._response(values, span)
+        response = self._response(self.linear(values, span))
         m, _, points = response.shape
         return np.asarray(np.einsum("mpx,mxb->pb", response, moved.reshape(m, points, -1)))
 
-    def _response(self, values: Array, span: Array) -> Array:
+    def _response(self, linear: LinearProblem) -> Array:
         """How values follow the points, through shape, poses and fit, shape (m, p, 3 M)."""
         T, L = self.computed
-        fit = np.swapaxes(self.gains(values, span), -1, -2)
+        fit = np.swapaxes(linear.gains, -1, -2)
         m, p = fit.shape[:2]
         response = fit @ self.scale @ L
         if self.own_shape:

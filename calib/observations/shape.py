@@ -29,9 +29,8 @@ def rigid_motions(points: Array) -> Array:
 def orientable(markers: Array, seen: Mask) -> Mask:
     """Whether the visible markers of a pose span a plane, shape (m,)."""
     weight = seen.astype(float)[..., None]
-    mean = (weight * markers).sum(axis=1, keepdims=True) / np.maximum(
-        weight.sum(1, keepdims=True), 1
-    )
+    count = np.maximum(weight.sum(axis=1, keepdims=True), 1)
+    mean = (weight * markers).sum(axis=1, keepdims=True) / count
     spread = np.linalg.svd((markers - mean) * weight, compute_uv=False)
     if spread.shape[-1] < 2:
         return np.zeros(len(seen), dtype=bool)
@@ -53,9 +52,8 @@ def pose_from_points(
         counted = np.swapaxes(weights, -1, -2) @ (weights @ counted)
     weighted = np.swapaxes(counted.reshape((*A.shape[:-3], -1, 6)), -1, -2)
     idle = np.logical_not(seen.any(axis=-1, keepdims=True))[..., None] * np.eye(6)
-    return np.asarray(
-        np.linalg.solve(weighted @ A.reshape((*A.shape[:-3], -1, 6)) + idle, weighted)
-    )
+    normal = weighted @ A.reshape((*A.shape[:-3], -1, 6)) + idle
+    return np.asarray(np.linalg.solve(normal, weighted))
 
 
 def free_components(model: Model) -> Mask:

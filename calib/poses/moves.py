@@ -1,11 +1,10 @@
-"""From which side, and how far, each joint came: what the order of measurement tells.
+"""From which side, and how far, each joint came: what the order of measurement says.
 
 The order is that of time where the poses have it, else that of their numbers, else of the file. Where
 the arm went from one session to the next, or while no reading was taken for an hour, nobody knows:
-moves begin anew there.
-Readings between which the arm was nowhere else are one visit.
-What is fitted is ordered by itself; held-out poses are told, where a clock says it, what came before
-them in either table.
+moves begin anew there. Readings between which the arm was nowhere else are one visit. What is fitted is
+ordered by itself; held-out poses follow, where there is a clock, on what came before them in either
+table.
 """
 
 from __future__ import annotations
@@ -45,22 +44,37 @@ def moves(q: Array, begins: Mask | None = None) -> tuple[Array, Array]:
 def with_moves(poses: Poses) -> Poses:
     """The poses of one table with their order, approach, size of move, and when it began.
 
-    An approach, and a size of move, that the poses were told are kept.
+    An approach, and a size of move, that the table gave are kept.
     """
-    order = in_order(poses)
-    approach, motion = np.empty_like(poses.q), np.empty_like(poses.q)
-    approach[order], motion[order] = moves(poses.q[order], begins(poses)[order])
-    number = np.empty(len(poses))
-    number[order] = np.arange(len(poses))
+    order, back = in_order(poses), np.empty(len(poses), dtype=int)
+    back[order] = np.arange(len(poses))
+    approach, motion = (own[back] for own in moves(poses.q[order], begins(poses)[order]))
     derived = poses.approach is None or poses.approach_derived
     return replace(
         poses,
         start=0.0 if poses.time is None else float(poses.time.min(initial=np.inf)),
-        order=number,
+        order=back.astype(float),
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=poses.motion if poses.motion_told else motion,
     )
+
+
+def in_order(poses: Poses) -> IntArray:
+    """Positions of the poses in the order of measurement.
+
+    Readings of one session belong together, and a clock may begin anew with each.
+    """
+    clock = poses.time if poses.time is not None else poses.order
+    if clock is None:
+        clock = np.arange(float(len(poses)))
+    if poses.session is None:
+        return np.argsort(clock, kind="stable")
+    _, first, number = np.unique(poses.session, return_index=True, return_inverse=True)
+    number = number.reshape(-1)
+    earliest = np.full(len(first), np.inf)
+    np.minimum.at(earliest, number, clock)
+    return np.lexsort((clock, first[number], earliest[number]))
 
 
 def begins(poses: Poses) -> Mask:
@@ -74,9 +88,9 @@ def begins(poses: Poses) -> Mask:
         fresh[1:] |= np.diff(poses.time[order]) > _LONGEST
     if poses.session is not None:
         fresh[1:] |= poses.session[order][1:] != poses.session[order][:-1]
-    found = np.empty(len(poses), dtype=bool)
-    found[order] = fresh
-    return found
+    unknown = np.empty(len(poses), dtype=bool)
+    unknown[order] = fresh
+    return unknown
 
 
 def before_the_first_move(poses: Poses) -> Mask:
@@ -88,6 +102,9 @@ def before_the_first_move(poses: Poses) -> Mask:
     if poses.approach is None or not poses.approach_derived or not poses.approach.any():
         return np.zeros(len(poses), dtype=bool)
     return np.asarray(np.logical_not(poses.approach.any(axis=1)))
+
+
+# -- two tables ----------------------------------------------------------------------------------
 
 
 def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measurements, Measurements]:
@@ -102,8 +119,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
     if parts_of_one_table(first, second):
         return data, heldout
     if first.time is None or second.time is None:
-        unknown = replace(second, time=None, order=None)
-        return data, replace(heldout, poses=unknown)
+        return data, replace(heldout, poses=replace(second, time=None, order=None))
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
     both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))
     own = both.take(slice(len(first), None))
@@ -138,39 +154,23 @@ def of_one_clock(first: Poses, second: Poses) -> bool:
     return timed or parts_of_one_table(first, second)
 
 
-def in_order(poses: Poses) -> IntArray:
-    """Positions of the poses in the order of measurement.
-
-    Readings of one session belong together, and a clock may begin anew with each.
-    """
-    clock = poses.time if poses.time is not None else poses.order
-    if clock is None:
-        clock = np.arange(float(len(poses)))
-    if poses.session is None:
-        return np.argsort(clock, kind="stable")
-    _, first, number = np.unique(poses.session, return_index=True, return_inverse=True)
-    number = number.reshape(-1)
-    earliest = np.full(len(first), np.inf)
-    np.minimum.at(earliest, number, clock)
-    return np.lexsort((clock, first[number], earliest[number]))
+# -- stays, and a part of many readings ----------------------------------------------------------
 
 
 def visits(poses: Poses) -> IntArray:
     """Number of the stay to which each reading belongs, shape (m,), in the order of measurement.
 
     A stay lasts until the arm goes to other joints, or the instrument to another station, or nobody
-    knows whether it did. Where poses in between were left out, the size of the last move still tells
+    knows whether it did. Where poses in between were left out, the size of the last move still shows
     that the arm was elsewhere.
     """
     order = in_order(poses)
-    keys = [poses.configuration, poses.station]
-    if poses.motion is not None:
-        keys += list(poses.motion.T)
-    where = np.column_stack(keys)[order]
+    moved = [] if poses.motion is None else list(poses.motion.T)
+    where = np.column_stack([poses.configuration, poses.station, *moved])[order]
     left = np.diff(where, axis=0, prepend=where[:1]).any(axis=1) | begins(poses)[order]
-    found = np.empty(len(poses), dtype=int)
-    found[order] = np.cumsum(left)
-    return found
+    number = np.empty(len(poses), dtype=int)
+    number[order] = np.cumsum(left)
+    return number
 
 
 def alike(poses: Poses) -> IntArray:
@@ -178,9 +178,7 @@ def alike(poses: Poses) -> IntArray:
 
     Unlike ``Poses.repeated`` it does not ask from which side the joints came.
     """
-    keys = [poses.configuration, poses.station, poses.load_mass, *poses.wrench.T]
-    _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
-    return group.reshape(-1)
+    return poses.grouped([])
 
 
 def thinned(data: Measurements, most: int) -> tuple[Measurements, tuple[str, ...]]:
@@ -210,7 +208,10 @@ def spread(data: Measurements, most: int) -> Mask:
         return np.ones(len(data), dtype=bool)
     stay = visits(data.poses) - 1
     counts = np.bincount(stay)
-    each = _each(counts, most)
+    # The largest number of readings of a stay, one at least, of which all have at most so many.
+    sizes = np.arange(1, int(counts.max()) + 1)
+    kept_of = np.minimum(counts, sizes[:, None]).sum(axis=1) if len(counts) <= most else [most + 1]
+    each = max(1, int((np.asarray(kept_of) <= most).sum()))
     order = np.argsort(stay, kind="stable")
     place = np.empty(len(data), dtype=int)  # of each reading in its stay
     place[order] = np.arange(len(data)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -218,16 +219,6 @@ def spread(data: Measurements, most: int) -> Mask:
     if len(counts) > most:
         kept &= _even(stay, np.array(len(counts)), most)
     return kept
-
-
-def _each(counts: IntArray, most: int) -> int:
-    """The largest number of readings of a stay, one at least, of which all have at most so many."""
-    low, high = 1, max(int(counts.max()), 1)
-    while low < high:
-        middle = (low + high + 1) // 2
-        fits = int(np.minimum(counts, middle).sum()) <= most
-        low, high = (middle, high) if fits else (low, middle - 1)
-    return low
 
 
 def _even(place: IntArray, count: IntArray, most: int) -> Mask:

@@ -44,18 +44,18 @@ class Poses(Result):
     names: tuple[str, ...]
     q: Array
     wrench: Array
-    temperature: Array | None
-    time: Array | None
-    start: float
-    order: Array | None
-    approach: Array | None
-    approach_derived: bool
-    motion: Array | None
-    torque: Array | None
     station: IntArray
-    stations: tuple[str, ...]
     load_mass: Array
     load_com: Array
+    stations: tuple[str, ...] = ("base",)
+    temperature: Array | None = None
+    time: Array | None = None
+    start: float = 0.0
+    order: Array | None = None
+    approach: Array | None = None
+    approach_derived: bool = False
+    motion: Array | None = None
+    torque: Array | None = None
     site: TextArray | None = None
     session: TextArray | None = None
     motion_told: bool = False
@@ -75,24 +75,24 @@ class Poses(Result):
     def take(self, index: Any) -> Poses:
         """The poses of an index array or mask, in that order."""
         chosen = np.arange(len(self))[index]
-        changed: dict[str, Any] = {"names": tuple(self.names[i] for i in chosen)}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray) and field.name != "load_com":
-                changed[field.name] = value[chosen]
-        return replace(self, **changed)
+        changed: dict[str, Any] = {k: own[chosen] for k, own in self._arrays.items()}
+        return replace(self, names=tuple(self.names[i] for i in chosen), **changed)
 
     def then(self, later: Poses) -> Poses:
-        """These poses and others of the same session; what these do not tell is told of none.
+        """These poses and others of the same session; what these do not have, none has.
 
-        later : Poses, which tell all that these tell
+        later : Poses, which have all that these have
         """
-        changed: dict[str, Any] = {"names": self.names + later.names}
-        for field in fields(self):
-            own = getattr(self, field.name)
-            if isinstance(own, np.ndarray) and field.name != "load_com":
-                changed[field.name] = np.concatenate([own, getattr(later, field.name)])
-        return replace(self, **changed)
+        both: dict[str, Any] = {
+            k: np.concatenate([v, getattr(later, k)]) for k, v in self._arrays.items()
+        }
+        return replace(self, names=self.names + later.names, **both)
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        """What there is of each pose."""
+        every = {own.name: getattr(self, own.name) for own in fields(self)}
+        return {k: v for k, v in every.items() if isinstance(v, np.ndarray) and k != "load_com"}
 
     def touching(self, name: str, sites: tuple[str, ...]) -> Mask:
         """At which poses a place of an instrument with these sites is touched, shape (m,).
@@ -145,10 +145,12 @@ class Poses(Result):
     @cached_property
     def repeated(self) -> IntArray:
         """Number of the repeat group of each pose, shape (m,): equal in all but time and heat."""
-        keys = [self.configuration, self.station, self.load_mass, *self.wrench.T]
-        if self.approach is not None:
-            keys += list(self.approach.T)
-        _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+        return self.grouped([] if self.approach is None else list(self.approach.T))
+
+    def grouped(self, keys: Sequence[Array]) -> IntArray:
+        """Number of the group of each pose, shape (m,): equal joints, loads, station and keys."""
+        every = [self.configuration, self.station, self.load_mass, *self.wrench.T, *keys]
+        _, group = np.unique(np.column_stack(every), axis=0, return_inverse=True)
         return group.reshape(-1)
 
 
@@ -156,19 +158,10 @@ def poses_at(q: Array, names: Sequence[str] | None = None, **given: Any) -> Pose
     """Poses at joint values q of shape (m, n), rad or m, without load; fields as keywords."""
     m = len(q)
     blank: dict[str, Any] = {
-        "names": tuple(names) if names is not None else tuple(f"p{i:04d}" for i in range(m)),
+        "names": tuple(f"p{i:04d}" for i in range(m)) if names is None else tuple(names),
         "q": np.asarray(q, dtype=float),
         "wrench": np.zeros((m, 6)),
-        "temperature": None,
-        "time": None,
-        "start": 0.0,
-        "order": None,
-        "approach": None,
-        "approach_derived": False,
-        "motion": None,
-        "torque": None,
         "station": np.zeros(m, dtype=int),
-        "stations": ("base",),
         "load_mass": np.zeros(m),
         "load_com": np.zeros(3),
     }

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask
 from calib.cell.contacts import contacts_of, touched
 from calib.instruments import Camera, Distance, Instrument
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 from calib.instruments.riding import frame_of, taken
 from doe.constraints.distances import point_segment, segment_segment
 from doe.constraints.obstacles import Obstacle, obstacles_of

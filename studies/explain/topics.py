@@ -257,7 +257,7 @@ def instruments() -> Rows:
     for name, (kind, table) in KINDS.items():
         columns = sorted(reading_names([kind]))
         shown = ", ".join(column for column in columns if not column.endswith(("_m", "_rad")))
-        own = [key for key in table.model_fields if key not in ("kind", "on")]
+        own = [f.alias or k for k, f in table.model_fields.items() if k not in ("kind", "on")]
         keys = ", ".join([*own, *["on"] * table.rides])
         rows.append((name, _summary(kind), shown, keys))
     return ("kind", "reads", "columns", "keys"), rows
@@ -345,8 +345,8 @@ def _seeing(context: Context) -> Context:
     """The same arm, read by a camera on the tip that sees a board, in two sockets, and by a wire."""
     import numpy as np
 
+    from calib.instruments.board import Board
     from calib.instruments.camera import ArmCamera
-    from calib.instruments.detection import Board
     from calib.instruments.distance import Distance
     from calib.instruments.socket import Socket
 

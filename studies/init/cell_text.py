@@ -92,16 +92,16 @@ def _key(name: str) -> str:
 
 
 def _repeatability(robot: Robot) -> str:
-    """What an arm of this size has by data sheets, to be replaced: a guess is not knowledge."""
+    """What arms of this size have by data sheets, marked as assumed."""
     usual = usual_repeatability(robot.reach)
     low, middle, high = (_rough(1e3 * std) for std in (usual.best, usual.middle, usual.worst))
     turn = _rough(1e6 * usual.middle / (0.5 * robot.reach))  # of joints, at half the arm's length
     return f"""\
-# EDIT: the arm's repeatability: RP / 3.6, with RP from its data sheet. Industrial arms of this size
-# have {low} to {high} mm. Without a data sheet leave it out. `posecal design` then plans repeat visits
-# of some poses, which measure it.
-{f"# repeatability_mm = {middle}":<30} # one standard deviation of one coordinate of the tip
-{f"# repeatability_urad = {turn}":<30} # of one component of its rotation"""
+# EDIT: the arm's repeatability, ASSUMED: data sheets of arms of this reach give {low} to {high} mm.
+# Write RP / 3.6, with RP from its data sheet. Left out, `posecal design` plans repeat visits of some
+# poses, which measure it.
+{f"repeatability_mm = {middle}":<30} # assumed: one standard deviation of one coordinate of the tip
+{f"repeatability_urad = {turn}":<30} # assumed: of one component of its rotation"""
 
 
 def _rough(x: float) -> str:

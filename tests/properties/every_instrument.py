@@ -21,7 +21,7 @@ from calib.instruments import (
     Socket,
     Tracker,
 )
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 from calib.instruments.lens import Lens
 from calib.instruments.riding import corners_of
 from calib.model import Model

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.write_tables import measurements_csv
 from calib.instruments import ArmCamera, FixedCamera
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 from calib.instruments.lens import Lens
 from calib.model.build import build
 from studies.research.cameras import pixels
@@ -324,6 +325,16 @@ def test_the_command_speaks_of_pixels(written: Callable[..., Path]) -> None:
 def test_faults_of_cells(written: Callable[..., Path], tables: tuple[str, ...], said: str) -> None:
     with pytest.raises(InputError, match=said):
         calib.load_cell(written(*tables))
+
+
+def test_without_opencv_one_line_says_what_to_install(
+    written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(board_text("b", "tip", TILED), camera_text("cam", "world"))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    said = r"instruments.cam: is a camera, which needs OpenCV; pip install '.\[camera\]'$"
+    with pytest.raises(InputError, match=said):
+        calib.load_cell(path)
 
 
 def test_a_point_that_is_no_points_of_its_board(written: Callable[..., Path]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Tag
@@ -11,18 +11,26 @@ from pydantic import Discriminator, Tag
 from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
 from calib.instruments.common_errors import CommonError, CommonTable
+from calib.instruments.keys_table import KeysTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
-    CellParts,
+    FRAME,
     Instrument,
-    KeysTable,
     Linear,
     Nominal,
     ReadingColumn,
     Start,
     Unknown,
 )
-from calib.keys import MM, NotNegative, Positive, TomlTable, Vector
+from calib.keys import (
+    NotNegativeMetres,
+    Point,
+    Positive,
+    PositiveMetres,
+    TomlTable,
+    Written,
+    key,
+)
 from calib.noise import Noise
 
 
@@ -44,10 +52,7 @@ class Tracker(Instrument):
     common: tuple[CommonError, ...] = ()
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
-    unknowns: ClassVar[tuple[Unknown, ...]] = (
-        *(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz"),
-        *(Unknown(f"r{c}", "mrad", 1e-3, 1e-2) for c in "xyz"),
-    )
+    unknowns: ClassVar[tuple[Unknown, ...]] = FRAME
     columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "length") for c in "xyz")
     stationed: ClassVar[bool] = True
 
@@ -112,22 +117,22 @@ TRACKER = Tracker()
 class PolarSigma(TomlTable):
     """Standard deviations along and across the beam."""
 
-    range_mm: Positive
+    along: Annotated[PositiveMetres, key("range_mm")]
     """standard deviation along the beam"""
-    transverse_mm: Positive
+    across: Annotated[PositiveMetres, key("transverse_mm")]
     """standard deviation across the beam"""
-    range_mm_per_m: NotNegative = 0.0
+    along_per_m: Annotated[NotNegativeMetres, key("range_mm_per_m")] = 0.0
     """growth of range_mm for each metre of range"""
-    transverse_mm_per_m: NotNegative = 0.0
+    across_per_m: Annotated[NotNegativeMetres, key("transverse_mm_per_m")] = 0.0
     """growth of transverse_mm for each metre of range"""
 
 
 class MpeSigma(TomlTable):
     """A maximum permissible error, and what makes a standard deviation of it."""
 
-    mpe_mm: Positive
+    mpe: Annotated[PositiveMetres, key("mpe_mm")]
     """maximum permissible error"""
-    mpe_mm_per_m: NotNegative = 0.0
+    mpe_per_m: Annotated[NotNegativeMetres, key("mpe_mm_per_m")] = 0.0
     """growth of mpe_mm for each metre of range"""
     divisor: Positive
     """standard deviation = maximum permissible error / divisor"""
@@ -140,10 +145,12 @@ def _kind_of_sigma(value: Any) -> str:
     return "mpe" if of_mpe else "polar"
 
 
-Sigma: TypeAlias = Annotated[
-    Annotated[Positive, Tag("number")]
-    | Annotated[PolarSigma, Tag("polar")]
-    | Annotated[MpeSigma, Tag("mpe")],
+Sigma = Annotated[
+    Annotated[Noise, Written(PositiveMetres, Noise.isotropic), Tag("number")]
+    | Annotated[Noise, Written(PolarSigma, lambda own: Noise(**dict(own))), Tag("polar")]
+    | Annotated[
+        Noise, Written(MpeSigma, lambda own: Noise.maximum_permissible(**dict(own))), Tag("mpe")
+    ],
     Discriminator(_kind_of_sigma),
 ]
 
@@ -151,45 +158,22 @@ Sigma: TypeAlias = Annotated[
 class TrackerTable(TomlTable):
     """``[instrument]``, the only one of a cell."""
 
-    sigma_mm: Sigma
+    noise: Annotated[Sigma, key("sigma_mm")]
     """one standard deviation of one coordinate; or a table: by range, or from a maximum
     permissible error"""
-    position_mm: Vector | None = None
+    stands: Annotated[Point | None, key("position_mm")] = None
     """position in the base's frame, for range and line of sight; without it the range is from the
     origin of the readings"""
-    common: CommonTable = CommonTable()
+    common: Annotated[tuple[CommonError, ...], Written(CommonTable, CommonTable.errors)] = ()
 
-    def tracker(self, name: str, reads: tuple[int, ...] | None) -> Tracker:
-        """One that reads these markers, or all."""
-        stands = None if self.position_mm is None else np.array(self.position_mm) * MM
-        noise, common = _noise(self.sigma_mm), self.common.errors()
-        return Tracker(
-            name=name,
-            markers=reads,
-            noise=noise,
-            stands=stands,
-            common=common,
-        )
+    def tracker(self) -> Tracker:
+        """One that reads all markers."""
+        return Tracker(**dict(self))
 
 
 class PointsTable(TrackerTable, KeysTable):
     """A tracker among several instruments: its keys in a cell."""
 
+    makes = Tracker
     kind: Literal["points"]
     """kind of instrument (posecal explain instruments)"""
-
-    def instrument(self, name: str, cell: CellParts) -> Tracker:
-        return self.tracker(name, cell.read_from(self.on))
-
-
-def _noise(sigma: Sigma) -> Noise:
-    if isinstance(sigma, PolarSigma):
-        return Noise(
-            sigma.range_mm * MM,
-            sigma.transverse_mm * MM,
-            sigma.range_mm_per_m * MM,
-            sigma.transverse_mm_per_m * MM,
-        )
-    if isinstance(sigma, MpeSigma):
-        return Noise.maximum_permissible(sigma.mpe_mm * MM, sigma.mpe_mm_per_m * MM, sigma.divisor)
-    return Noise.isotropic(sigma * MM)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from calib.instruments.detection import Board
+from calib.instruments.board import Board
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
 

@@ -11,16 +11,13 @@ import numpy as np
 from calib.arm.se3 import even_directions, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import levers
-from calib.instruments.protocol import Instrument, Nominal, Number, Start, Unknown
+from calib.instruments.protocol import Component, Instrument, Nominal, Start
 from calib.solver import levenberg_marquardt
 
 _MISSES = 5e-3  # m: what a nominal arm may miss, one standard deviation
 _STRAYS = 5e-2  # m: and a first guess of a marker
 _DIRECTIONS = 24
 _ROOM = 10.0  # times as far as arm and readings go together: no place is farther
-
-POINT = tuple(Unknown(c, "mm", 1e-3, 1e-2) for c in "xyz")
-"""A point in base axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +28,9 @@ class Even(Instrument, ABC):
     sought: ClassVar[bool] = True
 
     @property
-    def numbers(self) -> tuple[Number, ...]:
+    def numbers(self) -> tuple[Component, ...]:
         names = ("d",) if self.rows == 1 else ("x", "y", "z")
-        return tuple(Number(name, "mm", 1e-3) for name in names)
+        return tuple(Component(name, "mm", 1e-3) for name in names)
 
     def row_of(self, entries: Array) -> Array:
         return np.pad(entries, ((0, 0), (0, self.rows - entries.shape[-1])))
@@ -63,23 +60,21 @@ class Surface(Even, ABC):
     touches: ClassVar[bool] = True
     given_by: ClassVar[str] = "position_mm"
 
+    @property
+    def metric(self) -> bool:
+        return False
+
     def guess_at(self, name: str) -> Array:
         if self.standing is None:
-            return self.guess
+            return np.zeros(len(self.unknowns))
         return np.asarray(self.standing[self.names.index(name)])
 
     @property
-    def guess(self) -> Array:
-        return np.zeros(len(self.unknowns)) if self.standing is None else self.standing[0]
-
-    @property
     def unforeseen(self) -> str:
+        if self.standing is not None:
+            return ""
         of = f" of {', '.join(self.sites)}" if self.sites else ""
-        return (
-            ""
-            if self.standing is not None
-            else f"where it stands is not known; give {self.given_by}{of} in the base's frame"
-        )
+        return f"where it stands is not known; give {self.given_by}{of} in the base's frame"
 
 
 def contacts(seen: Mask, arm: Nominal) -> tuple[IntArray, IntArray, Array]:

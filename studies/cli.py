@@ -43,8 +43,8 @@ COMMANDS = {
     ),
     "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
     "report": ("report.command:report", "Write one page of results, to hand on."),
-    "schema": ("explain.command:schema", "Print the JSON Schema of a result."),
-    "explain": ("explain.command:explain", "Explain words, keys, columns and effects."),
+    "schema": ("explain:schema", "Print the JSON Schema of a result."),
+    "explain": ("explain:explain", "Explain words, keys, columns and effects."),
 }
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
@@ -101,7 +101,7 @@ _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
     cls=_OnCall,
     context_settings=_SETTINGS,
     commands={name: click.Command(name, short_help=short) for name, (_, short) in COMMANDS.items()},
-    epilog="posecal explain lists topics. posecal schema KIND prints the JSON Schema of a result.",
+    epilog="posecal explain lists the pages of the documentation. posecal schema KIND prints the JSON Schema of a result.",
 )
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:

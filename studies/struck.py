@@ -27,7 +27,7 @@ INSTEAD: dict[str, str] = {
     **dict.fromkeys(("--by-order", "--partial"), "give both tables the same poses"),
     **dict.fromkeys(
         ("--board", "--page", "--topic", "--moving", "--eye"),
-        "write readings as rows: see `posecal explain import`",
+        "write readings as rows: see `posecal explain columns`",
     ),
     "--calibration": "take the lens from `lenses` of --json, and write it by cv2.FileStorage",
     **dict.fromkeys(

@@ -6,7 +6,6 @@ import contextlib
 import io
 import re
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ import calib
 import doe
 from calib.result import Result
 from studies.demo.embedded import embedded_text
+from studies.explain import page
 
-PAGE = (files("studies.explain") / "topics" / "python.md").read_text(encoding="utf-8")
+PAGE = page("python")
 MOST_LINES = 20
 
 

@@ -71,7 +71,7 @@ def test_a_plan_may_give_the_joints(folder: Path) -> None:
 
 
 def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the recipe that the topic shows; an image without a board has no rows."""
+    """By the recipe that the page shows; an image without a board has no rows."""
     photographs = pytest.importorskip("tests.photographs")
     monkeypatch.chdir(tmp_path)
     Path("images").mkdir()

@@ -1,4 +1,4 @@
-"""What a reader reads, sentence by sentence: README, ``--help`` and the topics."""
+"""What a reader reads, sentence by sentence: README, ``--help`` and the pages."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 import click
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 _CELL_WORDS = 5  # fewer are a name, not a sentence
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 _CODE = re.compile(r"`[^`]+`")
 _LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
-_MADE = re.compile(r"^\{[\w.]+\}$", re.MULTILINE)
+_MADE = re.compile(r"^<!-- .* -->$", re.MULTILINE)
 _END = re.compile(r"(?<=[.?!])[\"')*]*\s+(?=[\"'(*]*[A-Z0-9\-]|symbol|posecal)")
 _WORD = re.compile(r"[A-Za-z0-9][\w'.,/%-]*")
 
@@ -49,19 +49,15 @@ def sentences(markdown: str) -> Iterator[str]:
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """What is read, by name: the README, what ``--help`` says, every topic, effects and criteria."""
+    """What is read, by name: the README, what ``--help`` says, every page, effects and criteria."""
     from calib.effects import EFFECTS
     from doe.criteria import CRITERIA
-    from studies.explain.topics import criterion_text, effect_text, keys, written
+    from studies.explain import PAGES, page, text_of
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())
-    yield "cell keys", as_table(text for key in keys().values() for text in key.meanings)
-    yield (
-        "effects and criteria",
-        "\n\n".join([*map(effect_text, EFFECTS), *map(criterion_text, CRITERIA)]),
-    )
-    yield from written().items()
+    yield "effects and criteria", "\n\n".join(map(text_of, (*EFFECTS, *CRITERIA)))
+    yield from ((name, page(name)) for name in PAGES)
 
 
 def as_table(cells: Iterable[str]) -> str:

@@ -49,6 +49,6 @@ def schema(kind: str) -> None:
     """
     import json
 
-    from studies.results import json_schema
+    from studies.results.read import json_schema
 
     click.echo(json.dumps(json_schema(kind), indent=1))

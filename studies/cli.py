@@ -33,7 +33,7 @@ COMMANDS = {
     ),
     "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
     "identify": (
-        "identify.command:identify",
+        "command.identify:identify",
         "Identify the model's parameters from measured points.",
     ),
     "diagnose": ("diagnose.command:diagnose", "Find the causes of the remaining error."),

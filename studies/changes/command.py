@@ -47,7 +47,7 @@ def changes(
     from studies.changes.record import ChangedParameter, ChangesRecord
     from studies.identify.record import IdentifyRecord
     from studies.record import envelope
-    from studies.results import read_as
+    from studies.results.read import read_as
 
     paths = (before_path, after_path)
     days = {path: read_as(path, IdentifyRecord) for path in paths}
@@ -81,7 +81,7 @@ def _cell(days: dict[Path, IdentifyRecord], path: Path | None) -> Cell:
     from calib import load_cell
     from calib.errors import InputError
     from calib.files.read import sha256
-    from studies.results import located
+    from studies.results.read import located
 
     for result, record in days.items():
         if not record.estimate.converged:

@@ -14,27 +14,71 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from studies.record import Record
+    from studies.results.base import Result
 
 
 _WIDTH = 120  # of tables in files and pipes
 
 
 def deliver(
-    record: Record,
+    result: Result | Record,
     json_path: str | None,
     folder: Path | None = None,
     files: Mapping[Path, str | bytes] | None = None,
     *,
     warnings: Iterable[str] = (),
+    notes: Iterable[str] = (),
 ) -> None:
-    """Warn, write the JSON, the figures and what else is to be written, and tell the result.
+    """Warn, write the JSON, the figures and what else is to be written, and print the result.
 
     json_path : ``-`` for standard output; folder : of the figures, None for none
-    files : further files; warnings : beside those in the record
+    files : further files; warnings : beside those of the result; notes : lines after all
 
     Raises InputError where something cannot be written; then nothing is.
     """
+    from calib.files.write import write_files
+    from studies.results.base import Result
+
+    if not isinstance(result, Result):
+        _deliver_record(result, json_path, folder, files, warnings)
+        return
+    from studies.render import figures, markdown, print_markdown
+
+    warn(tuple(dict.fromkeys((*warnings, *result.warnings))))
+    text, piped = markdown(result), json_path == "-"
+    texts: dict[Path, str | bytes] = {}
+    if json_path is not None and not piped:
+        texts[Path(json_path)] = result.dumps()
+    texts |= files or {}
+    if folder is not None:
+        _make(folder)
+        texts |= figures(result, folder)
+    write_files(texts)
+    if piped:
+        click.echo(result.dumps(), nl=False)
+    print_markdown(text, stderr=piped)
+    say_written(texts, folder, json_path)
+    for note in notes:
+        click.echo(note, err=piped)
+
+
+def _make(folder: Path) -> None:
     from calib.errors import InputError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
+
+
+def _deliver_record(
+    record: Record,
+    json_path: str | None,
+    folder: Path | None,
+    files: Mapping[Path, str | bytes] | None,
+    warnings: Iterable[str],
+) -> None:
+    """The same of a kind that is not rendered by a template yet."""
     from calib.files.write import write_files
     from studies.document import pictures_of
     from studies.document.terminal import terminal
@@ -51,11 +95,7 @@ def deliver(
     if folder is not None:
         from studies.plots import style
 
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            what = f"cannot be made ({error.strerror})"
-            raise InputError(folder, "", what, "name another") from None
+        _make(folder)
         for picture in pictures_of(told):
             texts |= style.files(picture, folder)
     write_files(texts)
@@ -135,7 +175,7 @@ def say_written(
         count = len({path.stem for path in written if path.parent == folder})
         figures = f"{count} figure{'s' * (count != 1)}"
         click.echo(
-            f"wrote {figures} to {folder} as .svg, with their numbers as .csv",
+            f"wrote {figures} to {folder} as .svg",
             err=json_path == "-",
         )
 

@@ -18,6 +18,11 @@ PATH = click.Path(path_type=Path)
 
 cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
 data_argument = click.argument("data_path", metavar="DATA", type=PATH)
+holdout_option = click.option(
+    "--holdout",
+    metavar="FILE|FRACTION",
+    help="Held-out poses: a table, or a share of the configurations.",
+)
 _json_option = click.option(
     "--json",
     "json_path",
@@ -30,7 +35,7 @@ _figures_option = click.option(
     "folder",
     metavar="FOLDER",
     type=PATH,
-    help="Write figures as SVG, and their numbers as CSV.",
+    help="Write figures as SVG.",
 )
 _seed_option = click.option(
     "--seed",
@@ -40,6 +45,14 @@ _seed_option = click.option(
     show_default=True,
     help="Seed of all random numbers.",
 )
+
+
+def choice(
+    name: str, words: tuple[str, ...], text: str
+) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """An option of some words, the first by default."""
+    kind = click.Choice(words)
+    return click.option(name, type=kind, default=words[0], show_default=True, help=text)
 
 
 def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:

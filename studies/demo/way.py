@@ -17,6 +17,7 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
+from studies.command.identify import identify
 from studies.compare.command import compare
 from studies.compare.record import CompareRecord
 from studies.demo.embedded import embedded_text, session
@@ -26,11 +27,10 @@ from studies.design.record import DesignRecord
 from studies.diagnose.command import diagnose
 from studies.diagnose.conclusion import verdict_sentence
 from studies.diagnose.record import DiagnoseRecord
-from studies.identify.command import identify
 from studies.identify.record import IdentifyRecord
 from studies.record import InputFile, envelope
 from studies.report.command import report
-from studies.results import read_as
+from studies.results.read import read_as
 
 RECORD = "demo.json"
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}

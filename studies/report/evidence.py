@@ -18,7 +18,7 @@ from studies.entries import read_joints
 from studies.identify.telling import HELD_OUT
 from studies.kinds import tell
 from studies.record import Record
-from studies.results import Input, located, read
+from studies.results.read import Input, located, read
 
 if TYPE_CHECKING:
     from studies.document import Document

@@ -30,7 +30,7 @@ from studies.plots.style import (
     tidy,
 )
 from studies.report.arm_drawing import Viewpoint
-from studies.results import read_as
+from studies.results.read import read_as
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

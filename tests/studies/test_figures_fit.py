@@ -16,7 +16,7 @@ from studies.kinds import tell
 from studies.plots.errors import by_pose
 from studies.plots.style import Picture, sheet, styled, svg_text
 from studies.research.picture import picture as of_the_readme
-from studies.results import read
+from studies.results.read import read
 from tests.studies.drawn_words import collisions
 
 

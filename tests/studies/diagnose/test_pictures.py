@@ -13,7 +13,7 @@ from studies.document import pictures_of
 from studies.kinds import tell
 from studies.plots.style import Picture
 from studies.record import envelope
-from studies.results import read
+from studies.results.read import read
 from tests.calib.diagnosis.test_error_curve import HALF, found
 from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.calib.identification.test_identify_tunings import arm, session

@@ -104,4 +104,4 @@ def test_tolerance_and_what_the_cell_tells_reach_result_and_page(folder: Path, b
 
 def test_without_poses_held_out_nothing_is_judged(folder: Path) -> None:
     done = run("identify", folder / "stated.toml", folder / "data.csv")
-    assert "Not judged by the tolerance of 0.0800 mm" in " ".join(done.stdout.split())
+    assert "Not decided (tolerance 0.0800 mm)" in " ".join(done.stdout.split())

@@ -16,7 +16,7 @@ import pytest
 from studies.identify.record import IdentifyRecord
 from studies.identify.telling import point_errors
 from studies.report.evidence import load_evidence
-from studies.results import read_as
+from studies.results.read import read_as
 from tests.studies.command_line import run
 
 

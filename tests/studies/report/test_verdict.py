@@ -12,7 +12,7 @@ import pytest
 
 from studies.document import Raw
 from studies.report.summary import Bar, bars
-from studies.results import read
+from studies.results.read import read
 from tests.fuzz.small_cell import small_results
 from tests.studies.command_line import run
 

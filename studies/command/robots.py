@@ -8,12 +8,27 @@ from calib import Cell, Identification
 from calib.effects.tool import Tool
 from calib.errors import InputError
 from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
-from studies.document import listed
+from studies.render import listed
 
 
-def robot_texts(
+def robot_files(
+    cell: Cell,
+    result: Identification,
+    urdf: Path | None,
+    zeros: Path | None,
+    counts: dict[str, float],
+) -> tuple[dict[Path, str | bytes], list[str]]:
+    """Texts of the files that are asked for, and lines on what they do not hold. Raises InputError."""
+    texts, lines = _urdf_file(cell, result, urdf)
+    if zeros is not None:
+        texts[zeros], lost = _offsets_file(cell, result, zeros, counts)
+        lines += lost
+    return texts, lines
+
+
+def _urdf_file(
     cell: Cell, result: Identification, path: Path | None
-) -> tuple[dict[Path, str], list[str]]:
+) -> tuple[dict[Path, str | bytes], list[str]]:
     """The URDF of the corrected robot, and lines on what it does not hold. Raises InputError."""
     if path is None:
         return {}, []
@@ -57,7 +72,7 @@ def _headed(text: str, comment: str) -> str:
     return f"{first}\n<!-- {safe} -->\n{rest}" if comment else text
 
 
-def offsets_file(
+def _offsets_file(
     cell: Cell, result: Identification, path: Path, counts: dict[str, float]
 ) -> tuple[str, list[str]]:
     """The table of zero offsets, and how much of the identified geometry it is. Raises InputError."""

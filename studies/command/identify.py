@@ -12,7 +12,10 @@ from studies.command.options import (
     PATH,
     Finite,
     cell_argument,
+    choice,
     data_argument,
+    faults_in,
+    holdout_option,
     result_options,
 )
 from studies.command.session import read_session
@@ -21,36 +24,23 @@ if TYPE_CHECKING:
     from calib.identification.estimators import Method
     from calib.observations import Approach, Weighting
 
+_MOST = 200_000  # readings of a table that are identified: they take 15 kB each
+_SECONDS = 0.8e-3  # a reading, as studies.research.benchmarks.speeds measures
+
 
 @click.command()
 @cell_argument
 @data_argument
-@click.option(
-    "--holdout",
-    metavar="FILE|FRACTION",
-    help="Held-out poses: a table, or a share of the configurations.",
+@holdout_option
+@choice(
+    "--approach", ("points", "pose"), "Use the marker points, or full poses computed from them."
 )
-@click.option(
-    "--approach",
-    type=click.Choice(["points", "pose"]),
-    default="points",
-    show_default=True,
-    help="Method: use the marker points, or the full pose computed from them.",
-)
-@click.option(
-    "--method",
-    type=click.Choice(["joint", "two-step"]),
-    default="joint",
-    show_default=True,
-    help="Solver: all parameters together, or base and tool in turn with the rest.",
-)
-@click.option(
+@choice("--method", ("joint", "two-step"), "All parameters together, or base and tool in turn.")
+@choice(
     "--weighting",
-    type=click.Choice(["full", "normalised", "plain"]),
-    default="full",
-    show_default=True,
-    help="For the full-pose method: full covariance, one standard deviation for each component, or "
-    "one length for the rotations.",
+    ("full", "normalised", "plain"),
+    "For the full-pose method: full covariance, one standard deviation for each component, or one "
+    "length for the rotations.",
 )
 @click.option(
     "--length-mm",
@@ -67,12 +57,16 @@ if TYPE_CHECKING:
     type=PATH,
     help="Write the robot with the identified geometry and the markers as URDF.",
 )
-@click.option("--zero-offsets", "zeros_path", metavar="OUT", type=PATH,
-              help="Write joint offsets alone, for a controller that accepts only these.")  # fmt: skip
+@click.option(
+    "--zero-offsets",
+    "zeros_path",
+    metavar="OUT",
+    type=PATH,
+    help="Write joint offsets alone, for a controller that accepts only these.",
+)
 @click.option(
     "--counts-per-deg",
     metavar="J1=N,..",
-    default=None,
     help="Encoder counts per degree, for FANUC's $MASTER_COUN in --zero-offsets.",
 )
 @result_options()
@@ -101,24 +95,36 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
-    from studies.identify.make import MOST, SECONDS, identified, inputs_of
-    from studies.identify.robots import counts_of, offsets_file, robot_texts
+    from calib.poses.moves import thinned
+    from studies.command.robots import counts_of, robot_files
+    from studies.results.base import envelope
+    from studies.results.identify import IdentifyResult
 
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
         session = read_session(cell, data_path, holdout, seed)
     counts = counts_of(counts_per_deg)
-    written = [urdf_path, zeros_path, output_file(json_path)]
-    check_outputs(written, inputs_of(session), folder)
-    count = min(len(session.whole), MOST)
-    with working(f"identifying {count} readings", SECONDS * count):
-        found, record = identified(
-            session, approach=approach, method=method, weighting=weighting, length_mm=length_mm,
+    inputs = [*session.read, *session.named, *session.held.files]
+    check_outputs([urdf_path, zeros_path, output_file(json_path)], inputs, folder)
+    data, shortened = thinned(session.held.data, _MOST)
+    with (
+        working(f"identifying {len(data)} readings", _SECONDS * len(data)),
+        faults_in(data_path, effects_of=cell.path),
+    ):
+        found = calib.identify(
+            cell, data, heldout=session.held.heldout, approach=approach, method=method,
+            weighting=weighting, length=length_mm * 1e-3,
         )  # fmt: skip
-    files, left_out = robot_texts(cell, found, urdf_path)
-    if zeros_path is not None:
-        files[zeros_path], lost = offsets_file(cell, found, zeros_path, counts)
-        left_out += lost
-    deliver(record, json_path, folder, files)
-    for line in left_out:
-        click.echo(line, err=json_path == "-")
+    of_pose = approach == "pose"
+    result = IdentifyResult.of(
+        found,
+        cell,
+        session.whole,
+        envelope(cell.name, inputs, seed, cell.about),
+        holdout=holdout,
+        weighting=weighting if of_pose else None,
+        length_mm=length_mm if of_pose and weighting == "plain" else None,
+        warnings=(*session.held.warnings, *shortened, *found.warnings),
+    )
+    files, notes = robot_files(cell, found, urdf_path, zeros_path, counts)
+    deliver(result, json_path, folder, files, notes=notes)

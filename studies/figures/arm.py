@@ -1,0 +1,131 @@
+"""The arm at all poses, seen from the side, from the front and from above, and what is around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from studies.figures.style import (
+    BLUE,
+    DIM,
+    GREEN,
+    INK,
+    PURPLE,
+    SOFT,
+    Look,
+    dots,
+    panels,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from calib import Cell
+    from calib.arrays import Array
+    from calib.cell.planned import Body
+    from doe.constraints import Scene
+
+_SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
+_WIDTH = 5.6  # inches
+_FAINT = 20  # poses; of more, each is fainter
+_NEAR = 1.6  # arm lengths; an instrument farther away is not in the picture
+_TURN = np.linspace(0.0, 2.0 * np.pi, 49)
+_MARKER, _TIP = Look("markers", BLUE, "."), Look("tip, first pose", INK, "o")
+_INSTRUMENT = Look("instrument", GREEN, "D")
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+_EDGES = [
+    (i, j) for i in range(8) for j in range(i) if np.abs(_CORNERS[i] - _CORNERS[j]).sum() == 2
+]
+
+
+@styled
+def arm(cell: Cell, q: Array) -> Figure:
+    """The nominal arm of a cell at joint values, shape (m, n), rad or m, in its base frame.
+
+    Raises CalibError where the joints are others.
+    """
+    from doe.constraints import scene_of
+
+    scene = scene_of(cell, q)
+    solids = list(_solids(cell))
+    points = np.concatenate([scene.origins.reshape(-1, 3), scene.markers.reshape(-1, 3), *solids])
+    length = float(np.linalg.norm(scene.origins, axis=-1).max())
+    near = np.zeros((0, 3))
+    if cell.instrument is not None and np.linalg.norm(cell.instrument) < _NEAR * length:
+        near = cell.instrument[None]
+    points = np.concatenate([points, near])
+    low, high = points.min(axis=0) - 0.06 * length, points.max(axis=0) + 0.06 * length
+    x, y, z = high - low
+    height = _WIDTH * (z + y) / (x + y) + 0.5
+    figure, every = panels(
+        _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
+        gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]},
+    )  # fmt: skip
+    names = ("side: x, z [m]", "front: y, z [m]", "above: x, y [m]")
+    for panel, view, name in zip(every, (_SIDE, _FRONT, _ABOVE), names, strict=False):
+        draw_arm(panel, scene, view)
+        for line in solids:
+            panel.plot(*view @ line.T, color=PURPLE, linewidth=1.0)
+        _mark(panel, view, near, _INSTRUMENT, 6.0)
+        (left, bottom), (right, top) = view @ low, view @ high
+        panel.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        panel.set_title(name, loc="left", fontsize=9)
+        panel.tick_params(labelsize=8)
+        panel.locator_params(nbins=5)
+    every[3].set_axis_off()
+    every[3].legend(*every[0].get_legend_handles_labels(), loc="center left")
+    return figure
+
+
+def draw_arm(panel: Axes, scene: Scene, view: Array) -> None:
+    """All poses faintly, the first one strongly; view : (2, 3), right and up of the picture."""
+    count = len(scene.origins)
+    opacity = min(1.0, (_FAINT / count) ** 0.5)
+    gap = np.full((count, 1, 3), np.nan)
+    for k, frame in enumerate(_tips(scene)):
+        way = scene.origins[:, scene.cell.robot.carries[:, frame]]
+        every = np.concatenate([way, gap], axis=1).reshape(-1, 3)
+        panel.plot(*view @ every.T, color=DIM, linewidth=0.8, alpha=opacity,
+                   label="" if k else f"all {count} poses")  # fmt: skip
+        panel.plot(*view @ way[0].T, color=SOFT, linewidth=4.0, solid_joinstyle="round",
+                   label="" if k else "first pose")  # fmt: skip
+        _mark(panel, view, way[0], Look("", INK, "o"), 2.5)
+        _mark(panel, view, way[0, -1:], Look("", INK, "o") if k else _TIP, 4.5)
+    _mark(panel, view, scene.markers.reshape(-1, 3), _MARKER, 2.5)
+    panel.axhline(0.0, color=SOFT, linewidth=0.6)
+
+
+def _mark(panel: Axes, view: Array, points: Array, look: Look, size: float) -> None:
+    """Points (k, 3); none leaves no name in the legend."""
+    if len(points):
+        x, y = view @ points.T
+        dots(panel, x, y, look, markersize=size)
+
+
+def _tips(scene: Scene) -> list[int]:
+    """Frames of all tips."""
+    robot = scene.cell.robot
+    return [robot.tip_frame, *range(robot.dof + 1, robot.dof + 1 + len(robot.others))]
+
+
+def _solids(cell: Cell) -> Iterator[Array]:
+    """Outlines of the obstacles that have an end, lines of shape (k, 3), m."""
+    from doe.constraints.obstacles import obstacles_of
+
+    for obstacle in obstacles_of(cell):
+        yield from _outline(obstacle.body)
+
+
+def _outline(body: Body) -> Iterator[Array]:
+    from calib.cell.planned import Ball, Box
+
+    if isinstance(body, Box):
+        corners = (_CORNERS * body.half) @ body.T_base_box[:3, :3].T + body.T_base_box[:3, 3]
+        yield from (corners[list(edge)] for edge in _EDGES)
+    elif isinstance(body, Ball):
+        circle = body.radius * np.stack([np.cos(_TURN), np.sin(_TURN), 0.0 * _TURN], axis=1)
+        yield from (body.centre + np.roll(circle, k, axis=1) for k in range(3))

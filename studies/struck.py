@@ -8,6 +8,7 @@ INSTEAD: dict[str, str] = {
     "hand-eye": "call `posecal identify`: with a camera it gives the camera's place",
     "fleet": "call `posecal identify` for each robot in a shell loop",
     "--truth": "leave it out: readings are simulated by the model",
+    "--values": "leave it out: a comparison holds at the nominal model",
     "--with": "call `posecal compare` once for each cell",
     "next": "use `posecal design CELL --extend DATA`, with `--discriminate A,B` to separate causes",
     "--next": "use `posecal design CELL --extend DATA --discriminate A,B`",

@@ -14,8 +14,8 @@ import pytest
 import calib
 import doe
 from calib.result import Result
+from studies.command.explain import page
 from studies.demo.embedded import embedded_text
-from studies.explain import page
 
 PAGE = page("python")
 MOST_LINES = 20

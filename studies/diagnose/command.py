@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, show, working
-from studies.command.options import PATH, cell_argument, data_argument, faults_in, result_options
+from studies.command.options import PATH, cell_argument, data_argument, result_options
 from studies.command.session import read_session
-
-if TYPE_CHECKING:
-    from calib import Cell
 
 
 @click.command()
@@ -59,6 +55,7 @@ def diagnose(
     """
     import calib
     from calib.errors import InputError
+    from studies.command.plan import foresee_plan
     from studies.diagnose.make import SECONDS, better_cell, diagnosed, inputs_of
 
     cell = calib.load_cell(cell_path)
@@ -70,7 +67,7 @@ def diagnose(
         ):
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
-        _foresee(cell, data_path, json_path, seed)
+        foresee_plan(cell, data_path, json_path, seed)
         return
     with working(f"reading {data_path.name}"):
         session = read_session(cell, data_path, holdout, seed)
@@ -86,20 +83,3 @@ def diagnose(
         texts[cell_out], notes = better_cell(cell, found, cell_out)
     deliver(record, json_path, folder, texts)
     show(notes, json_path)
-
-
-def _foresee(cell: Cell, plan_path: Path, json_path: str | None, seed: int) -> None:
-    """What a plan, or the readings of a table without their points, could show."""
-    import calib
-    from calib.files.tables import holds_points
-    from doe.forecast.foresee import foresee
-    from studies.plan.record import plan_record
-    from studies.record import envelope
-
-    inputs = [cell.path, *cell.robot_files, plan_path]
-    check_outputs([output_file(json_path)], inputs)
-    load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
-    plan = load(cell, plan_path)
-    with faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
-        found = foresee(cell, plan)
-    deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path)

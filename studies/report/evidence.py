@@ -13,11 +13,11 @@ import numpy as np
 from calib import Cell, Measurements, load_cell, load_measurements
 from calib.errors import CalibError, InputError
 from calib.poses import Poses, poses_at
-from studies.design.record import DesignRecord
-from studies.entries import read_joints
 from studies.identify.telling import HELD_OUT
 from studies.kinds import tell
 from studies.record import Record
+from studies.results.design import DesignResult
+from studies.results.parts import read_joints
 from studies.results.read import Input, located, read
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
     results = tuple(_result(path) for path in paths)
     of_cell = _of_one_cell(results)
     cell, notes = _cell(of_cell) if of_cell else (None, [])
-    data, plans = {}, {}
+    data, plans = {}, dict[Path, Poses]()
     for result in of_cell:
         if (
             cell is None
@@ -124,7 +124,7 @@ def load_evidence(paths: Sequence[Path]) -> ReportEvidence:
             or result.inputs[0].sha256 != of_cell[0].inputs[0].sha256
         ):
             continue
-        if isinstance(result.record, DesignRecord):
+        if isinstance(result.record, DesignResult):
             plans[result.path] = plan_poses(cell, result.record, result.path)
         if result.kind in ("identify", "diagnose"):
             measured, lost = _measured(cell, result)
@@ -179,7 +179,7 @@ def _cell(results: tuple[ReportedResult, ...]) -> tuple[Cell | None, list[str]]:
         return None, [*notes, f"{error}: the cell is left out"]
 
 
-def plan_poses(cell: Cell, record: DesignRecord, path: Path) -> Poses:
+def plan_poses(cell: Cell, record: DesignResult, path: Path) -> Poses:
     """The poses of a design. Raises InputError where they are not of the cell's joints."""
     robot, first = cell.robot, record.poses[0]
     if {*first.joints_deg, *first.joints_mm} != set(robot.joints):

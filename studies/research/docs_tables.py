@@ -1,4 +1,4 @@
-"""The tables of ``studies/docs`` that follow from code: effects, criteria, instruments, keys of the cell.
+"""The tables of ``studies/docs`` that follow from code: effects, criteria, instruments, cell keys.
 
     python -m studies.research.docs_tables
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import CalibError
-from studies.explain import paragraphs
+from studies.command.explain import paragraphs
 
 if TYPE_CHECKING:
     from calib.effects import Context

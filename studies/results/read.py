@@ -56,7 +56,8 @@ def read(path: Path) -> Record:
             path, "command", f"{kind[:40]!r} is no kind of result", f"known are {', '.join(KINDS)}"
         )
     try:
-        return record_type(kind).model_validate_json(text)
+        record: Record = record_type(kind).model_validate_json(text)
+        return record
     except ValidationError as error:
         first, *others = error.errors(include_url=False, include_input=False)
         more = f" (and {len(others)} more)" if others else ""
@@ -109,4 +110,5 @@ def _fault(error: ErrorDetails) -> str:
 
 def json_schema(kind: str) -> dict[str, Any]:
     """The JSON Schema of a kind of result, as it is written."""
-    return record_type(kind).model_json_schema(mode="serialization")
+    schema: dict[str, Any] = record_type(kind).model_json_schema(mode="serialization")
+    return schema

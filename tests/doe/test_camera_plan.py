@@ -15,7 +15,7 @@ from calib.cell.views import looking, views_of
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
 from doe.problem.pool import drawn
-from studies.explain import page
+from studies.command.explain import page
 from studies.research.cameras import corners, pixels
 from tests.camera_cells import kr270_cell
 from tests.plain_arm import tips

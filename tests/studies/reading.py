@@ -52,7 +52,7 @@ def texts() -> Iterator[tuple[str, str]]:
     """What is read, by name: the README, what ``--help`` says, every page, effects and criteria."""
     from calib.effects import EFFECTS
     from doe.criteria import CRITERIA
-    from studies.explain import PAGES, page, text_of
+    from studies.command.explain import PAGES, page, text_of
 
     yield "README", (ROOT / "README.md").read_text(encoding="utf-8")
     yield "--help", "\n\n".join(help_texts())

@@ -11,7 +11,7 @@ from calib.effects import EFFECTS
 from calib.files.columns import OTHERS, WRENCH
 from calib.instruments import KINDS
 from doe.criteria import CRITERIA, UNASKED
-from studies.explain import PAGES, page
+from studies.command.explain import PAGES, page
 from studies.research.docs_tables import cell_keys, made_anew
 from tests.studies.command_line import run
 from tests.studies.reading import length, sentences, texts

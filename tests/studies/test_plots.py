@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from studies.compare.agreement import band
 from studies.plots.deviations import by_approach
 from studies.plots.ellipses import ellipse, ellipses
 from studies.plots.errors import by_pose
@@ -96,12 +95,6 @@ def test_deviations_are_the_data() -> None:
     assert [axes.get_xlabel() for axes in panels] == [
         f"standard deviation [{u}]" for u in ("um", UNITS[2])
     ]
-
-
-def test_band_of_chance_is_that_of_samples(rng: np.random.Generator) -> None:
-    low, high = band(40)
-    std = rng.normal(size=(20000, 40)).std(axis=1, ddof=1)
-    assert np.mean((std > low) & (std < high)) == pytest.approx(0.95, abs=0.006)
 
 
 def test_ellipse_holds_its_share() -> None:

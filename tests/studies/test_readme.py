@@ -17,8 +17,8 @@ from calib.effects import EFFECTS
 from calib.model.build import context_of
 from calib.poses import poses_at
 from studies.cli import loaded, main
+from studies.command.explain import PAGES, page
 from studies.demo.embedded import embedded_cell
-from studies.explain import PAGES, page
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()

@@ -16,12 +16,12 @@ _HOMES = {
     "program": ("programs.record", "ProgramRecord", "programs.record"),
     "import": ("imports.record", "ImportRecord", "imports.record"),
     "compare": ("compare.record", "CompareRecord", "compare.telling"),
-    "identify": ("identify.record", "IdentifyRecord", "identify.telling"),
-    "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
+    "identify": ("results.identify", "IdentifyResult", ""),
+    "diagnose": ("results.diagnose", "DiagnoseResult", ""),
     "enough": ("enough.record", "EnoughRecord", "enough.telling"),
     "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
     "changes": ("changes.record", "ChangesRecord", "changes.record"),
-    "report": ("report.page", "ReportRecord", "report.page"),
+    "report": ("results.report", "ReportResult", ""),
     "demo": ("demo.record", "DemoRecord", "demo.record"),
 }
 """Kind -> module of the record, its name, and module of :func:`told`."""

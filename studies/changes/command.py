@@ -13,7 +13,7 @@ from studies.command.options import PATH, Finite, faults_in, result_options
 if TYPE_CHECKING:
     from calib import Cell
     from calib.change import DayEstimate
-    from studies.identify.record import IdentifyRecord
+    from studies.results.identify import IdentifyResult
 
 
 @click.command()
@@ -45,12 +45,12 @@ def changes(
     from calib.change import changes as compared
     from calib.files.estimate import load_estimate
     from studies.changes.record import ChangedParameter, ChangesRecord
-    from studies.identify.record import IdentifyRecord
     from studies.record import envelope
+    from studies.results.identify import IdentifyResult
     from studies.results.read import read_as
 
     paths = (before_path, after_path)
-    days = {path: read_as(path, IdentifyRecord) for path in paths}
+    days = {path: read_as(path, IdentifyResult) for path in paths}
     cell = _cell(days, cell_path)
     inputs = [cell.path, *cell.robot_files, *paths]
     check_outputs([output_file(json_path)], inputs)
@@ -76,7 +76,7 @@ def changes(
     deliver(record, json_path)
 
 
-def _cell(days: dict[Path, IdentifyRecord], path: Path | None) -> Cell:
+def _cell(days: dict[Path, IdentifyResult], path: Path | None) -> Cell:
     """The cell of the later result, whose robot must be that of both. Raises InputError."""
     from calib import load_cell
     from calib.errors import InputError
@@ -101,22 +101,22 @@ def _cell(days: dict[Path, IdentifyRecord], path: Path | None) -> Cell:
     return cell
 
 
-def known_of_record(record: IdentifyRecord) -> DayEstimate:
+def known_of_record(record: IdentifyResult) -> DayEstimate:
     """What a result knows of a robot."""
     import numpy as np
 
     from calib.change import COORDINATES, DayEstimate
     from calib.inference.coverage import freedom
 
-    estimate, scatter = record.estimate, record.estimate.scatter_si
+    estimate, scatter = record.estimate, record.estimate.scatter_SI
     scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
     noise = np.inf if record.noise.source == "cell" else record.noise.degrees_of_freedom
     noise = record.degrees_of_freedom if noise is None else noise
     keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
     return DayEstimate(
         keys,
-        np.array([p.value_si for p in estimate.parameters]),
-        np.array(estimate.covariance_si),
+        np.array([p.value_SI for p in estimate.parameters]),
+        np.array(estimate.covariance_SI),
         np.array(
             [f"{effect}:{where}.{name}" in estimate.undetermined for effect, where, name in keys]
         ),

@@ -17,19 +17,18 @@ from calib.errors import CalibError, InputError
 from calib.files.read import sha256
 from calib.files.write import json_text, write_files
 from calib.files.write_tables import measurements_csv
+from studies.command.diagnose import diagnose
 from studies.command.identify import identify
+from studies.command.report import report
 from studies.compare.command import compare
 from studies.compare.record import CompareRecord
 from studies.demo.embedded import embedded_text, session
 from studies.demo.record import DemoRecord, DemoStep
 from studies.design.command import design
 from studies.design.record import DesignRecord
-from studies.diagnose.command import diagnose
-from studies.diagnose.conclusion import verdict_sentence
-from studies.diagnose.record import DiagnoseRecord
-from studies.identify.record import IdentifyRecord
 from studies.record import InputFile, envelope
-from studies.report.command import report
+from studies.results.diagnose import DiagnoseResult
+from studies.results.identify import IdentifyResult
 from studies.results.read import read_as
 
 RECORD = "demo.json"
@@ -149,7 +148,7 @@ def fit(way: Demonstration) -> str:
         identify, "identify", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
         urdf="kr270_calibrated.urdf",
     )  # fmt: skip
-    found = read_as(way.folder / "identify.json", IdentifyRecord)
+    found = read_as(way.folder / "identify.json", IdentifyResult)
     rms, noise = found.rms_mm, found.noise
     floor = 3.0**0.5 * noise.believed_sigma_mm
     missing = ": the model lacks something" if noise.lacks else ""
@@ -186,11 +185,11 @@ def ask_why(way: Demonstration) -> str:
         diagnose, "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
         **{"cell-out": "better_cell.toml"},
     )  # fmt: skip
-    found = read_as(way.folder / "diagnose.json", DiagnoseRecord)
+    found = read_as(way.folder / "diagnose.json", DiagnoseResult)
     before, after = found.gap.heldout_before_mm, found.gap.heldout_after_mm
     return (
-        f"{verdict_sentence(found)} Held-out poses: {before:.3f} to {after:.3f} mm (hidden: "
-        f"{way.withheld})"
+        f"{found.verdict}: {', '.join(own.names for own in found.effects)}. Held-out poses: "
+        f"{before:.3f} to {after:.3f} mm (hidden: {way.withheld})"
     )
 
 

@@ -12,6 +12,7 @@ from calib.errors import InputError
 from calib.files.read import read_text, sha256
 from studies.kinds import KINDS, record_type
 from studies.record import InputFile, Record
+from studies.results.base import Result
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 _MOST_BYTES = 200_000_000
 _ANEW = "write it anew with this version"
 
-R = TypeVar("R", bound=Record)
+R = TypeVar("R", bound=BaseModel)
 
 
 class _Head(BaseModel):
@@ -37,7 +38,7 @@ class _Head(BaseModel):
         return "plan" if self.command == "diagnose" and self.plan_only else self.command
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> Record | Result:
     """The record in a file.
 
     Raises InputError naming the file and the place in it, also for another schema.

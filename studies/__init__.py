@@ -1,4 +1,6 @@
-"""studies: what a person runs. The way of a result:
+"""studies: what a person runs.
+
+The way of a result:
 
 ``command/<name>.py``
     Read, call, ``deliver(result, ..)``; only click is imported at its head. Shared options stand in

@@ -36,13 +36,13 @@ COMMANDS = {
         "command.identify:identify",
         "Identify the model's parameters from measured points.",
     ),
-    "diagnose": ("diagnose.command:diagnose", "Find the causes of the remaining error."),
+    "diagnose": ("command.diagnose:diagnose", "Find the causes of the remaining error."),
     "compensate": (
         "command.compensate:compensate",
         "Correct commands, so that the real arm reaches its targets.",
     ),
-    "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
-    "report": ("report.command:report", "Write one page of results, to hand on."),
+    "changes": ("command.changes:changes", "Say what moved between two results of one robot."),
+    "report": ("command.report:report", "Write one page of results, to hand on."),
     "schema": ("command.explain:schema", "Print the JSON Schema of a result."),
     "explain": ("command.explain:explain", "Explain words, keys, columns and effects."),
 }

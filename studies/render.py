@@ -9,23 +9,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template, pass_context
 from markupsafe import Markup, escape
 
 if TYPE_CHECKING:
     from jinja2.runtime import Context
     from matplotlib.figure import Figure
 
-    from studies.results.base import Result
+    from studies.results.base import NotAsked, Result
 
+Draw: TypeAlias = Callable[["Figure", str, str], str]
+"""Figure, name, caption -> what stands in their place."""
+Variables: TypeAlias = Mapping[str, Mapping[tuple[str, bool], float]]
+"""Label with unit -> (pose, whether held out) -> value."""
 _SPECIAL = re.compile(r"([\\`*_\[\]<>&|~#$!])")
 _MOST_DIGITS = 12
+_PLACES = 3  # of an effect, that are named one by one
 
 # -- numbers -----------------------------------------------------------------------------------
 
@@ -58,13 +63,13 @@ def mm(value: float | None) -> str:
 def to_std(value: float | None, std: float | None) -> str:
     """A value to two digits of its standard deviation.
 
-    >>> to_std(1.23456, 0.0123), to_std(1234.5678, None), to_std(0.0123, 0.0123)
-    ('1.235', '1234.568', '0.012')
+    >>> to_std(1.23456, 0.0123), to_std(1234.5678, None), to_std(17802.3, 6078.0)
+    ('1.235', '1234.568', '17800')
     """
     if value is None:
         return "-"
     digits = 1 - math.floor(math.log10(std)) if std and std > 0.0 else 3
-    return f"{value:.{min(max(digits, 0), _MOST_DIGITS)}f}"
+    return f"{round(value, digits):.{min(max(digits, 0), _MOST_DIGITS)}f}"
 
 
 def share(value: float | None) -> str:
@@ -100,6 +105,19 @@ def listed(names: Sequence[str], most: int = 8) -> str:
 def both(parts: Sequence[str]) -> str:
     """Parts of a sentence: ``a, b and c``."""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def by_reason(entries: Iterable[NotAsked]) -> list[tuple[str, str]]:
+    """Reasons why causes were not asked, with these; many places of an effect by its name alone."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for own in entries:
+        effect, _, where = own.effect.partition(":")
+        reason = own.reason.partition(" cannot act: ")[2] or own.reason
+        found.setdefault(reason, {}).setdefault(effect, []).append(where)
+    return [
+        (reason, ", ".join(e if len(w) > _PLACES else f"{e}:{','.join(w)}" for e, w in own.items()))
+        for reason, own in found.items()
+    ]
 
 
 def code(text: str) -> Markup:
@@ -155,23 +173,35 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    rules = (short, mm, to_std, share, probability, plural, listed, both, code)
+    rules = (short, mm, to_std, share, probability, plural, listed, both, by_reason, code)
     made.filters |= {rule.__name__: rule for rule in rules}
     made.globals |= {"folded": _folded, "figure": _figure}
     return made
 
 
 def markdown(
-    result: Result, *, page: bool = False, draw: Callable[[Figure, str, str], str] | None = None
+    result: Result,
+    *,
+    page: bool = False,
+    draw: Draw | None = None,
+    variables: Variables | None = None,
 ) -> str:
     """A result as Markdown.
 
     page : whether everything is said, also what is folded there
     draw : figure, name, caption -> what stands in their place; None draws nothing
+    variables : what errors may depend on, of the inputs of the result, where they are at hand
     """
     template = environment().get_template(f"{result.kind}.md.j2")
-    text = template.render(r=result, page=page, draw=draw)
+    text = template.render(r=result, page=page, draw=draw, variables=variables)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+
+
+def parts(text: str) -> tuple[str, str, str]:
+    """The answer of a result, its last paragraph, which says what to do next, and all else."""
+    head = re.split(r"^(?=[#|<-])", text, maxsplit=1, flags=re.MULTILINE)
+    answer, _, advice = head[0].strip().rpartition("\n\n")
+    return answer or advice, advice if answer else "", "".join(head[1:])
 
 
 def figures(result: Result, folder: Path) -> dict[Path, str | bytes]:
@@ -197,16 +227,40 @@ _WIDTH = 100  # of lines in files and pipes
 
 def print_markdown(text: str, *, stderr: bool = False) -> None:
     """Print Markdown on standard output, or on standard error where that carries the JSON."""
-    from rich.console import Console
-    from rich.markdown import Markdown
+    from rich.console import Console, ConsoleOptions
+    from rich.markdown import Markdown, TableElement
+
+    class Folding(TableElement):
+        """A table whose long names go on in the next line; none is cut."""
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Any]:
+            for table in super().__rich_console__(console, options):
+                for column in getattr(table, "columns", ()):
+                    column.overflow = "fold"
+                yield table
+
+    class Document(Markdown):
+        elements = {**Markdown.elements, "table_open": Folding}  # noqa: RUF012
 
     console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console.width = _WIDTH
     with console.capture() as held:
-        console.print(Markdown(text, hyperlinks=False))
+        console.print(Document(text, hyperlinks=False))
     lines = "\n".join(line.rstrip() for line in held.get().strip().splitlines())
     console.file.write(re.sub(r"\n{3,}", "\n\n", lines) + "\n")
+
+
+def page_template() -> Template:
+    """The frame of a page, with its style."""
+    folder = Path(__file__).parent / "templates"
+    made = Environment(
+        loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    made.filters["short"] = short
+    made.globals["style"] = Markup((folder / "page.css").read_text("utf-8"))  # noqa: S704
+    return made.get_template("page.html.j2")
 
 
 def html(text: str) -> Markup:

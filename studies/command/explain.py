@@ -31,11 +31,9 @@ def explain(name: str | None) -> None:
       posecal explain words
       posecal explain backlash
     """
-    from rich.markdown import Markdown
+    from studies.render import print_markdown
 
-    from studies.command.deliver import console_for
-
-    console_for(None).print(Markdown(text_of(name) if name else contents()), soft_wrap=False)
+    print_markdown(text_of(name) if name else contents())
 
 
 @click.command()

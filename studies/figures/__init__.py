@@ -5,7 +5,6 @@ from studies.figures.diagnosis import causes as causes
 from studies.figures.diagnosis import located_curve as located_curve
 from studies.figures.errors import errors_against as errors_against
 from studies.figures.errors import errors_by_pose as errors_by_pose
-from studies.figures.errors import errors_by_step as errors_by_step
 from studies.figures.parameters import deviations as deviations
 from studies.figures.parameters import deviations_by_approach as deviations_by_approach
 from studies.figures.parameters import ellipses as ellipses

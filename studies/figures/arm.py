@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calib import Cell
+    from calib.arm.robot import Robot
     from calib.arrays import Array
     from calib.cell.planned import Body
-    from doe.constraints import Scene
 
 _SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
 _WIDTH = 5.6  # inches
@@ -44,16 +44,11 @@ _EDGES = [
 
 @styled
 def arm(cell: Cell, q: Array) -> Figure:
-    """The nominal arm of a cell at joint values, shape (m, n), rad or m, in its base frame.
-
-    Raises CalibError where the joints are others.
-    """
-    from doe.constraints import scene_of
-
-    scene = scene_of(cell, q)
-    solids = list(_solids(cell))
-    points = np.concatenate([scene.origins.reshape(-1, 3), scene.markers.reshape(-1, 3), *solids])
-    length = float(np.linalg.norm(scene.origins, axis=-1).max())
+    """The nominal arm of a cell at joint values, shape (m, n), rad or m, in its base frame."""
+    origins, markers = placed(cell, q)
+    solids = [line for body in cell.design.obstacles for line in _outline(body)]
+    points = np.concatenate([origins.reshape(-1, 3), markers.reshape(-1, 3), *solids])
+    length = float(np.linalg.norm(origins, axis=-1).max())
     near = np.zeros((0, 3))
     if cell.instrument is not None and np.linalg.norm(cell.instrument) < _NEAR * length:
         near = cell.instrument[None]
@@ -67,7 +62,7 @@ def arm(cell: Cell, q: Array) -> Figure:
     )  # fmt: skip
     names = ("side: x, z [m]", "front: y, z [m]", "above: x, y [m]")
     for panel, view, name in zip(every, (_SIDE, _FRONT, _ABOVE), names, strict=False):
-        draw_arm(panel, scene, view)
+        draw_arm(panel, cell.robot, origins, markers, view)
         for line in solids:
             panel.plot(*view @ line.T, color=PURPLE, linewidth=1.0)
         _mark(panel, view, near, _INSTRUMENT, 6.0)
@@ -81,21 +76,39 @@ def arm(cell: Cell, q: Array) -> Figure:
     return figure
 
 
-def draw_arm(panel: Axes, scene: Scene, view: Array) -> None:
+def placed(cell: Cell, q: Array) -> tuple[Array, Array]:
+    """Origins of the frames (m, F, 3) and markers (m, M, 3) of the nominal arm, m, base frame.
+
+    q : ndarray, shape (m, n), rad or m
+    """
+    from calib.arm.kinematics import forward, link_origins
+
+    frames, on = forward(cell.robot, q), cell.marker_frames
+    origins = link_origins(cell.robot, frames, q)
+    turned = np.einsum("mkij,kj->mki", frames.R_link[:, on], cell.markers.reshape(-1, 3))
+    return origins, origins[:, on] + turned
+
+
+def draw_arm(panel: Axes, robot: Robot, origins: Array, markers: Array, view: Array) -> None:
     """All poses faintly, the first one strongly; view : (2, 3), right and up of the picture."""
-    count = len(scene.origins)
+    count = len(origins)
     opacity = min(1.0, (_FAINT / count) ** 0.5)
     gap = np.full((count, 1, 3), np.nan)
-    for k, frame in enumerate(_tips(scene)):
-        way = scene.origins[:, scene.cell.robot.carries[:, frame]]
+    tips = [robot.tip_frame, *range(robot.dof + 1, robot.dof + 1 + len(robot.others))]
+    for k, frame in enumerate(tips):
+        way = origins[:, robot.carries[:, frame]]
         every = np.concatenate([way, gap], axis=1).reshape(-1, 3)
-        panel.plot(*view @ every.T, color=DIM, linewidth=0.8, alpha=opacity,
-                   label="" if k else f"all {count} poses")  # fmt: skip
-        panel.plot(*view @ way[0].T, color=SOFT, linewidth=4.0, solid_joinstyle="round",
-                   label="" if k else "first pose")  # fmt: skip
+        panel.plot(
+            *view @ every.T,
+            color=DIM,
+            linewidth=0.8,
+            alpha=opacity,
+            label="" if k else f"all {count} poses",
+        )
+        panel.plot(*view @ way[0].T, color=SOFT, linewidth=4.0, label="" if k else "first pose")
         _mark(panel, view, way[0], Look("", INK, "o"), 2.5)
         _mark(panel, view, way[0, -1:], Look("", INK, "o") if k else _TIP, 4.5)
-    _mark(panel, view, scene.markers.reshape(-1, 3), _MARKER, 2.5)
+    _mark(panel, view, markers.reshape(-1, 3), _MARKER, 2.5)
     panel.axhline(0.0, color=SOFT, linewidth=0.6)
 
 
@@ -106,21 +119,8 @@ def _mark(panel: Axes, view: Array, points: Array, look: Look, size: float) -> N
         dots(panel, x, y, look, markersize=size)
 
 
-def _tips(scene: Scene) -> list[int]:
-    """Frames of all tips."""
-    robot = scene.cell.robot
-    return [robot.tip_frame, *range(robot.dof + 1, robot.dof + 1 + len(robot.others))]
-
-
-def _solids(cell: Cell) -> Iterator[Array]:
-    """Outlines of the obstacles that have an end, lines of shape (k, 3), m."""
-    from doe.constraints.obstacles import obstacles_of
-
-    for obstacle in obstacles_of(cell):
-        yield from _outline(obstacle.body)
-
-
 def _outline(body: Body) -> Iterator[Array]:
+    """Lines (k, 3), m, of an obstacle that has an end."""
     from calib.cell.planned import Ball, Box
 
     if isinstance(body, Box):

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calib.arrays import Array
-    from studies.results.diagnose import CurvePanel, DiagnoseResult, ErrorCurve
+    from studies.results.curves import CurvePanel, ErrorCurve
+    from studies.results.diagnose import DiagnoseResult
 
 _TEXT = 0.18  # width of a number, over the longest bar
 _TWO_SIDED = 1.959964  # 95 % of a normal distribution

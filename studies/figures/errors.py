@@ -37,7 +37,7 @@ _FITTED = Look("after, fitted poses", BLUE, "o")
 _HELD = Look("after, held-out poses", GREEN, "D")
 _NOISE = "noise of the instrument alone"
 _LEAST = 1e-6  # mm: below it an error is drawn as none
-_ACROSS = 4  # panels
+_ACROSS, _MOST = 3, 6  # panels
 _PARTS = 6  # of the poses, each with its median
 _FEWEST = 3  # poses of a part
 
@@ -66,7 +66,7 @@ def errors_by_pose(result: IdentifyResult) -> Figure:
 def errors_against(
     result: IdentifyResult, variables: Mapping[str, Mapping[tuple[str, bool], float]]
 ) -> Figure | None:
-    """The error that is left at each pose over each variable, with medians of sixths.
+    """The error that is left at each pose over the six variables that it follows most.
 
     variables : label with unit -> (pose, whether held out) -> value; None without any
     """
@@ -74,18 +74,23 @@ def errors_against(
     if not rows or not variables:
         return None
     error, held = np.array([r.after for r in rows]), np.array([r.heldout for r in rows])
-    across = min(_ACROSS, len(variables))
-    down = -(-len(variables) // across)
-    figure, every = panels(2.5 * across + 0.4, 2.1 * down + 0.6, down, across, sharey=True)
-    for panel, (label, values) in zip(every, variables.items(), strict=False):
-        x = np.array([values[r.pose, r.heldout] for r in rows])
+    columns = {
+        label: np.array([values[r.pose, r.heldout] for r in rows])
+        for label, values in variables.items()
+    }
+    most = sorted(columns, key=lambda label: -abs(_rank_correlation(columns[label], error)))[:_MOST]
+    columns = {label: x for label, x in columns.items() if label in most}
+    across = min(_ACROSS, len(columns))
+    down = -(-len(columns) // across)
+    figure, every = panels(2.4 * across + 0.3, 1.9 * down + 0.5, down, across, sharey=True)
+    for panel, (label, x) in zip(every, columns.items(), strict=False):
         for look, own in ((_FITTED, ~held), (_HELD, held)):
             if own.any():
                 dots(panel, x[own], error[own], look, markersize=3.0, alpha=0.75)
         panel.plot(*_medians(x, error), color=SOFT, marker="_", markersize=9.0, label="median")
         _noise(panel, math.sqrt(3.0) * result.noise.instrument_mm)
         panel.set(xlabel=label, ylim=(0.0, 1.08 * error.max()))
-    for panel in every[len(variables) :]:
+    for panel in every[len(columns) :]:
         panel.remove()
     for panel in every[::across]:
         panel.set_ylabel("RMS error [mm]")
@@ -105,16 +110,14 @@ def _medians(x: Array, error: Array) -> tuple[list[float], list[float]]:
     return [float(np.median(x[p])) for p in parts], [float(np.median(error[p])) for p in parts]
 
 
-@styled
-def errors_by_step(steps: Sequence[tuple[str, float]], floor: float) -> Figure:
-    """Errors after each step of a calibration, mm, on a log axis; floor : noise alone, mm."""
-    figure, (panel,) = panels(PANEL, 0.9 + 0.55 * len(steps))
-    draw_steps(panel, steps, floor)
-    return figure
+def _rank_correlation(x: Array, y: Array) -> float:
+    """Spearman's, ties in their order; zero where either is constant."""
+    a, b = (np.argsort(np.argsort(own, kind="stable"), kind="stable") for own in (x, y))
+    return float(np.corrcoef(a, b)[0, 1]) if np.ptp(x) > 0.0 and np.ptp(y) > 0.0 else 0.0
 
 
 def draw_steps(panel: Axes, steps: Sequence[tuple[str, float]], floor: float) -> None:
-    """The same in a panel."""
+    """Errors after each step of a calibration, mm, on a log axis; floor : noise alone, mm."""
     for row, (_, value) in enumerate(steps):
         panel.plot([floor / 2.0, value], [row, row], color=BLUE if row else VERMILLION, linewidth=9.0,
                    solid_capstyle="butt")  # fmt: skip
@@ -122,7 +125,9 @@ def draw_steps(panel: Axes, steps: Sequence[tuple[str, float]], floor: float) ->
             f"{value:#.2g} mm", (value, row), (6, 0), textcoords="offset points", va="center"
         )
     panel.axvline(floor, color=INK, linewidth=1.2, linestyle=DASHED)
-    panel.annotate("noise", (floor, -0.62), ha="center", fontsize=9, color=SOFT)
+    panel.annotate(
+        "noise", (floor, -0.62), (5, 0), textcoords="offset points", va="center", color=SOFT
+    )
     log_axis(panel.xaxis, [floor / 2.0, 3.0 * max(value for _, value in steps)])
     panel.set_yticks(range(len(steps)), [label for label, _ in steps])
     panel.set(ylim=(len(steps) - 0.4, -0.75), xlabel="RMS error at held-out poses [mm]")

@@ -169,11 +169,23 @@ def svg(figure: Figure, name: str, description: str = "") -> str:
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}), warnings.catch_warnings():
         # The viewer's fonts write the names, and a narrow sheet is no news to its reader.
         warnings.filterwarnings("ignore", "Glyph .* missing|constrained_layout not", UserWarning)
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+            figure.set_layout_engine(None)  # else all is drawn once more to find its place
         figure.savefig(buffer, format="svg", dpi=160, metadata={"Date": None, "Creator": "posecal"})
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", buffer.getvalue(), flags=re.DOTALL)
     text = re.sub("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]", "\N{REPLACEMENT CHARACTER}", text)
     referred = set(re.findall(r"#([\w-]+)", text))
     text = re.sub(r' id="([^"]*)"', lambda own: own[0] if own[1] in referred else "", text)
-    text = re.sub(r"\n\s*(?=\n)", "", text[text.index("<svg") :])  # one block of Markdown
+    text = re.sub(r' (?:d|x|y|transform)="[^"]*"', _rounded, text)
+    text = re.sub(
+        r"\n\s*", "\n", text[text.index("<svg") :]
+    )  # no blank line: one block of Markdown
     label = f'<svg role="img" aria-label="{escape(description)}"'
     return text.replace("<svg", label, 1)
+
+
+def _rounded(attribute: re.Match[str]) -> str:
+    """Coordinates to a hundredth of a point."""
+    numbers = re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
+    return " ".join(numbers.split("\n"))

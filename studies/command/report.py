@@ -25,16 +25,14 @@ from studies.command.options import PATH, result_options
 @click.option("--title", metavar="TEXT", help="Title. Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
 @click.option("--operator", metavar="TEXT", help="Who measured.")
-@click.option("--date", metavar="TEXT", help="When it was measured.")
+@click.option("--date", "measured", metavar="TEXT", help="When it was measured.")
 @result_options(figures=False, seed=False)
 def report(
     results: tuple[Path, ...],
     page_path: Path,
     title: str | None,
-    instrument: str | None,
-    operator: str | None,
-    date: str | None,
     json_path: str | None,
+    **about: str | None,
 ) -> None:
     """Write one self-contained HTML page from results.
 
@@ -46,16 +44,13 @@ def report(
     Example:
       posecal report identified.json -o report.html --operator "A. Klimchik"
     """
-    from studies.record import envelope
-    from studies.report.page import ReportRecord, report_page
+    from studies.page import report_page
+    from studies.results.base import envelope
+    from studies.results.report import ReportResult
 
     check_outputs([page_path, output_file(json_path)], results)
-    told = {
-        label: text
-        for label, text in (("instrument", instrument), ("operator", operator), ("measured", date))
-        if text
-    }
     with working("writing the page"):
+        told = {label: text for label, text in about.items() if text}
         text, notes = report_page(results, title, told)
-    record = ReportRecord(**envelope("", results), page=str(page_path), notes=notes)
-    deliver(record, json_path, files={page_path: text})
+    result = ReportResult(**envelope("", results), page=str(page_path), notes=notes)
+    deliver(result, json_path, files={page_path: text})

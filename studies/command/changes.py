@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, Finite, faults_in, result_options
+from studies.command.options import PATH, Finite, faults_in, result_options, value
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -16,19 +16,15 @@ if TYPE_CHECKING:
     from studies.results.identify import IdentifyResult
 
 
+# fmt: off
 @click.command()
 @click.argument("before_path", metavar="BEFORE", type=PATH)
 @click.argument("after_path", metavar="AFTER", type=PATH)
-@click.option("--cell", "cell_path", metavar="CELL", type=PATH,
-              help="The cell of AFTER. Default: the cell that AFTER names.")  # fmt: skip
-@click.option("--tolerance-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Largest allowed error at any target.")  # fmt: skip
+@value("--cell cell_path", "CELL", "The cell of AFTER. Default: the cell that AFTER names.")
+@value("--tolerance-mm", "X", "Largest allowed error at any target.", Finite(min=0, min_open=True))
 @result_options(figures=False, seed=False)
 def changes(
-    before_path: Path,
-    after_path: Path,
-    cell_path: Path | None,
-    tolerance_mm: float | None,
+    before_path: Path, after_path: Path, cell_path: Path | None, tolerance_mm: float | None,
     json_path: str | None,
 ) -> None:
     """Say what moved on a robot between two results, and whether the first still holds.
@@ -61,6 +57,7 @@ def changes(
     deliver(ChangesResult.of(found, estimate, names, tolerance_mm, made_from), json_path)
 
 
+# fmt: on
 def _cell(days: dict[Path, IdentifyResult], path: Path | None) -> Cell:
     """The cell of the later result, whose robot must be that of both. Raises InputError."""
     from calib import load_cell

@@ -8,35 +8,29 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, progress_bar
-from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
+from studies.command.options import (
+    PATH,
+    cell_argument,
+    faults_in,
+    plan_names,
+    result_options,
+    value,
+)
 
 
+# fmt: off
 @click.command()
 @cell_argument
 @click.argument("plan_paths", metavar="PLAN [PLAN ...]", nargs=-1, required=True, type=PATH)
-@click.option(
-    "--monte-carlo",
-    "trials",
-    metavar="N",
-    type=click.IntRange(0, 1_000_000),
-    default=200,
-    show_default=True,
-    help="Simulated experiments for each plan. 0: only predict.",
-)
-@click.option(
-    "--workers",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Number of processes. Default: one for each processor.",
-)
-@click.option(
-    "--scheduler", metavar="ADDRESS", help="Compute on a dask scheduler, such as tcp://host:8786."
-)
+@value("--monte-carlo trials", "N", "Simulated experiments for each plan. 0: only predict.",
+       click.IntRange(0, 1_000_000), default=200, show_default=True)
+@value("--workers", "N", "Number of processes. Default: one for each processor.", click.IntRange(min=1))
+@value("--scheduler", "ADDRESS", "Compute on a dask scheduler, such as tcp://host:8786.", str)
 @result_options()
 def compare(
     cell_path: Path, plan_paths: tuple[Path, ...], trials: int, workers: int | None,
     scheduler: str | None, folder: Path | None, json_path: str | None, seed: int,
-) -> None:  # fmt: skip
+) -> None:
     """Predict and simulate the accuracy of each PLAN, for the marker-points and full-pose methods.
 
     Each simulated experiment takes readings of the full model of a robot that has plausible errors,

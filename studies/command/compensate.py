@@ -7,23 +7,19 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, cell_argument, faults_in, result_options
+from studies.command.options import PATH, cell_argument, faults_in, result_options, value
 
 
+# fmt: off
 @click.command()
 @cell_argument
 @click.argument("result_path", metavar="RESULT", type=PATH)
 @click.argument("targets_path", metavar="TARGETS", type=PATH)
-@click.option("-o", "--output", "plan_path", metavar="FILE", type=PATH,
-              help="Write the targets with corrected joints; the table can be a plan.")  # fmt: skip
-@click.option("--tip", metavar="LINK", help="Of several tips the one that is to be in place.")
+@value("-o --output plan_path", "FILE", "Write the targets with corrected joints as a plan.")
+@value("--tip", "LINK", "Of several tips the one that is to be in place.", str)
 @result_options(figures=False, seed=False)
 def compensate(
-    cell_path: Path,
-    result_path: Path,
-    targets_path: Path,
-    plan_path: Path | None,
-    tip: str | None,
+    cell_path: Path, result_path: Path, targets_path: Path, plan_path: Path | None, tip: str | None,
     json_path: str | None,
 ) -> None:
     """Correct joint commands, so that the real arm goes where the nominal arm should be.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, cell_argument, faults_in, plan_names, result_options
+from studies.command.options import cell_argument, faults_in, plan_names, result_options, value
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -23,83 +23,39 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
     return [name for name in catalogue() if name.startswith(start) and name != UNASKED]
 
 
+# fmt: off
 @click.command()
 @cell_argument
-@click.option(
-    "-o",
-    "--output",
-    "plan_path",
-    metavar="PLAN",
-    type=PATH,
-    help="Write the plan as CSV, in the order of measurement.",
-)
-@click.option("--poses", metavar="N", type=click.IntRange(min=1), help="Number of poses to choose.")
-@click.option(
-    "--criterion",
-    metavar="NAME",
-    shell_complete=_criteria,
-    default="task",
-    show_default=True,
-    help="What the plan minimises. task: error at the targets. task-worst: error at the "
-    "worst target. A: mean variance. D: volume of the confidence ellipsoid. Ds: the same for "
-    "some parameters. c: one combination. E: the worst combination. G: the worst predicted "
-    "pose. Or a criterion of an installed package.",
-)
-@click.option(
-    "--levels",
-    metavar="A2=5x3",
-    help="Five levels of A2 with three poses each. Their angles are chosen, or given: "
-    "A2=-140,-57,-10x3.",
-)
-@click.option(
-    "--candidates",
-    metavar="N|FILE",
-    default="20000",
-    show_default=True,
-    help="Number of candidates to draw, or a table of candidates in the format of a plan. "
-    "The angles of drawn ones are moved a little after the choice.",
-)
-@click.option(
-    "--extend",
-    "extend_path",
-    metavar="PLAN|TABLE",
-    type=PATH,
-    help="A plan that is measured already, or a table of measured points. N new poses are "
-    "added to it.",
-)
-@click.option(
-    "--discriminate",
-    metavar="EFFECT:WHERE,EFFECT:WHERE",
-    help="Choose poses that separate two effects, instead of a criterion.",
-)
-@click.option(
-    "--of",
-    metavar="NAME[,NAME]",
-    help="Parameters that matter. Ds, A, E: joint_compliance:A6,.. c: also NAME=FACTOR,..",
-)
-@click.option(
-    "--against",
-    metavar="PLAN",
-    multiple=True,
-    type=PATH,
-    help="Also judge this plan. Can be given several times.",
-)
+@value("-o --output plan_path", "PLAN", "Write the plan as CSV, in the order of measurement.")
+@value("--poses", "N", "Number of poses to choose.", click.IntRange(min=1))
+@value("--criterion", "NAME",
+       "What the plan minimises. task: error at the targets. task-worst: error at the worst target. A: "
+       "mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
+       "combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
+       "installed package.", str, default="task", show_default=True, shell_complete=_criteria)
+@value("--levels", "A2=5x3", "Five levels of A2 with three poses each. Their angles are chosen, or "
+       "given: A2=-140,-57,-10x3.", str)
+@value("--candidates", "N|FILE", "Number of candidates to draw, or a table of candidates in the format "
+       "of a plan. The angles of drawn ones are moved a little after the choice.", str,
+       default="20000", show_default=True)
+@value("--extend extend_path", "PLAN|TABLE", "A plan that is measured already, or a table of measured "
+       "points. N new poses are added to it.")
+@value("--discriminate", "EFFECT:WHERE,EFFECT:WHERE",
+       "Choose poses that separate two effects, instead of a criterion.", str)
+@value("--of", "NAME[,NAME]",
+       "Parameters that matter. Ds, A, E: joint_compliance:A6,.. c: also NAME=FACTOR,..", str)
+@value("--against", "PLAN", "Also judge this plan. Can be given several times.", multiple=True)
 @click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
-@click.option(
-    "--reapproach",
-    metavar="N",
-    type=click.IntRange(min=0),
-    help="Add N repeat visits at the end, to measure the arm's repeatability. Default: a "
-    "tenth of 20 poses or more, unless the cell states the repeatability. 0: none.",
-)
+@value("--reapproach", "N",
+       "Add N repeat visits at the end, to measure the arm's repeatability. Default: a tenth of 20 "
+       "poses or more, unless the cell states the repeatability. 0: none.", click.IntRange(min=0))
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @result_options()
 def design(
-    cell_path: Path, plan_path: Path | None, poses: int | None, criterion: str, levels: str | None,
-    candidates: str, extend_path: Path | None, discriminate: str | None, of: str | None,
-    against: tuple[Path, ...], curve: bool, reapproach: int | None, repeats: bool | None,
-    folder: Path | None, json_path: str | None, seed: int,
-) -> None:  # fmt: skip
+    cell_path: Path, plan_path: Path | None, candidates: str, extend_path: Path | None,
+    discriminate: str | None, of: str | None, against: tuple[Path, ...], reapproach: int | None,
+    repeats: bool | None, folder: Path | None, json_path: str | None, seed: int, **asked: Any,
+) -> None:
     """Choose the poses to measure, and prove how good this plan is.
 
     CELL describes the measurement cell (cell.toml). Its [design] table may give the number of poses,
@@ -127,22 +83,20 @@ def design(
     with faults_in(cell_path), working("choosing poses"):
         found = doe.design(
             cell,
-            poses=poses,
-            criterion=criterion,
-            levels=levels,
             candidates=source,
             extend=extend_path,
             discriminate=two_effects(discriminate),
             of=[] if of is None else [name.strip() for name in of.split(",")],
             against=dict(zip(plan_names(against), loaded, strict=True)),
-            curve=curve,
             seed=seed,
+            **asked,  # poses, criterion, levels, curve
         )
     result = DesignResult.of(found, envelope(cell.name, inputs, seed))
     tables = {} if plan_path is None else {plan_path: plan_table(cell, found)}
     deliver(result, json_path, folder, tables)
 
 
+# fmt: on
 def _asked(cell: Cell, reapproach: int | None, repeats: bool | None) -> Cell:
     """The cell with the options that stand for entries of its [design]."""
     own = cell.design

@@ -8,34 +8,27 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
-    PATH,
     Finite,
     cell_argument,
     data_argument,
     faults_in,
     result_options,
+    value,
 )
 from studies.command.session import held_out
 
 
+# fmt: off
 @click.command()
 @cell_argument
 @data_argument
-@click.option("--plan", "plan_path", metavar="PLAN", type=PATH,
-              help="The plan that is being measured. Poses of DATA are recognised.")  # fmt: skip
-@click.option("--goal-mm", metavar="X", type=Finite(min=0, min_open=True),
-              help="Goal: expected RMS error at the targets.")  # fmt: skip
-@click.option("--holdout", "holdout_path", metavar="FILE", type=PATH,
-              help="Measured poses for a check; they take no part in the fit.")  # fmt: skip
+@value("--plan plan_path", "PLAN", "The plan that is being measured. Poses of DATA are recognised.")
+@value("--goal-mm", "X", "Goal: expected RMS error at the targets.", Finite(min=0, min_open=True))
+@value("--holdout holdout_path", "FILE", "Measured poses that take no part in the fit, for a check.")
 @result_options(figures=False)
 def enough(
-    cell_path: Path,
-    data_path: Path,
-    plan_path: Path | None,
-    goal_mm: float | None,
-    holdout_path: Path | None,
-    json_path: str | None,
-    seed: int,
+    cell_path: Path, data_path: Path, plan_path: Path | None, goal_mm: float | None,
+    holdout_path: Path | None, json_path: str | None, seed: int,
 ) -> None:
     """Say whether the measured poses are enough, and in which order to measure the rest.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, result_options
+from studies.command.options import PATH, result_options, value
 
 if TYPE_CHECKING:
     from calib.files.csv_table import CsvTable
@@ -20,10 +20,8 @@ _SHOWN = 5  # names in one line
 
 @click.command("import")
 @click.argument("points", metavar="POINTS", type=PATH)
-@click.option("--joints", "joints_path", metavar="FILE", required=True, type=PATH,
-              help="Table of the joints of each pose: pose,A1_deg,..")  # fmt: skip
-@click.option("-o", "--output", "table_path", metavar="TABLE", required=True,
-              type=PATH, help="Write the joined table to this file.")  # fmt: skip
+@value("--joints joints_path", "FILE", "Joints of each pose: pose,A1_deg,..", required=True)
+@value("-o --output table_path", "TABLE", "Write the joined table to this file.", required=True)
 @result_options(figures=False, seed=False)
 def import_(points: Path, joints_path: Path, table_path: Path, json_path: str | None) -> None:
     """Join a table of measured points with a table of the joints of their poses.

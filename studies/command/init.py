@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, result_options
+from studies.command.options import PATH, result_options, value
 
 if TYPE_CHECKING:
     from calib.arm.robot import Convention, Robot
@@ -20,22 +20,19 @@ if TYPE_CHECKING:
 _MARKERS = ((1.0, 0.0, 0.5), (-0.5, 0.87, 0.5), (-0.5, -0.87, 0.5))  # of the circle they stand on
 
 
+# fmt: off
 @click.command()
 @click.argument("robot_path", metavar="ROBOT", type=PATH)
-@click.option("-o", "--output", "folder", metavar="FOLDER", type=PATH, default=Path(),
-              help="Folder for cell.toml and measurements.csv. Default: this one.")  # fmt: skip
-@click.option("--dh", "convention", type=click.Choice(["classic", "modified"]),
-              help="ROBOT is a DH table in this convention.")  # fmt: skip
-@click.option("--base", metavar="NAME", default="", help="First link or body, if another.")
-@click.option("--tip", "tips", metavar="NAME", multiple=True,
-              help="Last link, body or site, if another. Of several arms: one each.")  # fmt: skip
+@value("-o --output folder", "FOLDER", "Folder for cell.toml and measurements.csv. Default: this one.",
+       default=Path())
+@value("--dh convention", "[classic|modified]", "ROBOT is a DH table in this convention.",
+       click.Choice(["classic", "modified"]))
+@value("--base", "NAME", "First link or body, if another.", str, default="")
+@value("--tip tips", "NAME", "Last link, body or site, if another. Of several arms: one each.", str,
+       multiple=True)
 @result_options(figures=False, seed=False)
 def init(
-    robot_path: Path,
-    folder: Path,
-    convention: Convention | None,
-    base: str,
-    tips: tuple[str, ...],
+    robot_path: Path, folder: Path, convention: Convention | None, base: str, tips: tuple[str, ...],
     json_path: str | None,
 ) -> None:
     """Write a commented cell.toml and an empty measurements.csv for a robot.
@@ -79,6 +76,7 @@ def init(
     deliver(result, json_path, files=texts, notes=[following])
 
 
+# fmt: on
 def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     """TOML with comments, which loads as it is; robot_file : as seen from the cell."""
     from jinja2 import Environment

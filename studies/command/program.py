@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, cell_argument, result_options
+from studies.command.options import PATH, cell_argument, result_options, value
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -24,9 +24,13 @@ _LINKAGE = "An arm with a linkage counts axis 3 from the horizontal, a chain fro
 @click.command()
 @cell_argument
 @click.argument("plan_path", metavar="PLAN", type=PATH)
-@click.option("-o", "--output", "path", metavar="FILE", required=True, type=PATH,
-              help="FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for "
-                   "ABB (RAPID), FILE.ls for FANUC.")  # fmt: skip
+@value(
+    "-o --output path",
+    "FILE",
+    "FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for ABB (RAPID), "
+    "FILE.ls for FANUC.",
+    required=True,
+)
 @result_options(figures=False, seed=False)
 def program(cell_path: Path, plan_path: Path, path: Path, json_path: str | None) -> None:
     """Write a plan as a robot program that stops at every pose to be measured.

@@ -41,7 +41,7 @@ def together(cell: Cell, plan: ComparedPlan, trials: int) -> OverallAgreement:
     return CompareResult.of(cell, [plan], trials, MADE_FROM).agreement
 
 
-def std(own: ComparedApproach) -> Array:
+def known_std(own: ComparedApproach) -> Array:
     """Standard deviations in their units, NaN where open."""
     return np.array([p.std for p in own.parameters], dtype=float)
 
@@ -96,7 +96,7 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
     plan = doe.design(kr270, criterion="D", candidates=600)
     points = compare(kr270, plan.poses).points
     scales = [p.scale for p in plan.problem.model.parameters]
-    np.testing.assert_allclose(std(points) * scales, plan.assessment.std, rtol=1e-6)
+    np.testing.assert_allclose(known_std(points) * scales, plan.assessment.std, rtol=1e-6)
     assert points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
     assert points.task_worst_mm == pytest.approx(1e3 * plan.assessment.task_worst, rel=1e-6)
 
@@ -109,7 +109,7 @@ def test_five_hundred_refits_scatter_as_predicted(kr270: Cell, table_two: Poses)
     found = compare(cell, table_two, 500, seed=1)
     low, high = np.sqrt(chi2.ppf([5e-5, 1 - 5e-5], 499) / 499)
     for own in found.approaches:
-        ratio = np.array([p.monte_carlo_std for p in own.parameters]) / std(own)
+        ratio = np.array([p.monte_carlo_std for p in own.parameters]) / known_std(own)
         assert low < ratio.min()
         assert ratio.max() < high
         assert own.agreement is not None
@@ -132,7 +132,7 @@ def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: P
     )
     few = table_two.take(np.arange(3))
     points = compare(cell, few, 20).points
-    open_ = np.isnan(std(points))
+    open_ = np.isnan(known_std(points))
     assert open_.any()
     assert not open_.all()
     assert points.task_rms_mm is None
@@ -208,13 +208,13 @@ def test_no_way_is_better_than_the_points_where_base_and_tool_overlap() -> None:
     assert len(calib.parameters(cell)) < 6 + 9 + 18
     found = compare(cell, plan, 300)
     for own in found.approaches:
-        assert (std(own) > std(found.points) * (1.0 - 1e-6)).all()
+        assert (known_std(own) > known_std(found.points) * (1.0 - 1e-6)).all()
         assert own.agreement is not None
         assert own.agreement.chi2_p is not None
         assert own.agreement.chi2_p > 1e-3, own.key
     full = found.full
     assert full is not None
-    np.testing.assert_allclose(std(full), std(found.points), rtol=1e-6)
+    np.testing.assert_allclose(known_std(full), known_std(found.points), rtol=1e-6)
 
 
 def test_open_parameters_are_the_same_for_every_way(kr270: Cell, table_two: Poses) -> None:
@@ -222,10 +222,10 @@ def test_open_parameters_are_the_same_for_every_way(kr270: Cell, table_two: Pose
     few = replace(table_two.take(np.arange(4)))
     found = compare(replace(cell, load=None), few)
     robot = [p.effect == "geometry" for p in found.points.parameters]
-    open_ = np.isnan(std(found.points))[robot]
+    open_ = np.isnan(known_std(found.points))[robot]
     assert open_.any()
     for own in found.approaches:
-        assert not (np.isfinite(std(own))[robot] & open_).any()
+        assert not (np.isfinite(known_std(own))[robot] & open_).any()
 
 
 def test_a_load_effect_is_predicted_on_an_elastic_arm(kr270: Cell, table_two: Poses) -> None:
@@ -234,7 +234,7 @@ def test_a_load_effect_is_predicted_on_an_elastic_arm(kr270: Cell, table_two: Po
     anchors = {"A2": np.array([[-0.686, 0.0, 0.123], [0.185, 0.0, 0.0]])}
     cell = replace(with_effects(kr270, *elastic, "gravity_compensator:A2"), anchors=anchors)
     for own in compare(cell, table_two).approaches:
-        assert np.isfinite(std(own)).all()
+        assert np.isfinite(known_std(own)).all()
 
 
 def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: Poses) -> None:

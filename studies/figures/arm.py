@@ -69,7 +69,7 @@ def arm(cell: Cell, q: Array) -> Figure:
         (left, bottom), (right, top) = view @ low, view @ high
         panel.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         panel.set_title(name, loc="left", fontsize=9)
-        panel.tick_params(labelsize=8)
+        panel.tick_params(labelsize=9)
         panel.locator_params(nbins=5)
     every[3].set_axis_off()
     every[3].legend(*every[0].get_legend_handles_labels(), loc="center left")

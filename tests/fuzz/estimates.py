@@ -16,8 +16,8 @@ from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
 from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.results.estimate import Estimated
 from studies.record import envelope
+from studies.results.estimate import Estimated
 from tests.fuzz.reader import put
 
 CELL = embedded_cell()

@@ -8,7 +8,6 @@ import math
 from functools import cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from matplotlib.figure import Figure
 from studies.compare.agreement import band
 from studies.plots.deviations import by_approach
 from studies.plots.ellipses import ellipse, ellipses
-from studies.plots.errors import by_pose
 from studies.plots.style import (
     APPROACHES,
     RC,
@@ -113,17 +111,6 @@ def test_ellipse_holds_its_share() -> None:
     rows = table(_ellipses())
     assert float(rows[0]["correlation"]) == pytest.approx(0.5)
     assert rows[1]["correlation"] == ""
-
-
-@pytest.mark.filterwarnings("error")
-def test_names_in_any_script_are_drawn_in_silence() -> None:
-    """Signs that the font lacks, and such as XML may not hold."""
-    names = ["\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\x07"]
-    picture = by_pose(names, np.full(3, 1e-4), np.full(3, 1e-5), np.zeros(3, dtype=bool), 1e-5)
-    text = "".join(ElementTree.fromstring(svg_text(picture)).itertext())
-    assert all(
-        name in text for name in ("\u6e2c\u5b9a", "\N{ROBOT FACE}", "bell\N{REPLACEMENT CHARACTER}")
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,10 @@
-"""One document as the terminal and as the page show it."""
+"""One document as the terminal shows it."""
 
 from __future__ import annotations
 
 import io
-import re
 from dataclasses import dataclass
 
-import pytest
 from matplotlib.figure import Figure as Drawing
 from rich.console import Console
 
@@ -16,13 +14,11 @@ from studies.document import (
     Detail,
     Document,
     Figure,
-    Lines,
     Section,
     Sentence,
     Table,
     pictures_of,
 )
-from studies.document.page import Writer, inline_svg
 from studies.document.terminal import terminal
 from studies.plots.style import Picture
 
@@ -69,11 +65,6 @@ def printed(told: Document, of: str = "") -> str:
     return caught.get()
 
 
-def paged(told: Document) -> str:
-    writer = Writer.fresh()
-    return "".join(writer.section(section) for section in told.sections)
-
-
 def test_the_terminal_shows_the_short_form() -> None:
     assert [line.rstrip() for line in printed(document(), "cell").splitlines()] == [
         "cell: The <answer> & why.",
@@ -92,25 +83,12 @@ def test_the_terminal_shows_the_short_form() -> None:
     ]
 
 
-def test_the_page_shows_all() -> None:
-    html = paged(document())
-    for text in ("error there <span class=unit>[mm]</span>", "secret", "P2",
-                 "only for the page", "<dt>Noise</dt>",
-                 "<summary>Folded</summary>", "One line", "What is seen.", "The numbers: 1 row",
-                 "0.6667", 'class=number'):  # fmt: skip
-        assert text in html, text
-    assert "<summary>Errors" not in html
-
-
-def test_a_long_table_is_cut_at_the_terminal_and_folded_on_the_page() -> None:
+def test_a_long_table_is_cut_at_the_terminal() -> None:
     told = document(rows=20, most=4)
     said = printed(told)
     assert "p3" in said
     assert "p4" not in said
     assert "and 16 more (JSON)" in said
-    html = paged(told)
-    assert "<summary>Errors (20)</summary>" in html
-    assert "p19" in html
 
 
 def test_long_sentences_are_wrapped_between_words_and_names_stay_whole() -> None:
@@ -136,38 +114,6 @@ def test_a_list_without_blanks_breaks_after_a_comma_and_a_number_does_not() -> N
     assert any(numbers.removeprefix("at ") in line for line in lines), "no figure is torn apart"
 
 
-def test_texts_of_the_user_are_no_markup_on_the_page() -> None:
-    harm = "<script>alert(1)</script>"
-    rows = [Row(harm, 1.0)]
-    parts = (Sentence(harm, "warn", harm), Table(COLUMNS, rows, harm, harm), Detail((), harm))
-    html = paged(Document((), (Section("x", "x", parts),)))
-    assert "<script>" not in html
-    assert html.lower().count("&lt;script&gt;") >= 5
-
-
 def test_figures_are_found_within_details() -> None:
     told = Document((), (Section("x", "x", (Detail((Figure(drawn),)), Figure(drawn))),))
     assert [picture.name for picture in pictures_of(told)] == ["one", "one"]
-
-
-def test_an_unknown_part_is_a_fault_of_ours() -> None:
-    with pytest.raises(TypeError, match="no part of a document"):
-        paged(Document((), (Section("x", "x", (3,)),)))  # type: ignore[arg-type]
-
-
-def test_greys_of_a_figure_follow_the_page() -> None:
-    figure = Drawing()
-    panel = figure.subplots()
-    for row, grey in enumerate(("0.965", "0.92", "0.15", "1.0")):
-        panel.axhspan(row, row + 1, color=grey)
-    panel.axhspan(5, 6, color="#0072b2")
-    made = str(inline_svg(Picture("x", "X", "It.", figure, (), ()), "f0"))
-    for name in ("raised", "faint", "ink", "paper"):
-        assert f"fill: var(--{name})" in made
-    assert "#0072b2" in made
-    assert not re.search(r"#([0-9a-f]{2})\1\1\b", made), "no grey that is bright in the dark"
-
-
-def test_lines_stand_as_they_are_on_a_page() -> None:
-    section = Section("k", "T", (Detail((Lines("a <b>\n  c"),)), Table([Column("", str)], [])))
-    assert "<pre>a &lt;b&gt;\n  c</pre>" in Writer.fresh().section(section)

@@ -256,7 +256,7 @@ def page_template() -> Template:
     folder = Path(__file__).parent / "templates"
     made = Environment(
         loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        trim_blocks=True, lstrip_blocks=True
     )  # fmt: skip
     made.filters["short"] = short
     made.globals["style"] = Markup((folder / "page.css").read_text("utf-8"))  # noqa: S704

@@ -31,11 +31,7 @@ _json_option = click.option(
     help="Write the result as JSON. Use - for standard output.",
 )
 _figures_option = click.option(
-    "--figures",
-    "folder",
-    metavar="FOLDER",
-    type=PATH,
-    help="Write figures as SVG.",
+    "--figures", "folder", metavar="FOLDER", type=PATH, help="Write figures as SVG."
 )
 _seed_option = click.option(
     "--seed",
@@ -104,13 +100,7 @@ def faults_in(
     file: Path, *, effects_of: Path | None = None, readings_of: Path | None = None
 ) -> Iterator[None]:
     """Name the file that a fault lies in, those of the model's effects and of the readings apart."""
-    from calib.errors import (
-        CalibError,
-        EffectCannotAct,
-        ImplausibleData,
-        InputError,
-        UnknownEffect,
-    )
+    from calib.errors import CalibError, EffectCannotAct, ImplausibleData, InputError, UnknownEffect
 
     try:
         yield

@@ -134,7 +134,7 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         raise TypeError(f"{value} stands in a template without a rule of rounding")
-    text = "-" if value is None else " ".join(str(value).split())
+    text = "-" if value is None else re.sub(r"\s+", " ", str(value))
     return Markup(_SPECIAL.sub(r"\\\1", text))  # noqa: S704
 
 
@@ -256,7 +256,7 @@ def page_template() -> Template:
     folder = Path(__file__).parent / "templates"
     made = Environment(
         loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        trim_blocks=True, lstrip_blocks=True
     )  # fmt: skip
     made.filters["short"] = short
     made.globals["style"] = Markup((folder / "page.css").read_text("utf-8"))  # noqa: S704
@@ -264,10 +264,11 @@ def page_template() -> Template:
 
 
 def html(text: str) -> Markup:
-    """Markdown as HTML; wide tables scroll in a box of their own."""
+    """Markdown as HTML; wide tables scroll in a box, and long names in them may break."""
     from markdown_it import MarkdownIt
 
     made = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
     box = '<div class="wide" tabindex="0" role="region" aria-label="table"><table>'
+    made = re.sub(r"(?<=<td>)[^<]*", lambda cell: cell[0].replace("_", "_<wbr>"), made)
     made = made.replace("<table>", box).replace("</table>", "</table></div>")
     return Markup(made)  # noqa: S704 - every value in it was escaped

@@ -113,7 +113,7 @@ def identify(
     ):
         found = calib.identify(
             cell, data, heldout=session.held.heldout, approach=approach, method=method,
-            weighting=weighting, length=length_mm * 1e-3,
+            weighting=weighting, length=length_mm * 1e-3
         )  # fmt: skip
     of_pose = approach == "pose"
     result = IdentifyResult.of(

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from calib import Cell, Measurements, Poses
+    from calib import Cell, Measurements
 
 
 class HeldOut(NamedTuple):
@@ -85,18 +84,6 @@ class MeasuredTable:
     def read(self) -> list[Path]:
         """Cell, robot and table."""
         return [self.cell.path, *self.cell.robot_files, self.data_path]
-
-
-_EPOCH = 1e9  # s: times beyond count from 1970
-
-
-def day_of(poses: Poses) -> str | None:
-    """The day on which the first pose was read, where the column time_s counts from 1970."""
-    import numpy as np
-
-    if poses.time is None or not (first := float(np.nanmin(poses.time))) > _EPOCH:
-        return None
-    return datetime.fromtimestamp(first, UTC).date().isoformat()
 
 
 def read_session(cell: Cell, data_path: Path, holdout: str | None, seed: int) -> MeasuredTable:

@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.figures.style import (
-    BLUE,
-    DIM,
-    GREEN,
-    INK,
-    PURPLE,
-    SOFT,
-    Look,
-    dots,
-    panels,
-    styled,
-)
+from studies.figures.style import BLUE, DIM, GREEN, INK, PURPLE, SOFT, Look, dots, panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +47,7 @@ def arm(cell: Cell, q: Array) -> Figure:
     height = _WIDTH * (z + y) / (x + y) + 0.5
     figure, every = panels(
         _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
-        gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]},
+        gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]}
     )  # fmt: skip
     names = ("side: x, z [m]", "front: y, z [m]", "above: x, y [m]")
     for panel, view, name in zip(every, (_SIDE, _FRONT, _ABOVE), names, strict=False):
@@ -69,7 +58,7 @@ def arm(cell: Cell, q: Array) -> Figure:
         (left, bottom), (right, top) = view @ low, view @ high
         panel.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         panel.set_title(name, loc="left", fontsize=9)
-        panel.tick_params(labelsize=8)
+        panel.tick_params(labelsize=9)
         panel.locator_params(nbins=5)
     every[3].set_axis_off()
     every[3].legend(*every[0].get_legend_handles_labels(), loc="center left")

@@ -72,7 +72,7 @@ def located_curve(result: DiagnoseResult, curve: ErrorCurve) -> Figure:  # noqa:
     down = -(-len(curve.panels) // across)
     figure, every = panels(
         PANEL if across == 1 else 9.6, 1.0 + (3.0 if down == 1 else 2.4) * down, down, across,
-        sharex=True,
+        sharex=True
     )  # fmt: skip
     for panel, shown in zip(every, curve.panels, strict=False):
         panel.axhline(0.0, color=SOFT, linewidth=0.8)
@@ -103,7 +103,7 @@ def _fitted(panel: Axes, curve: ErrorCurve, shown: CurvePanel) -> None:
     if curve.levels:
         panel.errorbar(
             grid, value, half, color=BLUE, marker="s", markersize=7.0, linestyle="", capsize=7.0,
-            label="fitted freely, 95 % interval",
+            label="fitted freely, 95 % interval"
         )  # fmt: skip
         return
     panel.fill_between(grid, value - half, value + half, color=BLUE, alpha=0.22, linewidth=0.0)

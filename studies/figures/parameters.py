@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from studies.results.identify import IdentifyResult
 
 _Series: TypeAlias = Mapping[Look, Sequence[float | None]]
-_ONE_COLUMN = 24  # more parameters stand in two columns
+_ONE_COLUMN = 45  # more parameters stand in two columns
 _ACROSS = 3  # panels of pairs
 _RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal variables
 _SIZE = Look("size of the value", BLUE, "o")

@@ -34,6 +34,7 @@ _NAME = 40  # letters of a name beside an axis
 _LETTER = 0.13  # inch, with the room about it
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Arial"],
     "font.size": 10,
     "axes.titlesize": 10,
     "axes.edgecolor": SOFT,
@@ -95,7 +96,7 @@ def dots(panel: Axes, x: Any, y: Any, look: Look, **more: Any) -> None:
     """Points of one look; many become a picture within the SVG."""
     panel.plot(
         x, y, color=look.color, marker=look.marker, linestyle="", label=look.label,
-        rasterized=len(x) > _VECTOR, **more,
+        rasterized=len(x) > _VECTOR, **more
     )  # fmt: skip
 
 

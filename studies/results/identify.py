@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 _TOGETHER = 0.9  # correlation that is listed
 _LENS_IN_PX = 4  # values of a lens in pixels, the first
 _AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
-_PARTS = ("nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed")
 Part = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
@@ -184,30 +183,24 @@ class ErrorFigures(Entry):
         everywhere where no reading is a length
     """
 
-    nominal: NotNegative | None
-    fitted_all: NotNegative | None
-    fitted: NotNegative | None
-    heldout: NotNegative | None
-    heldout_trimmed: NotNegative | None
-
-    @classmethod
-    def of(cls, found: Identification, statistic: Callable[[Array], float]) -> Self:
-        """The statistic of each part."""
-        known = found.distances if found.fit.channels.metric else {}
-        figures = {key: statistic(d) * MM for key, d in known.items() if len(d)}
-        return cls(**{key: figures.get(key) for key in _PARTS})
-
-
-class InstrumentErrors(Entry):
-    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
-
-    instrument: str
-    unit: Unit
     nominal: NotNegative | None = None
     fitted_all: NotNegative | None = None
     fitted: NotNegative | None = None
     heldout: NotNegative | None = None
     heldout_trimmed: NotNegative | None = None
+
+    @classmethod
+    def of(cls, found: Identification, statistic: Callable[[Array], float]) -> Self:
+        """The statistic of each part."""
+        known = found.distances if found.fit.channels.metric else {}
+        return cls(**{key: statistic(d) * MM for key, d in known.items() if len(d)})
+
+
+class InstrumentErrors(ErrorFigures):
+    """RMS of an instrument's errors in one unit: lengths in space, and of whole poses their turns."""
+
+    instrument: str
+    unit: Unit
 
 
 class PairErrors(Entry):
@@ -601,18 +594,13 @@ class IdentifyResult(Result):
             estimate=Estimated.of(estimate),
         )
 
-    @property
-    def held_out(self) -> bool:
-        """Whether there were poses that took no part."""
-        return any(row.heldout for row in self.residuals)
-
     @cached_property
     def error(self) -> BeforeAfter:
-        """RMS by the nominal and by the identified model, held out where anything was."""
-        return self.error_at(heldout=self.held_out)
+        """RMS by the nominal and by the identified model, held out where anything was.
 
-    def error_at(self, *, heldout: bool) -> BeforeAfter:
-        """In space; where no reading is a length, of the instrument that is predicted worst."""
+        In space; where no reading is a length, of the instrument that is predicted worst.
+        """
+        heldout = any(row.heldout for row in self.residuals)
         rows, unit = [row for row in self.residuals if row.heldout == heldout], "mm"
         if any(row.metric for row in rows):
             rows = [row for row in rows if row.metric]

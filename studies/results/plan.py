@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import groupby
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -25,10 +24,10 @@ from studies.results.base import (
 from studies.results.identify import Unidentifiable
 
 if TYPE_CHECKING:
+    from calib.diagnosis.candidates import Candidate
     from doe.forecast.foresee import Detectability, PowerAnalysis
 
 _INVISIBLE = 1e3  # times the usual size: rounding shows it, not these poses
-_PLACES = 3  # that are worth naming one by one
 Probability = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -129,13 +128,10 @@ class EquivalentCauses(Entry):
 
     members: tuple[Cause, ...]
 
-
-class LimitsByJoint(NamedTuple):
-    """Causes of one kind by joint; parameter : what their sizes are of, with its unit."""
-
-    effect: str
-    parameter: str
-    causes: list[SeenCause | None]
+    @classmethod
+    def of(cls, candidates: Iterable[Candidate]) -> Self:
+        """Causes as one group."""
+        return cls(members=tuple(Cause(effect=c.effect.kind, where=c.where) for c in candidates))
 
 
 class PlanResult(Result):
@@ -183,19 +179,10 @@ class PlanResult(Result):
             sure=SURE,
             approach_derived=poses.approach_derived,
             elastic_assumed=found.assumed and through,
-            unidentifiable=tuple(
-                Unidentifiable(names=own.names, reason=own.reason) for own in found.lost
-            ),
+            unidentifiable=tuple(Unidentifiable(names=o.names, reason=o.reason) for o in found.lost),
             could_not_see=tuple(map(SeenCause.of, found.causes)),
             look_alikes=tuple(LookAlike.each(found)),
-            twins=tuple(
-                EquivalentCauses(
-                    members=tuple(
-                        Cause(effect=seen[i].effect.kind, where=seen[i].where) for i in group
-                    )
-                )
-                for group in found.confounded
-            ),
+            twins=tuple(EquivalentCauses.of(seen[i] for i in group) for group in found.confounded),
             not_asked=tuple(
                 NotAsked(effect=own.effect, reason=own.reason) for own in found.missing
             ),
@@ -211,35 +198,16 @@ class PlanResult(Result):
         return [cause for cause in self.could_not_see if not cause.reason]
 
     @property
-    def elsewhere(self) -> list[SeenCause]:
-        """Those that act at no joint."""
-        return [cause for cause in self.seen if cause.where not in self.joints]
+    def hidden(self) -> list[NotAsked]:
+        """The others, with the reason."""
+        every = self.could_not_see
+        return [NotAsked(effect=own.key, reason=own.reason) for own in every if own.reason]
 
-    @property
-    def by_joint(self) -> Iterator[LimitsByJoint]:
-        """Every kind of which a cause is seen at a joint."""
-        for effect, group in groupby(self.could_not_see, key=lambda cause: cause.effect):
-            own = {cause.where: cause for cause in group if cause.where in self.joints}
-            seen = [cause for cause in own.values() if not cause.reason]
-            if seen:
-                names, units = {c.parameter for c in seen}, {c.unit for c in seen}
-                many = max(len(c.parameters) for c in seen)
-                what = names.pop() if len(names) == 1 else f"best of {many}"
-                unit = units.pop() if len(units) == 1 else "by joint"
-                yield LimitsByJoint(effect, f"{what} [{unit}]", [own.get(j) for j in self.joints])
-
-    @property
-    def reasons(self) -> dict[str, list[str]]:
-        """Reason -> causes that are hidden by it, and those that were not tried."""
-        found: dict[str, list[str]] = {}
-        hidden = [(cause.key, cause.reason) for cause in self.could_not_see if cause.reason]
-        parts = (
-            (n.effect, n.reason, n.reason.partition(" cannot act: ")[2]) for n in self.not_asked
-        )
-        untried = [(effect, short or reason) for effect, reason, short in parts]
-        for key, reason in (*hidden, *untried):
-            found.setdefault(reason, []).append(key)
-        return {reason: gathered(keys) for reason, keys in found.items()}
+    def at_joints(self, effect: str) -> list[SeenCause | None]:
+        """What is seen of an effect at each joint; nothing where it is seen at none."""
+        own = {cause.where: cause for cause in self.could_not_see if cause.effect == effect}
+        causes = [own.get(joint) for joint in self.joints]
+        return causes if any(cause and not cause.reason for cause in causes) else []
 
     @property
     def pairs(self) -> list[LookAlike]:
@@ -251,20 +219,3 @@ class PlanResult(Result):
             if not any(both <= group for group in groups):
                 once.setdefault(both, pair)
         return list(once.values())
-
-
-def gathered(keys: Sequence[str]) -> list[str]:
-    """``effect:where,where`` of each effect, or the number of its places where they are many.
-
-    >>> gathered(["backlash:A1", "backlash:A2", "payload:payload"])
-    ['backlash:A1,A2', 'payload:payload']
-    """
-    found: dict[str, list[str]] = {}
-    for effect, _, where in (key.partition(":") for key in keys):
-        found.setdefault(effect, []).append(where)
-    return [
-        f"{effect} at {len(places)} places"
-        if len(places) > _PLACES
-        else f"{effect}:{','.join(places)}"
-        for effect, places in found.items()
-    ]

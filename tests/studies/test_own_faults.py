@@ -25,8 +25,8 @@ def misshapen(*_: Any, **__: Any) -> Any:
     ("name", "function", "fault"),
     [
         ("enough", "studies.enough.telling.told", misspelt),
-        ("identified", "studies.identify.telling.told", misspelt),
-        ("identified", "studies.identify.telling.by_pose", misshapen),
+        ("identified", "studies.render.markdown", misspelt),
+        ("identified", "studies.figures.errors_by_pose", misshapen),
         ("sight", "studies.plan.telling.told", misshapen),
     ],
 )

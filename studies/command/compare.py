@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, progress_bar
+from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
     PATH,
     cell_argument,
@@ -60,7 +60,7 @@ def compare(
     with (
         faults_in(cell_path, effects_of=cell_path),
         engine(workers or several, scheduler) as executor,
-        progress_bar(trials * len(plans), "simulated experiments") as progress,
+        working("simulated experiments", total=trials * len(plans)) as progress,
     ):
         found = compared(cell, plans, trials, seed=seed, executor=executor, progress=progress)
     deliver(

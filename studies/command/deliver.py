@@ -6,12 +6,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
     from studies.results.base import Result
+
+_SHORT = 3.0  # s: what is over by then needs no forecast
 
 
 def deliver(
@@ -30,42 +32,27 @@ def deliver(
 
     Raises InputError where something cannot be written; then nothing is.
     """
-    from calib.files.write import write_files
-    from studies.render import figures, markdown, print_markdown
+    from calib.errors import plain_line
+    from calib.files.write import make_folder, write_files
+    from studies.render import figures, markdown, plural, print_markdown
 
-    warn(tuple(dict.fromkeys((*warnings, *result.warnings))))
-    text, piped = markdown(result), json_path == "-"
-    texts: dict[Path, str | bytes] = {}
-    if json_path is not None and not piped:
-        texts[Path(json_path)] = result.dumps()
-    texts |= files or {}
+    for warning in dict.fromkeys((*warnings, *result.warnings)):
+        click.echo(f"warning: {plain_line(warning)}", err=True)
+    text, piped, json = markdown(result), json_path == "-", output_file(json_path)
+    texts = {**({json: result.dumps()} if json else {}), **(files or {})}
+    drawn: dict[Path, str | bytes] = {}
     if folder is not None:
-        _make(folder)
-        texts |= figures(result, folder)
-    write_files(texts)
+        make_folder(folder)
+        drawn = figures(result, folder)
+    write_files(texts | drawn)
     if piped:
         click.echo(result.dumps(), nl=False)
     print_markdown(text, stderr=piped)
-    say_written(texts, folder, json_path)
-    for note in notes:
-        click.echo(note, err=piped)
-
-
-def _make(folder: Path) -> None:
-    from calib.errors import InputError
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
-
-
-def warn(messages: tuple[str, ...]) -> None:
-    """Print what a reader should know, on standard error."""
-    from calib.errors import plain_line
-
-    for message in messages:
-        click.echo(f"warning: {plain_line(message)}", err=True)
+    written = [f"wrote {path}" for path in texts]
+    if folder is not None:
+        written.append(f"wrote {plural(len(drawn), 'figure')} to {folder} as .svg")
+    for line in (*written, *notes):
+        click.echo(line, err=piped)
 
 
 def check_outputs(
@@ -101,44 +88,13 @@ def output_file(json_path: str | None) -> Path | None:
     return None if json_path in (None, "-") else Path(str(json_path))
 
 
-def say_written(
-    written: Mapping[Path, str | bytes], folder: Path | None, json_path: str | None
-) -> None:
-    """Name the files, those of the figures together."""
-    own = [path for path in written if path.parent != folder]
-    for path in own:
-        click.echo(f"wrote {path}", err=json_path == "-")
-    if folder is not None:
-        count = len({path.stem for path in written if path.parent == folder})
-        figures = f"{count} figure{'s' * (count != 1)}"
-        click.echo(
-            f"wrote {figures} to {folder} as .svg",
-            err=json_path == "-",
-        )
-
-
-_SHORT = 3.0  # s: what is over by then needs no forecast
-
-
 @contextmanager
-def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """A bar on a terminal's standard error, to be told how many more are done; nothing elsewhere."""
-    if not sys.stderr.isatty() or not total:
-        yield lambda _: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
+def working(what: str, seconds: float = 0.0, total: int = 0) -> Iterator[Callable[[int], None]]:
+    """A sign on a terminal's standard error that work goes on; nothing elsewhere.
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, advance=done)
+    seconds : how long it may take, stated where that is long; total : of what is counted, for a bar
 
-
-@contextmanager
-def working(what: str, seconds: float = 0.0) -> Iterator[Callable[[str], None]]:
-    """A sign on a terminal's standard error that work goes on, to be told what is done now.
-
-    seconds : how long it may take, told where that is long
+    Yields what is called with the number of those just done.
     """
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -147,10 +103,11 @@ def working(what: str, seconds: float = 0.0) -> Iterator[Callable[[str], None]]:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     about = f", about {_duration(seconds)}" if seconds > _SHORT else ""
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    own: Any = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = () if total else own
     with Progress(*columns, console=Console(stderr=True), transient=True) as sign:
-        task = sign.add_task(f"{what}{about}", total=None)
-        yield lambda now: sign.update(task, description=f"{what}{about}: {now}")
+        task = sign.add_task(f"{what}{about}", total=total or None)
+        yield lambda done: sign.update(task, advance=done)
 
 
 def _duration(seconds: float) -> str:

@@ -104,8 +104,3 @@ class ChangesResult(Result):
             tolerance_mm=tolerance_mm,
             verdict=None if tolerance_mm is None else verdict(worst, tolerance_mm / MM),
         )  # fmt: skip
-
-    @property
-    def surest(self) -> list[ChangedParameter]:
-        """The parameters, those whose change is least by chance first."""
-        return sorted(self.parameters, key=lambda p: 2.0 if p.family_p is None else p.family_p)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -23,7 +22,6 @@ from studies.results.parts import JointValues, joint_values
 if TYPE_CHECKING:
     from calib import Cell, Compensation
 
-_COUNTS = 0.5  # of what is expected: less of it is not worth a sentence
 _MRAD = 1e3
 
 
@@ -89,25 +87,17 @@ class CompensateResult(Result):
         from doe.constraints import broken_at
 
         robot, error, names = cell.robot, found.error, found.targets.names
-        errors = {
-            "before": found.before,
-            "left": found.left,
-            "expected": found.expected,
-            "from_parameters": error.parameters,
-            "scatter": error.arm,
-            "unexplained": error.model,
-        }
+        basic = {"before": found.before, "left": found.left, "expected": found.expected}
+        parts = {"scatter": error.arm, "unexplained": error.model}
+        errors = {**basic, "from_parameters": error.parameters, **parts}
         reasons = sorted({*found.limited_by} - {""})
-        basic = {name: errors[name] * MM for name in CorrectedErrors.model_fields}
         return cls(
             **made_from,
             warnings=found.notes,
             errors_at="markers" if found.at == "markers" else "tip",
             rms_mm=RmsErrors(**{name: found.rms(own) * MM for name, own in errors.items()}),
-            p95_mm=CorrectedErrors(
-                **{k: float(np.quantile(own, 0.95)) for k, own in basic.items()}
-            ),
-            max_mm=CorrectedErrors(**{k: float(np.max(own)) for k, own in basic.items()}),
+            p95_mm=CorrectedErrors(**{k: np.quantile(own, 0.95) * MM for k, own in basic.items()}),
+            max_mm=CorrectedErrors(**{k: np.max(own) * MM for k, own in basic.items()}),
             unexplained_from=error.estimate.discrepancy.source,
             scatter_of="undecided" if error.estimate.configuration_of == "undecided" else "arm",
             limited={reason: found.limited_by.count(reason) for reason in reasons},
@@ -134,13 +124,3 @@ class CompensateResult(Result):
         """At the targets, by nominal commands and as expected by the corrected ones."""
         of = "RMS error at the targets, expected after correction"
         return BeforeAfter(self.rms_mm.before, self.rms_mm.expected, of)
-
-    def counts(self, part: float) -> bool:
-        """Whether a part of the expected error, mm, is worth a sentence."""
-        rms = self.rms_mm
-        return part > _COUNTS * math.hypot(rms.from_parameters, rms.scatter, rms.unexplained)
-
-    @property
-    def partly(self) -> list[CorrectedTarget]:
-        """Targets that no command reaches, those that are missed most first."""
-        return sorted((t for t in self.targets if t.limited_by), key=lambda t: -t.left_mm)

@@ -22,8 +22,12 @@ from studies.results.base import (
 from studies.results.parts import JointValues, ParameterStd, joint_values
 
 if TYPE_CHECKING:
-    from doe import Design
+    from calib.arrays import Array
+    from doe import Design, plan
     from doe.assess import Assessment
+    from doe.day import PlannedDay
+    from doe.plan import Rival
+    from doe.visiting import Reapproaches
 
 
 class BeforePolish(Entry):
@@ -81,13 +85,9 @@ class PlanAccuracy(Entry):
 
 def _accuracy(judged: Assessment) -> dict[str, Any]:
     """The fields of :class:`PlanAccuracy`."""
-    return {
-        "task_rms_mm": judged.task_rms * MM,
-        "task_worst_mm": judged.task_worst * MM,
-        "determinant": judged.determinant,
-        "trace": judged.trace,
-        "observability": judged.observability,
-    }
+    same = {name: getattr(judged, name) for name in ("determinant", "trace", "observability")}
+    errors = {"task_rms_mm": judged.task_rms * MM, "task_worst_mm": judged.task_worst * MM}
+    return {**same, **errors}
 
 
 class LossOfPose(Entry):
@@ -107,11 +107,10 @@ class Survives(Entry):
     def of(cls, found: Design) -> Self:
         """The losses of a design."""
         judged, without = found.assessment, found.assessment.without_pose
+        worst = found.poses.names[int(without.argmax())] if len(without) else None
+        rms = float(without.max(initial=0.0)) * MM
         return cls(
-            loss_of_pose=LossOfPose(
-                worst=found.poses.names[int(without.argmax())] if len(without) else None,
-                task_rms_mm=float(without.max(initial=0.0)) * MM,
-            ),
+            loss_of_pose=LossOfPose(worst=worst, task_rms_mm=rms),
             loss_of_marker={name: rms * MM for name, rms in judged.without_marker.items()},
         )
 
@@ -141,6 +140,15 @@ class RepeatVisits(Entry):
     repeatability_relative_std: RelativeStd
     asked: bool
 
+    @classmethod
+    def of(cls, found: Reapproaches) -> Self:
+        """The repeat visits of a plan."""
+        std = RelativeStd.model_validate(found, from_attributes=True)
+        return cls(
+            poses=found.poses, again=found.again, dof=found.dof, repeatability_relative_std=std,
+            asked=found.asked,
+        )  # fmt: skip
+
 
 class RivalPlan(PlanAccuracy):
     """A plan judged by the same bound; std : of each parameter, in its unit."""
@@ -150,6 +158,14 @@ class RivalPlan(PlanAccuracy):
     efficiency: Maybe
     std: tuple[Maybe, ...]
 
+    @classmethod
+    def of(cls, rival: Rival, units: Array) -> Self:
+        """A plan; units : ndarray, shape (p,), one unit of each parameter in SI."""
+        own = rival.assessment
+        std = tuple((own.std / units).tolist())
+        accuracy, share = _accuracy(own), rival.efficiency
+        return cls(**accuracy, poses=rival.poses, value=own.value, efficiency=share, std=std)
+
 
 class CurveStep(Entry):
     """The best plan found of so many poses."""
@@ -158,6 +174,12 @@ class CurveStep(Entry):
     value: Maybe
     task_rms_mm: MaybePositive
     efficiency: Maybe
+
+    @classmethod
+    def of(cls, step: plan.CurveStep) -> Self:
+        """A step of a curve."""
+        own, rms = step.efficiency, step.task_rms * MM
+        return cls(poses=step.poses, value=step.value, task_rms_mm=rms, efficiency=own)
 
 
 class DayTimes(Entry):
@@ -172,6 +194,17 @@ class DayTimes(Entry):
     moving_s: Maybe
     standing_s: NotNegative
     speedless: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, day: PlannedDay) -> Self:
+        """The day of a plan."""
+        return cls(
+            speed_percent=day.cell.pace.speed * 100.0,
+            seconds=day.seconds,
+            moving_s=day.moving,
+            standing_s=day.standing,
+            speedless=day.speedless,
+        )
 
 
 class DesignResult(Result, PlanAccuracy):
@@ -214,7 +247,7 @@ class DesignResult(Result, PlanAccuracy):
         from doe.curve import poses_that_match, stops_paying
         from doe.day import travel
 
-        problem, judged, again, day = found.problem, found.assessment, found.reapproaches, found.day
+        problem, judged, again = found.problem, found.assessment, found.reapproaches
         cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed
         robot, parameters = cell.robot, problem.model.parameters
         units = np.array([p.scale for p in parameters])
@@ -238,42 +271,13 @@ class DesignResult(Result, PlanAccuracy):
             predicted_std=ParameterStd.known(parameters, judged.std),
             targets=cell.targets_in_words,
             survives=Survives.of(found),
-            candidates=CandidateCounts(
-                drawn=found.candidates.drawn,
-                feasible=found.candidates.feasible,
-                removed_by=found.candidates.removed_by,
-            ),
+            candidates=CandidateCounts.model_validate(found.candidates, from_attributes=True),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
-            reapproaches=None
-            if again is None
-            else RepeatVisits(
-                poses=again.poses,
-                again=again.again,
-                dof=again.dof,
-                repeatability_relative_std=RelativeStd(
-                    common=again.common, translation=again.translation, rotation=again.rotation
-                ),
-                asked=again.asked,
-            ),
+            reapproaches=None if again is None else RepeatVisits.of(again),
             extends=None if fixed is None else len(fixed),
-            against={
-                name: RivalPlan(
-                    **_accuracy(rival.assessment),
-                    poses=rival.poses,
-                    value=rival.assessment.value,
-                    efficiency=rival.efficiency,
-                    std=tuple((rival.assessment.std / units).tolist()),
-                )
-                for name, rival in found.rivals.items()
-            },
-            curve=tuple(
-                CurveStep(
-                    poses=step.poses, value=step.value, task_rms_mm=step.task_rms * MM,
-                    efficiency=step.efficiency,
-                )
-                for step in found.curve
-            ),
+            against={name: RivalPlan.of(rival, units) for name, rival in found.rivals.items()},
+            curve=tuple(map(CurveStep.of, found.curve)),
             notes=found.notes,
             granted=found.granted,
             seconds=sum(found.seconds.values()),
@@ -281,25 +285,13 @@ class DesignResult(Result, PlanAccuracy):
             pays_until=stops_paying(counts, errors),
             matches=poses_that_match(found.curve, found) if found.curve else {},
             unchecked=unchecked(cell),
-            day=DayTimes(
-                speed_percent=cell.pace.speed * 100.0,
-                seconds=day.seconds,
-                moving_s=day.moving,
-                standing_s=day.standing,
-                speedless=day.speedless,
-            ),
-        )  # fmt: skip
+            day=DayTimes.of(found.day),
+        )
 
     @property
     def chosen(self) -> int:
         """Poses that differ from each other."""
         return len(self.poses) - (0 if self.reapproaches is None else len(self.reapproaches.again))
-
-    @property
-    def travel(self) -> list[str]:
-        """The travel of joints that turn and of joints that slide."""
-        turned, slid = self.joint_travel_deg, self.joint_travel_mm
-        return [f"{turned:.0f} deg"] * bool(turned or not slid) + [f"{slid:.0f} mm"] * bool(slid)
 
 
 def shown_levels(found: Design) -> list[float]:

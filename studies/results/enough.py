@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from studies.results.base import (
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from doe.forecast.accuracy import ForecastStep
 
 _HOUR = 3600.0  # s
-_COUNTS = 0.5  # of what is expected: less of it is not worth a sentence
-_WEAKEST = 5  # parameters that are listed
 
 
 class NoiseSoFar(Entry):
@@ -90,13 +86,6 @@ class LastingError(Entry):
             targets_after_h=None if own.after is None else own.after / _HOUR,
             seen=seen,
         )
-
-    @property
-    def cause(self) -> Literal["chance", "model", "arm", "undecided"]:
-        """Of what the largest part is."""
-        if self.scatter_mm > self.unexplained_mm:
-            return self.scatter_of
-        return "model" if self.unexplained_surely or not self.unexplained_mm else "chance"
 
 
 class PlanProgress(Entry):
@@ -210,33 +199,9 @@ class EnoughResult(Result):
             return None
         judged = None
         if self.goal_mm is not None:
-            goal, reached = f"goal {self.goal_mm:g} mm", self.poses_to_goal == 0
-            passed = Judgement("pass", goal, "Enough")
-            judged = passed if reached else Judgement("fail", goal, "Not enough yet")
+            goal = f"goal {self.goal_mm:g} mm"
+            judged = Judgement("fail", goal, "Not enough yet")
+            if self.poses_to_goal == 0:
+                judged = Judgement("pass", goal, "Enough")
         of, ends = "RMS error expected at the targets", ("now", "after all planned poses")
         return BeforeAfter(now, end, of, ends=ends, judged=judged)
-
-    @property
-    def gains(self) -> list[float | None]:
-        """By which share each pose of the order lowers the expected error."""
-        values = [step.task_rms_mm for step in (self.now, *self.order)]
-        return [None if not a or b is None else 1.0 - b / a for a, b in pairwise(values)]
-
-    @property
-    def systematic_mm(self) -> float:
-        """What the model surely lacks, where it is worth a sentence, else zero."""
-        lacking = self.lacking
-        said = self.goal_beyond_reach and lacking.unexplained_mm >= lacking.scatter_mm
-        worth = lacking.unexplained_mm > _COUNTS * (self.now.task_rms_mm or 0.0)
-        return lacking.unexplained_mm if worth and lacking.unexplained_surely and not said else 0.0
-
-    @property
-    def weakest(self) -> list[tuple[KnownParameter, KnownParameter]]:
-        """Robot parameters that are known worst against the size of such errors: now, at the end."""
-        both = zip(self.now.parameters, self.end.parameters, strict=True)
-        robot = [own for own in both if not own[0].placed]
-        return sorted(robot, key=lambda own: -_open_first(own[0].share))[:_WEAKEST]
-
-
-def _open_first(share: float | None) -> float:
-    return math.inf if share is None else share

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from studies.results.base import Entry, Maybe, Number
 
 if TYPE_CHECKING:
@@ -41,16 +39,6 @@ def joint_values(robot: Robot, q: Array, prefix: str = "") -> dict[str, Any]:
     return values
 
 
-def read_joints(robot: Robot, entry: JointValues) -> Array:
-    """Joint values, shape (n,), rad or m, of an entry."""
-    return np.array(
-        [
-            entry.joints_mm[joint] * 1e-3 if slides else math.radians(entry.joints_deg[joint])
-            for joint, slides in zip(robot.joints, robot.prismatic, strict=True)
-        ]
-    )
-
-
 class NamedParameter(Entry):
     """A parameter by its name."""
 
@@ -67,15 +55,9 @@ class NamedParameter(Entry):
     @classmethod
     def each(cls, parameters: Sequence[Parameter], **columns: Iterable[Any]) -> tuple[Self, ...]:
         """Every parameter; columns : further fields, a value each."""
-        rows = zip(*columns.values(), strict=True)
+        rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return tuple(
-            cls(
-                id=p.id,
-                effect=p.effect,
-                where=p.where,
-                name=p.name,
-                **dict(zip(columns, row, strict=True)),
-            )
+            cls(id=p.id, effect=p.effect, where=p.where, name=p.name, **row)
             for p, row in zip(parameters, rows, strict=True)
         )
 

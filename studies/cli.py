@@ -14,37 +14,37 @@ from studies.struck import remedy
 
 COMMANDS = {
     "demo": (
-        "demo.command:demo",
+        "command.demo:demo",
         "Run all steps on an example robot; its files can be edited.",
     ),
-    "init": ("init.command:init", "Write a first cell file for your own robot."),
+    "init": ("command.init:init", "Write a first cell file for your own robot."),
     "design": (
-        "design.command:design",
+        "command.design:design",
         "Choose the poses to measure, and prove how good they are.",
     ),
-    "compare": ("compare.command:compare", "Predict and simulate the accuracy of a plan."),
+    "compare": ("command.compare:compare", "Predict and simulate the accuracy of a plan."),
     "program": (
-        "programs.command:program",
+        "command.program:program",
         "Write a plan as a robot program (KUKA, UR, ABB, FANUC).",
     ),
     "import": (
-        "imports.command:import_",
+        "command.import_:import_",
         "Join measured points with the joints of their poses.",
     ),
-    "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
+    "enough": ("command.enough:enough", "Say whether the measured poses are enough."),
     "identify": (
         "command.identify:identify",
         "Identify the model's parameters from measured points.",
     ),
     "diagnose": ("command.diagnose:diagnose", "Find the causes of the remaining error."),
     "compensate": (
-        "compensate.command:compensate",
+        "command.compensate:compensate",
         "Correct commands, so that the real arm reaches its targets.",
     ),
-    "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
+    "changes": ("command.changes:changes", "Say what moved between two results of one robot."),
     "report": ("command.report:report", "Write one page of results, to hand on."),
-    "schema": ("explain.command:schema", "Print the JSON Schema of a result."),
-    "explain": ("explain.command:explain", "Explain words, keys, columns and effects."),
+    "schema": ("command.explain:schema", "Print the JSON Schema of a result."),
+    "explain": ("command.explain:explain", "Explain words, keys, columns and effects."),
 }
 """Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
 
@@ -101,7 +101,7 @@ _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
     cls=_OnCall,
     context_settings=_SETTINGS,
     commands={name: click.Command(name, short_help=short) for name, (_, short) in COMMANDS.items()},
-    epilog="posecal explain lists topics. posecal schema KIND prints the JSON Schema of a result.",
+    epilog="posecal explain lists pages. posecal schema KIND prints the JSON Schema of a result.",
 )
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:

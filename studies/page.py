@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from calib import Cell, Measurements
     from calib.arrays import Array
-    from studies.record import Record
     from studies.results.base import Result
 
 _ORDER = ("identify", "diagnose", "compensate", "enough", "changes", "compare", "design", "plan")
@@ -53,7 +52,7 @@ class Reported:
     """A result file: its content, and its inputs, the cell first."""
 
     path: Path
-    result: Result | Record
+    result: Result
     inputs: tuple[Input, ...]
 
 
@@ -116,25 +115,10 @@ def report_page(
 
 
 def _said(
-    result: Result | Record, draw: render.Draw, variables: render.Variables | None
+    result: Result, draw: render.Draw, variables: render.Variables | None
 ) -> tuple[str, str, str]:
     """Answer, what to do next, and all else, as Markdown."""
-    from studies.results.base import Result
-
-    if isinstance(result, Result):
-        text = render.markdown(result, page=True, draw=draw, variables=variables)
-        return render.parts(text)
-    from rich.console import Console
-
-    from studies.document.terminal import terminal
-    from studies.kinds import tell
-
-    console = Console(width=100)
-    with console.capture() as held:
-        for part in terminal(tell(result)):
-            console.print(part)
-    answer, _, body = held.get().partition("\n\n")
-    return str(render.plain(answer)), "", f"```\n{body.replace('```', '')}\n```\n"
+    return render.parts(render.markdown(result, page=True, draw=draw, variables=variables))
 
 
 def _place(kind: str) -> int:

@@ -6,22 +6,16 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from studies.record import Record
     from studies.results.base import Result
 
 
-_WIDTH = 120  # of tables in files and pipes
-
-
 def deliver(
-    result: Result | Record,
+    result: Result,
     json_path: str | None,
     folder: Path | None = None,
     files: Mapping[Path, str | bytes] | None = None,
@@ -37,11 +31,6 @@ def deliver(
     Raises InputError where something cannot be written; then nothing is.
     """
     from calib.files.write import write_files
-    from studies.results.base import Result
-
-    if not isinstance(result, Result):
-        _deliver_record(result, json_path, folder, files, warnings)
-        return
     from studies.render import figures, markdown, print_markdown
 
     warn(tuple(dict.fromkeys((*warnings, *result.warnings))))
@@ -69,58 +58,6 @@ def _make(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, "", f"cannot be made ({error.strerror})", "name another") from None
-
-
-def _deliver_record(
-    record: Record,
-    json_path: str | None,
-    folder: Path | None,
-    files: Mapping[Path, str | bytes] | None,
-    warnings: Iterable[str],
-) -> None:
-    """The same of a kind that is not rendered by a template yet."""
-    from calib.files.write import write_files
-    from studies.document import pictures_of
-    from studies.document.terminal import terminal
-    from studies.kinds import tell
-
-    warn(tuple(dict.fromkeys((*warnings, *record.warnings))))
-    told = tell(record)
-    texts: dict[Path, str | bytes] = {}
-    if json_path == "-":
-        click.echo(record.dumps(), nl=False)
-    elif json_path is not None:
-        texts[Path(json_path)] = record.dumps()
-    texts |= files or {}
-    if folder is not None:
-        from studies.plots import style
-
-        _make(folder)
-        for picture in pictures_of(told):
-            texts |= style.files(picture, folder)
-    write_files(texts)
-    show(terminal(told, record.cell), json_path)
-    say_written(texts, folder, json_path)
-
-
-def console_for(json_path: str | None) -> Console:
-    """Where tables go: standard output, or standard error when that carries the JSON."""
-    from rich.console import Console
-
-    # Names are the user's: brackets and colons in them are no markup.
-    console = Console(
-        stderr=json_path == "-", highlight=False, soft_wrap=True, markup=False, emoji=False
-    )
-    if not console.is_terminal:
-        console.width = _WIDTH
-    return console
-
-
-def show(parts: Iterable[Any], json_path: str | None) -> None:
-    """Print tables where they go."""
-    console = console_for(json_path)
-    for part in parts:
-        console.print(part)
 
 
 def warn(messages: tuple[str, ...]) -> None:

@@ -20,7 +20,6 @@ from studies.command.options import (
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
-    from calib import Cell
     from calib.diagnosis import Diagnosis
     from calib.files.cell_out import Extended
 
@@ -68,6 +67,7 @@ def diagnose(
     from calib.errors import InputError
     from calib.files.cell_out import extended_cell
     from calib.threads import one_blas_thread
+    from studies.command.plan import foresee_plan
     from studies.results.base import envelope
     from studies.results.diagnose import DiagnoseResult
 
@@ -77,7 +77,7 @@ def diagnose(
         for name, value in options.items():
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
-        _foresee(cell, data_path, json_path, seed)
+        foresee_plan(cell, data_path, json_path, seed)
         return
     with working(f"reading {data_path.name}"):
         session = read_session(cell, data_path, holdout, seed)
@@ -121,20 +121,3 @@ def _notes(made: Extended, found: Diagnosis) -> Iterator[str]:
     if entries:
         unnamed = ", ".join(f"{own.where} by {own.depends_on}" for own in entries)
         yield f"without {unnamed}; a curve without a name is no effect"
-
-
-def _foresee(cell: Cell, plan_path: Path, json_path: str | None, seed: int) -> None:
-    """What a plan, or the readings of a table without their points, could show."""
-    import calib
-    from calib.files.tables import holds_points
-    from doe.forecast.foresee import foresee
-    from studies.plan.record import plan_record
-    from studies.record import envelope
-
-    inputs = [cell.path, *cell.robot_files, plan_path]
-    check_outputs([output_file(json_path)], inputs)
-    load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
-    plan = load(cell, plan_path)
-    with faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
-        found = foresee(cell, plan)
-    deliver(plan_record(found, envelope(cell.name, inputs, seed)), json_path)

@@ -10,9 +10,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from calib.errors import InputError
 from calib.files.read import read_text, sha256
-from studies.kinds import KINDS, record_type
-from studies.record import InputFile, Record
-from studies.results.base import Result
+from studies.kinds import KINDS, result_type
+from studies.results.base import InputFile, Result
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 _MOST_BYTES = 200_000_000
 _ANEW = "write it anew with this version"
 
-R = TypeVar("R", bound=BaseModel)
+R = TypeVar("R", bound=Result)
 
 
 class _Head(BaseModel):
@@ -38,8 +37,8 @@ class _Head(BaseModel):
         return "plan" if self.command == "diagnose" and self.plan_only else self.command
 
 
-def read(path: Path) -> Record | Result:
-    """The record in a file.
+def read(path: Path) -> Result:
+    """The result in a file.
 
     Raises InputError naming the file and the place in it, also for another schema.
     """
@@ -57,7 +56,7 @@ def read(path: Path) -> Record | Result:
             path, "command", f"{kind[:40]!r} is no kind of result", f"known are {', '.join(KINDS)}"
         )
     try:
-        return record_type(kind).model_validate_json(text)
+        return result_type(kind).model_validate_json(text)
     except ValidationError as error:
         first, *others = error.errors(include_url=False, include_input=False)
         more = f" (and {len(others)} more)" if others else ""
@@ -65,11 +64,11 @@ def read(path: Path) -> Record | Result:
 
 
 def read_as(path: Path, kind: type[R]) -> R:
-    """The record in a file that is known to be of a kind. Raises InputError."""
-    record = read(path)
-    if not isinstance(record, kind):
-        raise InputError(path, "command", f"is {record.command}", "name another result")
-    return record
+    """The result in a file that is known to be of a kind. Raises InputError."""
+    result = read(path)
+    if not isinstance(result, kind):
+        raise InputError(path, "command", f"is {result.command}", "name another result")
+    return result
 
 
 @dataclass(frozen=True)
@@ -110,4 +109,4 @@ def _fault(error: ErrorDetails) -> str:
 
 def json_schema(kind: str) -> dict[str, Any]:
     """The JSON Schema of a kind of result, as it is written."""
-    return record_type(kind).model_json_schema(mode="serialization")
+    return result_type(kind).model_json_schema(mode="serialization")

@@ -14,9 +14,9 @@ from calib.files.write import json_text
 from calib.model.build import build
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
-from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.record import envelope
+from studies.results.base import envelope
+from studies.results.compensate import CompensateResult
 from studies.results.estimate import Estimated
 from tests.fuzz.reader import put
 
@@ -28,7 +28,7 @@ def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
     known = load_estimate(CELL, put(folder, "result.json", content))
     found = calib.compensate(CELL, known, POSES)
-    return compensate_record(CELL, found, envelope(CELL.name, [])).dumps()
+    return CompensateResult.of(CELL, found, envelope(CELL.name, [])).dumps()
 
 
 def _result(command: str, effects: tuple[str, ...]) -> str:

@@ -1,0 +1,151 @@
+"""``posecal init``: a first cell and an empty table for a robot of the user's own."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import PATH, result_options
+
+if TYPE_CHECKING:
+    from calib.arm.robot import Convention, Robot
+    from calib.files.proposal import Proposal
+
+_MARKERS = ((1.0, 0.0, 0.5), (-0.5, 0.87, 0.5), (-0.5, -0.87, 0.5))  # of the circle they stand on
+
+
+@click.command()
+@click.argument("robot_path", metavar="ROBOT", type=PATH)
+@click.option("-o", "--output", "folder", metavar="FOLDER", type=PATH, default=Path(),
+              help="Folder for cell.toml and measurements.csv. Default: this one.")  # fmt: skip
+@click.option("--dh", "convention", type=click.Choice(["classic", "modified"]),
+              help="ROBOT is a DH table in this convention.")  # fmt: skip
+@click.option("--base", metavar="NAME", default="", help="First link or body, if another.")
+@click.option("--tip", "tips", metavar="NAME", multiple=True,
+              help="Last link, body or site, if another. Of several arms: one each.")  # fmt: skip
+@result_options(figures=False, seed=False)
+def init(
+    robot_path: Path,
+    folder: Path,
+    convention: Convention | None,
+    base: str,
+    tips: tuple[str, ...],
+    json_path: str | None,
+) -> None:
+    """Write a commented cell.toml and an empty measurements.csv for a robot.
+
+    ROBOT is a URDF (also as xacro writes it), an MJCF, or a DH table
+    (joint,alpha_deg,a_mm,theta_deg,d_mm).
+
+    You can plan with this cell at once. Rough marker positions and the noise are all that you give;
+    their lines are marked EDIT.
+
+    \b
+    Example:
+      posecal init robot.urdf -o my-cell
+      posecal init pair.urdf --tip right_hand --tip left_hand -o my-cell
+    """
+    import os
+
+    from calib.errors import InputError
+    from calib.files.csv_table import csv_text
+    from calib.files.proposal import propose
+    from calib.files.write import make_folder
+    from calib.files.write_tables import measurement_columns
+    from calib.instruments import Tracker
+    from studies.results.base import envelope
+    from studies.results.init import InitResult
+
+    tip, others = (tips or ("",))[0], tips[1:]
+    found = propose(robot_path, convention, base, tip, others)
+    cell_path, table_path = folder / "cell.toml", folder / "measurements.csv"
+    for path in (cell_path, table_path):
+        if path.exists():
+            raise InputError(path, "", "already exists", "name another folder by -o, or move it")
+    make_folder(folder)
+    check_outputs([cell_path, table_path, output_file(json_path)], found.files)
+    beside = Path(os.path.relpath(robot_path.resolve(), folder.resolve())).as_posix()
+    name = found.robot.name or robot_path.stem
+    header = csv_text(measurement_columns(found.robot, (Tracker(),)), [])
+    texts = {cell_path: cell_text(found, beside, name), table_path: header}
+    result = InitResult.of(found, name, table_path, envelope(str(cell_path), found.files))
+    following = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
+    deliver(result, json_path, files=texts, notes=[following])
+
+
+def cell_text(found: Proposal, robot_file: str, name: str) -> str:
+    """TOML with comments, which loads as it is; robot_file : as seen from the cell."""
+    from jinja2 import Environment
+
+    from calib.arm.repeatability import usual_repeatability
+
+    robot = found.robot
+    usual = usual_repeatability(robot.reach)
+    text = (Path(__file__).parents[1] / "templates" / "cell.toml.j2").read_text(encoding="utf-8")
+    plain = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - is no HTML
+    plain.filters["text"] = json.dumps  # its escapes are those of TOML
+    bends = "a load, payload or wrench bends the arm"
+    if robot.masses.any():
+        bends = "the arm bends under its own weight, payload or load"
+    return plain.from_string(text).render(
+        form=found.form,
+        file=robot_file,
+        name=name,
+        convention=robot.source.convention,
+        base=robot.base,
+        tip=robot.tip,
+        best=rough(1e3 * usual.best),
+        middle=rough(1e3 * usual.middle),
+        worst=rough(1e3 * usual.worst),
+        turn=rough(1e6 * usual.middle / (0.5 * robot.reach)),  # of joints, at half the arm's length
+        limits=list(limits(robot)),
+        markers=list(markers(robot)),
+        bends=bends,
+    )
+
+
+def rough(x: float) -> str:
+    """One digit.
+
+    >>> rough(0.0234)
+    '0.02'
+    """
+    return f"{float(f'{x:.1g}'):g}"
+
+
+def key(name: str) -> str:
+    """A key of TOML."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name)
+
+
+def limits(robot: Robot) -> Iterator[tuple[str, list[str], str]]:
+    """Tables of limits to fill in, for joints that have none; an example where all have some."""
+    import numpy as np
+
+    missing = ~np.isfinite(robot.limits).all(axis=1)
+    tables = (("limits_deg", 180, ~robot.prismatic), ("limits_mm", 1000, robot.prismatic))
+    for table, width, those in tables:
+        joints = [robot.joints[j] for j in np.flatnonzero(missing & those)]
+        if joints:
+            lines = [f"{key(joint)} = [-{width}, {width}]" for joint in joints]
+            yield table, lines, "EDIT: none given; plans use these"
+    if not missing.any():
+        table, width = ("limits_mm", 500) if robot.prismatic[0] else ("limits_deg", 90)
+        line = f"{key(robot.joints[0])} = [-{width}, {width}]"
+        yield table, [line], "narrower than the robot's own, where the cell is"
+
+
+def markers(robot: Robot) -> Iterator[str]:
+    """Three markers on every tip."""
+    size = min(max(round(robot.reach * 1e3 / 20, -1), 20), 150)  # mm
+    for tip in ("", *robot.others):
+        for j, place in enumerate(_MARKERS, 1):
+            at = f"[{', '.join(f'{size * x:g}' for x in place)}]"
+            on = f"{{ position = {at}, on = {json.dumps(tip)} }}"
+            yield f"{key(f'{tip}_{j}')} = {on}" if tip else f"m{j} = {at}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 _ORDER = ("identify", "diagnose", "compensate", "enough", "changes", "compare", "design", "plan")
 """Kinds in the order in which the page shows them; the first that is there is shown open."""
+_DRAWN = ("diagnose",)  # beside the first: figures take most of the time and of the size
 _ADVISES = ("diagnose", "identify", "compensate", "enough", "design")
 _LABELS = {
     "identify": "Identification",
@@ -94,8 +96,13 @@ def report_page(
         arm = Markup(draw(draw_arm(evidence.cell, evidence.q), "arm", caption))  # noqa: S704
     shown = []
     for own in every:
-        variables = _variables(evidence) if own is first else None
-        answer, advice, body = map(render.html, _said(own.result, draw, variables))
+        text = render.markdown(
+            own.result,
+            page=True,
+            draw=draw if own is first or own.result.kind in _DRAWN else None,
+            variables=_variables(evidence) if own is first else None,
+        )
+        answer, advice, body = map(render.html, render.parts(text))
         shown.append((own, _label(own, every), answer, advice, body))
     by_kind = {own.result.kind: advice for own, _, _, advice, _ in reversed(shown)}
     told = {**first.result.about, **_day(evidence), **about}
@@ -114,13 +121,6 @@ def report_page(
     return page, tuple(notes)
 
 
-def _said(
-    result: Result, draw: render.Draw, variables: render.Variables | None
-) -> tuple[str, str, str]:
-    """Answer, what to do next, and all else, as Markdown."""
-    return render.parts(render.markdown(result, page=True, draw=draw, variables=variables))
-
-
 def _place(kind: str) -> int:
     return _ORDER.index(kind) if kind in _ORDER else len(_ORDER)
 
@@ -137,6 +137,7 @@ def _inline(numbers: Iterator[int], figure: Figure, name: str, caption: str) -> 
     drawn = style.svg(figure, f"{name}{next(numbers)}", caption)
     for colour, variable in _COLOURS.items():
         drawn = drawn.replace(colour, variable)
+    drawn = re.sub(r" font-family: [^;]*;", "", drawn)  # that of the page
     width = 96.0 * figure.get_figwidth()
     return (
         f'<figure><div class="drawn" tabindex="0" role="region" aria-label="figure" '

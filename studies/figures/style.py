@@ -178,15 +178,17 @@ def svg(figure: Figure, name: str, description: str = "") -> str:
     text = re.sub("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]", "\N{REPLACEMENT CHARACTER}", text)
     referred = set(re.findall(r"#([\w-]+)", text))
     text = re.sub(r' id="([^"]*)"', lambda own: own[0] if own[1] in referred else "", text)
+    text = re.sub(r' transform="rotate\(-0 [^"]*"', "", text)
     text = re.sub(r' (?:d|x|y|transform)="[^"]*"', _rounded, text)
     text = re.sub(
         r"\n\s*", "\n", text[text.index("<svg") :]
     )  # no blank line: one block of Markdown
+    for _ in range(2):  # groups of one element
+        text = re.sub(r"<g>\n(<[^g/][^\n]*)\n</g>", r"\1", text)
     label = f'<svg role="img" aria-label="{escape(description)}"'
     return text.replace("<svg", label, 1)
 
 
 def _rounded(attribute: re.Match[str]) -> str:
-    """Coordinates to a hundredth of a point."""
-    numbers = re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
-    return " ".join(numbers.split("\n"))
+    """Coordinates to a tenth of a point, lines to one."""
+    return " " + " ".join(re.sub(r"(\.\d)\d+", r"\1", attribute[0]).replace(".0", "").split())

@@ -65,16 +65,16 @@ def _cell(days: dict[Path, IdentifyResult], path: Path | None) -> Cell:
     from calib.files.read import sha256
     from studies.results.read import located
 
-    for file, day in days.items():
-        if not day.estimate.converged:
-            raise InputError(file, "", "did not converge", "mend the identification first")
-    source = located(file, day.inputs[0].file, day.inputs[0].sha256)
+    after = [*days][-1]
+    source = located(after, days[after].inputs[0].file, days[after].inputs[0].sha256)
     path = path or source.path
     if path is None:
         what = f"its cell {source.file} is {source.state}"
-        raise InputError(file, "inputs", what, "give it with --cell")
+        raise InputError(after, "inputs", what, "give it with --cell")
     cell = load_cell(path)
     for file, day in days.items():
+        if not day.estimate.converged:
+            raise InputError(file, "", "did not converge", "mend the identification first")
         for of_robot in cell.robot_files:
             if sha256(of_robot) not in {entry.sha256 for entry in day.inputs}:
                 what = f"was not made with the {cell.robot.source} {of_robot} as it stands"

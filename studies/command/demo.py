@@ -72,8 +72,8 @@ class Demonstration:
         self._keep_what_was_edited()
         self.write({name: embedded_text(own) for name, own in _GIVEN.items()})
         steps = []
-        for number, (title, step) in enumerate(STEPS, 1):
-            say(f"[{number}/{len(STEPS)}] {title}")
+        for number, step in enumerate(STEPS, 1):
+            say(f"[{number}/{len(STEPS)}] {(title := (step.__doc__ or '').rstrip('.'))}")
             start = time.monotonic()
             said = step(self)
             seconds = time.monotonic() - start
@@ -137,20 +137,18 @@ class Demonstration:
 
 
 def plan(way: Demonstration) -> str:
-    """Choose fifteen poses and prove how good they are."""
-    found = way.posecal(
-        "design", "design", "--candidates", "5000", "--against", "table2.csv", "--seed",
-        str(way.seed), _CELL, output=_PLAN,
-    )  # fmt: skip
-    paper = found["against"]["table2.csv"]["efficiency"]
+    """design: which fifteen poses to measure, three at each of five angles of A2."""
+    words = ("--candidates", "5000", "--against", "table2.csv", "--seed", str(way.seed), _CELL)
+    found = way.posecal("design", "design", *words, output=_PLAN)
+    ours, paper = found["efficiency"], found["against"]["table2.csv"]["efficiency"]
     return (
-        f"{len(found['poses'])} poses with a certified efficiency of {100 * found['efficiency']:.0f} % "
-        f"(the paper's Table II: {100 * paper:.0f} %)"
+        f"{len(found['poses'])} poses with a certified efficiency of {100 * ours:.0f} % (the paper's "
+        f"Table II: {100 * paper:.0f} %)"
     )
 
 
 def measure(way: Demonstration) -> str:
-    """Simulate a day of measurement, of the plan and of poses that check the result."""
+    """measure: simulated, free and with 250 kg on the tool."""
     from calib import load_cell, load_plan
     from calib.files.write import json_text
     from calib.files.write_tables import measurements_csv
@@ -158,10 +156,8 @@ def measure(way: Demonstration) -> str:
 
     cell = load_cell(way.folder / _CELL)
     day = session(cell, load_plan(cell, way.folder / _PLAN), way.seed)
-    truth = {
-        p.id: {"value": value / p.scale, "unit": p.unit}
-        for p, value in zip(day.model.parameters, day.values, strict=True)
-    }
+    each = zip(day.model.parameters, day.values, strict=True)
+    truth = {p.id: {"value": value / p.scale, "unit": p.unit} for p, value in each}
     known = {"seed": way.seed, "withheld": day.withheld, "parameters": truth}
     tables = {_DATA: measurements_csv(cell, day.plan), _CHECK: measurements_csv(cell, day.check)}
     way.write({**tables, "truth.json": json_text(known)})
@@ -172,11 +168,9 @@ def measure(way: Demonstration) -> str:
 
 
 def fit(way: Demonstration) -> str:
-    """Identify the cell's model."""
-    found = way.posecal(
-        "identify", "identify", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
-        urdf="kr270_calibrated.urdf",
-    )  # fmt: skip
+    """identify: base, tool, geometry and compliances."""
+    words = ("--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA)
+    found = way.posecal("identify", "identify", *words, urdf="kr270_calibrated.urdf")
     rms, floor = found["rms_mm"], 3.0**0.5 * found["noise"]["believed_sigma_mm"]
     return (
         f"error {rms['nominal']:.2f} mm before, {rms['fitted_all']:.3f} mm after; noise alone leaves "
@@ -185,11 +179,9 @@ def fit(way: Demonstration) -> str:
 
 
 def simulate_both(way: Demonstration) -> str:
-    """Both approaches at the plan and at the paper's, predicted and simulated."""
-    found = way.posecal(
-        "compare", "compare", "--monte-carlo", "100", "--workers", "2", "--seed", str(way.seed),
-        _CELL, _PLAN, "table2.csv",
-    )  # fmt: skip
+    """compare: marker points and full pose, with simulated experiments."""
+    words = ("--monte-carlo", "100", "--workers", "2", "--seed", str(way.seed), _CELL)
+    found = way.posecal("compare", "compare", *words, _PLAN, "table2.csv")
     (plain, *_, ours), (*_, theirs) = (
         [own["task_rms_mm"] for own in plan["approaches"]] for plan in found["plans"]
     )
@@ -200,12 +192,10 @@ def simulate_both(way: Demonstration) -> str:
 
 
 def ask_why(way: Demonstration) -> str:
-    """Find the error that the model lacks."""
+    """diagnose: what the model lacks."""
     way.posecal("foresight", "diagnose", "--plan-only", _CELL, _PLAN)
-    found = way.posecal(
-        "diagnose", "diagnose", "--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA,
-        **{"cell-out": "better_cell.toml"},
-    )  # fmt: skip
+    words = ("--holdout", _CHECK, "--seed", str(way.seed), _CELL, _DATA)
+    found = way.posecal("diagnose", "diagnose", *words, **{"cell-out": "better_cell.toml"})
     gap, causes = found["gap"], (f"{own['effect']}:{own['where']}" for own in found["effects"])
     return (
         f"{found['verdict']}: {', '.join(causes) or 'no cause'}. Held-out poses: "
@@ -215,7 +205,7 @@ def ask_why(way: Demonstration) -> str:
 
 
 def hand_on(way: Demonstration) -> str:
-    """The page for a colleague."""
+    """report: a page for a colleague."""
     names = ("identify", "diagnose", "design", "foresight", "compare")
     instrument = ("--instrument", "simulated tracker, 0.010 mm")
     way.posecal(
@@ -224,11 +214,4 @@ def hand_on(way: Demonstration) -> str:
     return f"{way.folder / 'report.html'}: open it in a browser"
 
 
-STEPS: tuple[tuple[str, Callable[[Demonstration], str]], ...] = (
-    ("design: which fifteen poses to measure, three at each of five angles of A2", plan),
-    ("measure: simulated, free and with 250 kg on the tool", measure),
-    ("identify: base, tool, geometry and compliances", fit),
-    ("compare: marker points and full pose, with simulated experiments", simulate_both),
-    ("diagnose: what the model lacks", ask_why),
-    ("report", hand_on),
-)
+STEPS = (plan, measure, fit, simulate_both, ask_why, hand_on)

@@ -88,23 +88,15 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     text = (Path(__file__).parents[1] / "templates" / "cell.toml.j2").read_text(encoding="utf-8")
     plain = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - is no HTML
     plain.filters["text"] = json.dumps  # its escapes are those of TOML
-    bends = "a load, payload or wrench bends the arm"
-    if robot.masses.any():
-        bends = "the arm bends under its own weight, payload or load"
     return plain.from_string(text).render(
+        robot=robot,
         form=found.form,
         file=robot_file,
         name=name,
-        convention=robot.source.convention,
-        base=robot.base,
-        tip=robot.tip,
-        best=rough(1e3 * usual.best),
-        middle=rough(1e3 * usual.middle),
-        worst=rough(1e3 * usual.worst),
+        usual={key: rough(1e3 * getattr(usual, key)) for key in ("best", "middle", "worst")},
         turn=rough(1e6 * usual.middle / (0.5 * robot.reach)),  # of joints, at half the arm's length
         limits=list(limits(robot)),
         markers=list(markers(robot)),
-        bends=bends,
     )
 
 

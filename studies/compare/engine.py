@@ -16,9 +16,7 @@ _PATIENCE_S = 6
 
 @contextmanager
 def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """An executor that is shut down at the end; None means: in this process.
-
-    workers : int, processes of this machine; scheduler : str, address of a dask scheduler
+    """An executor, shut down at the end; None means: in this process.
 
     Raises InputError where the scheduler cannot be reached, dask is not installed or a worker died.
     """

@@ -130,16 +130,19 @@ class SimulatedExperiment:
         return as_poses(observation, shape, way.weighting, self.length), start
 
 
-def experiment_of(cell: Cell, plan: Poses, *, seed: int = 0) -> SimulatedExperiment:
+def experiment_of(
+    cell: Cell, plan: Poses, *, seed: int = 0, name: str = "the plan"
+) -> SimulatedExperiment:
     """The readings of a plan in a cell; the truth is off by plausible errors, drawn with the seed.
 
-    A load effect shows through compliances only: with one in the model, predictions hold at drawn ones.
+    What some way leaves open is nominal in the truth. A load effect shows through compliances only:
+    with one in the model, predictions hold at drawn compliances.
 
     Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be predicted.
     """
     refuse_unplaced(cell)
     poses = in_turn(cell, plan)
-    model = build(cell, poses).model
+    model, seen = build(cell, poses).model, visible(scene_of(cell, poses.q))
     refuse_idle_effects(cell, model, poses)
     apart = np.flatnonzero(touched(cell, plan.q) < 0)
     if len(apart) and all(instrument.touches for instrument in cell.instruments):
@@ -147,31 +150,21 @@ def experiment_of(cell: Cell, plan: Poses, *, seed: int = 0) -> SimulatedExperim
             f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; choose "
             "poses that do, or give joint values with more digits"
         )
-    seen = visible(scene_of(cell, poses.q))
+    if not seen.any():
+        named = ", ".join(instrument.name for instrument in model.instruments)
+        raise CalibError(
+            f"{named} sees no point at any pose of {name}; let posecal design choose poses for this "
+            "cell, or check where the instrument stands and looks (position_mm, rpy_deg)"
+        )
     truth, nominal = plausible(model, poses, seed), model.initial
     if len(model.where(LoadEffect)):
         soft = model.where(ElasticEffect)
         nominal[soft] = truth[soft]
     weights = noise_weights(model, nominal, poses, seen & ~uncounted(model, poses)[:, None])
     arm = cell.repeatability if cell.scatters else None
-    return SimulatedExperiment(model, poses, seen, weights, nominal, truth, arm=arm)
-
-
-def prepared(cell: Cell, name: str, plan: Poses, seed: int) -> SimulatedExperiment:
-    """The experiment of a plan of this name, whose truth is nominal in what some way leaves open.
-
-    Raises CalibError where nothing can be read at its poses.
-    """
-    experiment = experiment_of(cell, plan, seed=seed)
-    if not experiment.seen.any():
-        named = ", ".join(instrument.name for instrument in experiment.model.instruments)
-        raise CalibError(
-            f"{named} sees no point at any pose of {name}; let posecal design choose poses for this "
-            "cell, or check where the instrument stands and looks (position_mm, rpy_deg)"
-        )
-    known = np.all([np.isfinite(predict(experiment, way).std) for way in experiment.ways], axis=0)
-    truth = np.where(known, experiment.truth, experiment.nominal)
-    return replace(experiment, truth=truth)
+    made = SimulatedExperiment(model, poses, seen, weights, nominal, truth, arm=arm)
+    known = np.all([np.isfinite(predict(made, way).std) for way in made.ways], axis=0)
+    return replace(made, truth=np.where(known, truth, nominal))
 
 
 def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bool_]) -> Array:

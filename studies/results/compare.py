@@ -258,10 +258,10 @@ def compared(
 
     Nothing is simulated before all is predicted. Raises UnknownEffect, EffectCannotAct, CalibError.
     """
-    from studies.compare.experiment import predict, prepared
+    from studies.compare.experiment import experiment_of, predict
     from studies.compare.simulate import refits
 
-    experiments = [prepared(cell, name, plan, seed) for name, plan in plans.items()]
+    experiments = [experiment_of(cell, p, seed=seed, name=name) for name, p in plans.items()]
     predicted = [[predict(own, way) for way in own.ways] for own in experiments]
     found = []
     for k, (name, plan) in enumerate(plans.items()):

@@ -179,7 +179,9 @@ class PlanResult(Result):
             sure=SURE,
             approach_derived=poses.approach_derived,
             elastic_assumed=found.assumed and through,
-            unidentifiable=tuple(Unidentifiable(names=o.names, reason=o.reason) for o in found.lost),
+            unidentifiable=tuple(
+                Unidentifiable(names=o.names, reason=o.reason) for o in found.lost
+            ),
             could_not_see=tuple(map(SeenCause.of, found.causes)),
             look_alikes=tuple(LookAlike.each(found)),
             twins=tuple(EquivalentCauses.of(seen[i] for i in group) for group in found.confounded),

@@ -18,7 +18,7 @@ from calib.arrays import Array
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from studies.compare.experiment import POINTS, WAYS, experiment_of, predict, prepared
+from studies.compare.experiment import POINTS, WAYS, experiment_of, predict
 from studies.compare.simulate import agreement, refits
 from studies.results.compare import (
     ComparedApproach,
@@ -138,7 +138,7 @@ def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: P
     assert points.task_rms_mm is None
     simulated = np.array([p.monte_carlo_std for p in points.parameters], dtype=float)
     np.testing.assert_array_equal(np.isnan(simulated), open_)
-    experiment = prepared(cell, "few", few, 0)
+    experiment = experiment_of(cell, few)
     done = refits(experiment, [predict(experiment, POINTS)], 20)
     assert not done["points"].errors[:, open_].any()
 

@@ -10,14 +10,14 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
-    PATH,
     cell_argument,
     data_argument,
     faults_in,
     holdout_option,
     result_options,
+    value,
 )
-from studies.command.session import read_session
+from studies.command.session import held_out
 
 if TYPE_CHECKING:
     from calib.diagnosis import Diagnosis
@@ -30,18 +30,8 @@ _SECONDS = 50e-3  # a reading, as studies.research.benchmarks.speeds measures
 @cell_argument
 @data_argument
 @holdout_option
-@click.option(
-    "--plan-only",
-    is_flag=True,
-    help="DATA is a plan. Say what its poses can detect, before you measure.",
-)
-@click.option(
-    "--cell-out",
-    "cell_out",
-    metavar="FILE",
-    type=PATH,
-    help="Write the cell with the found effects in its model, for the next run.",
-)
+@click.option("--plan-only", is_flag=True, help="DATA is a plan. Say what its poses can detect.")
+@value("--cell-out", "FILE", "Write the cell with the causes in its model, for the next run.")
 @result_options()
 def diagnose(
     cell_path: Path,
@@ -80,9 +70,9 @@ def diagnose(
         foresee_plan(cell, data_path, json_path, seed)
         return
     with working(f"reading {data_path.name}"):
-        session = read_session(cell, data_path, holdout, seed)
-    held, inputs = session.held, [*session.read, *session.held.files]
-    check_outputs([output_file(json_path), cell_out], [*inputs, *session.named], folder)
+        held = held_out(cell, calib.load_measurements(cell, data_path), holdout, seed, data_path)
+    inputs = [cell.path, *cell.robot_files, data_path, *held.files]
+    check_outputs([output_file(json_path), cell_out], [*inputs, *cell.named_files], folder)
     with working(f"diagnosing {len(held.data)} readings", _SECONDS * len(held.data)):
         with faults_in(data_path, effects_of=cell.path):
             found = calib.diagnose(cell, held.data, heldout=held.heldout)

@@ -9,7 +9,6 @@ import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import (
-    PATH,
     Finite,
     cell_argument,
     choice,
@@ -17,8 +16,9 @@ from studies.command.options import (
     faults_in,
     holdout_option,
     result_options,
+    value,
 )
-from studies.command.session import read_session
+from studies.command.session import held_out
 
 if TYPE_CHECKING:
     from calib.identification.estimators import Method
@@ -32,43 +32,15 @@ _SECONDS = 0.8e-3  # a reading, as studies.research.benchmarks.speeds measures
 @cell_argument
 @data_argument
 @holdout_option
-@choice(
-    "--approach", ("points", "pose"), "Use the marker points, or full poses computed from them."
-)
+@choice("--approach", ("points", "pose"), "Use marker points, or full poses computed from them.")
 @choice("--method", ("joint", "two-step"), "All parameters together, or base and tool in turn.")
-@choice(
-    "--weighting",
-    ("full", "normalised", "plain"),
-    "For the full-pose method: full covariance, one standard deviation for each component, or one "
-    "length for the rotations.",
-)
-@click.option(
-    "--length-mm",
-    metavar="MM",
-    type=Finite(min=1e-3, max=1e6),
-    default=1000.0,
-    show_default=True,
-    help="Length that converts rotations to mm in the plain weighting.",
-)
-@click.option(
-    "--urdf",
-    "urdf_path",
-    metavar="OUT",
-    type=PATH,
-    help="Write the robot with the identified geometry and the markers as URDF.",
-)
-@click.option(
-    "--zero-offsets",
-    "zeros_path",
-    metavar="OUT",
-    type=PATH,
-    help="Write joint offsets alone, for a controller that accepts only these.",
-)
-@click.option(
-    "--counts-per-deg",
-    metavar="J1=N,..",
-    help="Encoder counts per degree, for FANUC's $MASTER_COUN in --zero-offsets.",
-)
+@choice("--weighting", ("full", "normalised", "plain"), "Of full poses: by their covariance, by one "
+        "standard deviation for each component, or by one length for the rotations.")  # fmt: skip
+@value("--length-mm", "MM", "Length that converts rotations to mm in the plain weighting.",
+       Finite(min=1e-3, max=1e6), default=1000.0, show_default=True)  # fmt: skip
+@value("--urdf urdf_path", "OUT", "Write the robot with the identified geometry and the markers.")
+@value("--zero-offsets zeros_path", "OUT", "Write joint offsets alone, for a plain controller.")
+@value("--counts-per-deg", "J1=N,..", "Encoder counts per degree, for FANUC's $MASTER_COUN.", str)
 @result_options()
 def identify(
     cell_path: Path,
@@ -102,29 +74,30 @@ def identify(
 
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
-        session = read_session(cell, data_path, holdout, seed)
+        whole = calib.load_measurements(cell, data_path)
+        held = held_out(cell, whole, holdout, seed, data_path)
     counts = counts_of(counts_per_deg)
-    inputs = [*session.read, *session.named, *session.held.files]
+    inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *held.files]
     check_outputs([urdf_path, zeros_path, output_file(json_path)], inputs, folder)
-    data, shortened = thinned(session.held.data, _MOST)
+    data, shortened = thinned(held.data, _MOST)
     with (
         working(f"identifying {len(data)} readings", _SECONDS * len(data)),
         faults_in(data_path, effects_of=cell.path),
     ):
         found = calib.identify(
-            cell, data, heldout=session.held.heldout, approach=approach, method=method,
+            cell, data, heldout=held.heldout, approach=approach, method=method,
             weighting=weighting, length=length_mm * 1e-3
         )  # fmt: skip
     of_pose = approach == "pose"
     result = IdentifyResult.of(
         found,
         cell,
-        session.whole,
+        whole,
         envelope(cell.name, inputs, seed, cell.about),
         holdout=holdout,
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
-        warnings=(*session.held.warnings, *shortened, *found.warnings),
+        warnings=(*held.warnings, *shortened, *found.warnings),
     )
     files, notes = robot_files(cell, found, urdf_path, zeros_path, counts)
     deliver(result, json_path, folder, files, notes=notes)

@@ -7,21 +7,13 @@ from pathlib import Path
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, result_options
+from studies.command.options import PATH, result_options, value
 
 
 @click.command()
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
-@click.option(
-    "-o",
-    "--output",
-    "page_path",
-    metavar="FILE",
-    type=PATH,
-    default=Path("report.html"),
-    show_default=True,
-    help="Write the page to this file.",
-)
+@value("-o --output page_path", "FILE", "Write the page to this file.",
+       default=Path("report.html"), show_default=True)  # fmt: skip
 @click.option("--title", metavar="TEXT", help="Title. Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
 @click.option("--operator", metavar="TEXT", help="Who measured.")

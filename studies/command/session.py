@@ -1,8 +1,7 @@
-"""What commands on a table begin with: a cell, its table, and which of its poses take no part."""
+"""Which poses of a table are fitted, and which take no part."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -58,38 +57,3 @@ def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
     if not names:
         return ()
     return (f"{len(names)} of the held-out poses are in the data too ({names[0]} ..): no proof",)
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredTable:
-    """A table of a cell, read.
-
-    whole : every pose of it; held : those that are fitted, and those that are held out
-    holdout, seed : as the user gave them
-    """
-
-    cell: Cell
-    data_path: Path
-    whole: Measurements
-    held: HeldOut
-    holdout: str | None
-    seed: int
-
-    @property
-    def named(self) -> list[Path]:
-        """What else the cell names: its targets and meshes."""
-        return list(self.cell.named_files)
-
-    @property
-    def read(self) -> list[Path]:
-        """Cell, robot and table."""
-        return [self.cell.path, *self.cell.robot_files, self.data_path]
-
-
-def read_session(cell: Cell, data_path: Path, holdout: str | None, seed: int) -> MeasuredTable:
-    """Read a table and hold poses out. Raises InputError."""
-    import calib
-
-    whole = calib.load_measurements(cell, data_path)
-    held = held_out(cell, whole, holdout, seed, data_path)
-    return MeasuredTable(cell, data_path, whole, held, holdout, seed)

@@ -18,6 +18,7 @@ from studies.figures.style import (
     VERMILLION,
     Look,
     dots,
+    fixed,
     legend,
     log_axis,
     panels,
@@ -82,7 +83,8 @@ def errors_against(
     columns = {label: x for label, x in columns.items() if label in most}
     across = min(_ACROSS, len(columns))
     down = -(-len(columns) // across)
-    figure, every = panels(2.4 * across + 0.3, 1.9 * down + 0.5, down, across, sharey=True)
+    figure, every = panels(2.4 * across + 0.3, 1.9 * down + 0.6, down, across, sharey=True)
+    fixed(figure, (0.65, 1.05, 0.1, 0.1), (0.15, 0.5))
     for panel, (label, x) in zip(every, columns.items(), strict=False):
         for look, own in ((_FITTED, ~held), (_HELD, held)):
             if own.any():

@@ -92,6 +92,22 @@ def panels(
     return figure, figure.subplots(rows, columns, squeeze=False, **more).ravel().tolist()
 
 
+def fixed(
+    figure: Figure, sides: tuple[float, float, float, float], gaps: tuple[float, float] = (0.0, 0.0)
+) -> None:
+    """Margins left, below, right, above and gaps across, down, inches: no layout measures words."""
+    width, height = figure.get_size_inches()
+    left, below, right, above = sides
+    rows, columns = figure.axes[0].get_gridspec().get_geometry()  # type: ignore[union-attr]
+    across = (width - left - right - (columns - 1) * gaps[0]) / columns
+    down = (height - below - above - (rows - 1) * gaps[1]) / rows
+    figure.set_layout_engine(None)
+    figure.subplots_adjust(
+        left / width, below / height, 1.0 - right / width, 1.0 - above / height,
+        gaps[0] / across, gaps[1] / down
+    )  # fmt: skip
+
+
 def dots(panel: Axes, x: Any, y: Any, look: Look, **more: Any) -> None:
     """Points of one look; many become a picture within the SVG."""
     panel.plot(
@@ -106,7 +122,8 @@ def legend(figure: Figure) -> None:
     named = {label: h for hs, labels in every for h, label in zip(hs, labels, strict=True)}
     widest = 0.066 * max(map(len, named), default=0) + 0.55
     columns = max(1, min(len(named), int(figure.get_figwidth() / widest)))
-    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=columns)
+    place: Any = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+    figure.legend(named.values(), named.keys(), loc=place, ncols=columns)
 
 
 def log_axis(axis: Axis, values: Any) -> None:
@@ -117,10 +134,8 @@ def log_axis(axis: Axis, values: Any) -> None:
     known = known[np.isfinite(known) & (known > 0.0)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (1.0, 1.0)
     middle, half = math.sqrt(low * high), max(math.sqrt(high / low) * 1.3, 3.0)
-    axis._set_axes_scale("log")  # type: ignore[attr-defined]
-    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(  # type: ignore[attr-defined]
-        middle / half, middle * half
-    )
+    limits: Any = {"scale": "log", "lim": (middle / half, middle * half)}
+    axis.axes.set(**{f"{axis.axis_name}{key}": value for key, value in limits.items()})  # type: ignore[attr-defined]
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if half < 6.0 else (1.0,), numticks=9))
     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.set_minor_locator(NullLocator())

@@ -30,6 +30,7 @@ from studies.results.base import (
 )
 from studies.results.estimate import Estimated, Lengths, Pixels, Residual, outliers
 from studies.results.noise import IdentifyNoise
+from studies.results.parts import ParameterStd
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
@@ -48,44 +49,29 @@ Part = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 # -- parameters --------------------------------------------------------------------------------
 
 
-class Parameter(Entry):
+class Parameter(ParameterStd):
     """An identified value; std, ci95, degrees_of_freedom are None where it was not estimated.
 
     degrees_of_freedom : behind ci95, None where the uncertainty counts as known
     """
 
-    id: str
-    name: str
-    effect: str
-    where: str
     value: Number
-    std: MaybePositive
     ci95: tuple[Number, Number] | None
     degrees_of_freedom: Maybe
-    unit: str
-
-    @property
-    def placed(self) -> bool:
-        """Whether it says where base or markers are."""
-        return self.effect in ("base", "tool")
 
     @classmethod
-    def each(cls, found: Identification) -> Iterator[Self]:
+    def of(cls, found: Identification) -> tuple[Self, ...]:
         """All parameters in the order of the model."""
-        columns = (found.values, found.std, found.interval(), found.freedoms)
-        for p, value, std, ci95, freedom in zip(found.model.parameters, *columns, strict=True):
-            known = std > 0.0 and math.isfinite(std)
-            yield cls(
-                id=p.id,
-                name=p.name,
-                effect=p.effect,
-                where=p.where,
-                value=value / p.scale,
-                std=std / p.scale if known else None,
-                ci95=tuples(ci95 / p.scale) if known else None,
-                degrees_of_freedom=freedom if known else None,
-                unit=p.unit,
-            )
+        scales = np.array([p.scale for p in found.model.parameters])
+        known = (found.std > 0.0) & np.isfinite(found.std)
+        intervals = tuples(found.interval() / scales[:, None])
+        return cls.known(
+            found.model.parameters,
+            np.where(known, found.std, np.nan),
+            value=found.values / scales,
+            ci95=[own if k else None for own, k in zip(intervals, known, strict=True)],
+            degrees_of_freedom=np.where(known, found.freedoms, np.nan),
+        )
 
 
 class Redundant(Entry):
@@ -542,7 +528,7 @@ class IdentifyResult(Result):
             rank=found.rank,
             degrees_of_freedom=found.dof,
             iterations=found.iterations,
-            parameters=tuple(Parameter.each(found)),
+            parameters=Parameter.of(found),
             weak=found.weak,
             unused_poses=(*found.unused, *found.waiting),
             before_the_first_move=found.waiting,

@@ -269,9 +269,11 @@ def html(text: str) -> Markup:
 
     made = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
     box = '<div class="wide" tabindex="0" role="region" aria-label="table"><table>'
-    made = re.sub(r"(?<=<td>)[^<]+", lambda cell: cell[0].replace("_", "_<wbr>"), made)
     made = made.replace(' style="text-align:left"', "").replace(
-        'style="text-align:right"', "class=r"
+        ' style="text-align:right"', " class=r"
+    )
+    made = re.sub(
+        r"(?<=<td>)[^<]+", lambda own: re.sub("[_@:](?=[\\w-])", r"\g<0><wbr>", own[0]), made
     )
     made = made.replace("<table>", box).replace("</table>", "</table></div>")
     return Markup(made)  # noqa: S704 - every value in it was escaped

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from studies.command.deliver import check_outputs, deliver, output_file, working
 from studies.command.options import cell_argument, faults_in, plan_names, result_options, value
-
-if TYPE_CHECKING:
-    from calib import Cell
-    from doe import Design
 
 
 def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
@@ -65,16 +61,22 @@ def design(
     Example:
       posecal design cell.toml --levels A2=5x3 --criterion task -o plan.csv
     """
+    import numpy as np
+
     import calib
     import doe
     from calib.errors import InputError
+    from calib.files.write_tables import plan_csv
     from studies.results.base import envelope
-    from studies.results.design import DesignResult
+    from studies.results.design import DesignResult, shown_levels
 
     given = click.get_current_context().get_parameter_source("criterion")
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
-    cell = _asked(calib.load_cell(cell_path), reapproach, repeats)
+    cell = calib.load_cell(cell_path)
+    again = cell.design.reapproaches if reapproach is None else reapproach
+    twice = cell.design.repeats if repeats is None else repeats
+    cell = replace(cell, design=replace(cell.design, reapproaches=again, repeats=twice))
     source = candidates_of(candidates)
     further = (*against, extend_path, source if isinstance(source, Path) else None)
     inputs = [cell_path, *cell.robot_files, *cell.named_files, *filter(None, further)]
@@ -92,29 +94,11 @@ def design(
             **asked,  # poses, criterion, levels, curve
         )
     result = DesignResult.of(found, envelope(cell.name, inputs, seed))
-    tables = {} if plan_path is None else {plan_path: plan_table(cell, found)}
-    deliver(result, json_path, folder, tables)
+    table = plan_csv(cell, found.poses, np.array(shown_levels(found)))
+    deliver(result, json_path, folder, {} if plan_path is None else {plan_path: table})
 
 
 # fmt: on
-def _asked(cell: Cell, reapproach: int | None, repeats: bool | None) -> Cell:
-    """The cell with the options that stand for entries of its [design]."""
-    own = cell.design
-    again = own.reapproaches if reapproach is None else reapproach
-    twice = own.repeats if repeats is None else repeats
-    return replace(cell, design=replace(own, reapproaches=again, repeats=twice))
-
-
-def plan_table(cell: Cell, found: Design) -> str:
-    """The plan as CSV, with the level at which each pose stands."""
-    import numpy as np
-
-    from calib.files.write_tables import plan_csv
-    from studies.results.design import shown_levels
-
-    return plan_csv(cell, found.poses, np.array(shown_levels(found)))
-
-
 def candidates_of(candidates: str) -> int | Path:
     """A number of candidates, or the table that holds them. Raises InputError."""
     from calib.errors import InputError

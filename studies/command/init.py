@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +13,8 @@ from studies.command.deliver import check_outputs, deliver, output_file
 from studies.command.options import PATH, result_options, value
 
 if TYPE_CHECKING:
-    from calib.arm.robot import Convention, Robot
+    from calib.arm.robot import Convention
     from calib.files.proposal import Proposal
-
-_MARKERS = ((1.0, 0.0, 0.5), (-0.5, 0.87, 0.5), (-0.5, -0.87, 0.5))  # of the circle they stand on
 
 
 # fmt: off
@@ -79,6 +76,7 @@ def init(
 # fmt: on
 def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     """TOML with comments, which loads as it is; robot_file : as seen from the cell."""
+    import numpy as np
     from jinja2 import Environment
 
     from calib.arm.repeatability import usual_repeatability
@@ -87,7 +85,8 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     usual = usual_repeatability(robot.reach)
     text = (Path(__file__).parents[1] / "templates" / "cell.toml.j2").read_text(encoding="utf-8")
     plain = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - is no HTML
-    plain.filters["text"] = json.dumps  # its escapes are those of TOML
+    plain.filters |= {"text": json.dumps, "key": key}  # escapes of JSON are those of TOML
+    missing = ~np.isfinite(robot.limits).all(axis=1)
     return plain.from_string(text).render(
         robot=robot,
         form=found.form,
@@ -95,8 +94,11 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
         name=name,
         usual={key: rough(1e3 * getattr(usual, key)) for key in ("best", "middle", "worst")},
         turn=rough(1e6 * usual.middle / (0.5 * robot.reach)),  # of joints, at half the arm's length
-        limits=list(limits(robot)),
-        markers=list(markers(robot)),
+        missing={
+            "limits_deg": [robot.joints[j] for j in np.flatnonzero(missing & ~robot.prismatic)],
+            "limits_mm": [robot.joints[j] for j in np.flatnonzero(missing & robot.prismatic)],
+        },
+        size=min(max(round(robot.reach * 1e3 / 20, -1), 20), 150),  # mm, of the triangle of markers
     )
 
 
@@ -112,30 +114,3 @@ def rough(x: float) -> str:
 def key(name: str) -> str:
     """A key of TOML."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name)
-
-
-def limits(robot: Robot) -> Iterator[tuple[str, list[str], str]]:
-    """Tables of limits to fill in, for joints that have none; an example where all have some."""
-    import numpy as np
-
-    missing = ~np.isfinite(robot.limits).all(axis=1)
-    tables = (("limits_deg", 180, ~robot.prismatic), ("limits_mm", 1000, robot.prismatic))
-    for table, width, those in tables:
-        joints = [robot.joints[j] for j in np.flatnonzero(missing & those)]
-        if joints:
-            lines = [f"{key(joint)} = [-{width}, {width}]" for joint in joints]
-            yield table, lines, "EDIT: none given; plans use these"
-    if not missing.any():
-        table, width = ("limits_mm", 500) if robot.prismatic[0] else ("limits_deg", 90)
-        line = f"{key(robot.joints[0])} = [-{width}, {width}]"
-        yield table, [line], "narrower than the robot's own, where the cell is"
-
-
-def markers(robot: Robot) -> Iterator[str]:
-    """Three markers on every tip."""
-    size = min(max(round(robot.reach * 1e3 / 20, -1), 20), 150)  # mm
-    for tip in ("", *robot.others):
-        for j, place in enumerate(_MARKERS, 1):
-            at = f"[{', '.join(f'{size * x:g}' for x in place)}]"
-            on = f"{{ position = {at}, on = {json.dumps(tip)} }}"
-            yield f"{key(f'{tip}_{j}')} = {on}" if tip else f"m{j} = {at}"

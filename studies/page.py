@@ -81,9 +81,9 @@ def report_page(
 
     Raises InputError where a file is no result of posecal.
     """
-    every = sorted(map(_reported, paths), key=lambda own: _place(own.result.kind))
-    first: Reported = next((own for own in every if own.result.error is not None), every[0])
-    of_cell = [own for own in every if own.result.of_one_cell]
+    every = sorted(map(_reported, paths), key=lambda item: _place(item.result.kind))
+    first: Reported = next((item for item in every if item.result.error is not None), every[0])
+    of_cell = [item for item in every if item.result.of_one_cell]
     evidence = _evidence(first if first in of_cell else next(iter(of_cell), first))
     notes = (*evidence.notes, *_mixed(of_cell))
     numbers = count(1)
@@ -95,28 +95,28 @@ def report_page(
         caption = "The nominal arm in its base frame, faintly at all poses, strongly at the first."
         arm = Markup(draw(draw_arm(evidence.cell, evidence.q), "arm", caption))  # noqa: S704
     shown = []
-    for own in every:
+    for item in every:
         text = render.markdown(
-            own.result,
+            item.result,
             page=True,
-            draw=draw if own is first or own.result.kind in _DRAWN else None,
-            variables=_variables(evidence) if own is first else None,
+            draw=draw if item is first or item.result.kind in _DRAWN else None,
+            variables=_variables(evidence) if item is first else None,
         )
         answer, advice, body = map(render.html, render.parts(text))
-        shown.append((own, _label(own, every), answer, advice, body))
-    by_kind = {own.result.kind: advice for own, _, _, advice, _ in reversed(shown)}
-    told = {**first.result.about, **_day(evidence), **about}
+        shown.append((item, _label(item, every), answer, advice, body))
+    by_kind = {item.result.kind: advice for item, _, _, advice, _ in reversed(shown)}
+    facts = {**first.result.about, **_day(evidence), **about}
     page = render.page_template().render(
         title=title or first.result.cell or "Calibration",
-        about=told,
+        about=facts,
         first=first,
         error=first.result.error,
         advice=next((by_kind[kind] for kind in _ADVISES if kind in by_kind), ""),
-        warnings=[*notes, *(w for own in every for w in own.result.warnings)],
+        warnings=[*notes, *(w for item in every for w in item.result.warnings)],
         shown=shown,
         arm=arm,
         cell=evidence.cell,
-        inputs={(one.file, one.sha256): one.state for own in every for one in own.inputs},
+        inputs={(one.file, one.sha256): one.state for item in every for one in item.inputs},
     )
     return page, tuple(notes)
 
@@ -125,11 +125,11 @@ def _place(kind: str) -> int:
     return _ORDER.index(kind) if kind in _ORDER else len(_ORDER)
 
 
-def _label(own: Reported, every: Sequence[Reported]) -> str:
+def _label(item: Reported, every: Sequence[Reported]) -> str:
     """What a result is called; with its file where there are several of its kind."""
-    label = _LABELS.get(own.result.kind, own.result.kind)
-    several = sum(one.result.kind == own.result.kind for one in every) > 1
-    return f"{label}: {own.path.name}" if several else label
+    label = _LABELS.get(item.result.kind, item.result.kind)
+    several = sum(one.result.kind == item.result.kind for one in every) > 1
+    return f"{label}: {item.path.name}" if several else label
 
 
 def _inline(numbers: Iterator[int], figure: Figure, name: str, caption: str) -> str:
@@ -158,33 +158,33 @@ def _reported(path: Path) -> Reported:
 def _mixed(every: Sequence[Reported]) -> Iterator[str]:
     """Files that are not the same in all results."""
     known: dict[str, tuple[str, Path]] = {}
-    for own in every:
-        for entry in own.inputs:
+    for item in every:
+        for entry in item.inputs:
             name = Path(entry.file).name
-            digest, first = known.setdefault(name, (entry.sha256, own.path))
+            digest, first = known.setdefault(name, (entry.sha256, item.path))
             if digest != entry.sha256:
                 yield (
-                    f"{name} is another file in {own.path.name} than in {first.name}: their figures "
+                    f"{name} is another file in {item.path.name} than in {first.name}: their figures "
                     "do not belong together"
                 )
 
 
-def _evidence(own: Reported) -> Evidence:
+def _evidence(item: Reported) -> Evidence:
     """The cell of a result and its tables, where these are unchanged."""
     from calib import load_cell, load_measurements
 
-    source = own.inputs[0] if own.inputs else None
+    source = item.inputs[0] if item.inputs else None
     if source is None or source.path is None:
         what = "the cell" if source is None else f"{source.file} is {source.state}: the cell"
         return Evidence(notes=(f"{what}, its picture and what needs the robot are left out",))
     try:
         cell = load_cell(source.path)
-        if own.result.kind == "design":
-            return Evidence(cell, q=_joints(cell, own))
-        if own.result.kind not in ("identify", "diagnose"):
+        if item.result.kind == "design":
+            return Evidence(cell, q=_joints(cell, item))
+        if item.result.kind not in ("identify", "diagnose"):
             return Evidence(cell)
-        holdout = getattr(own.result, "holdout", None)  # as the user gave it
-        table, *others = own.inputs[1 + len(cell.robot_files) :]
+        holdout = getattr(item.result, "holdout", None)  # as the user gave it
+        table, *others = item.inputs[1 + len(cell.robot_files) :]
         wanted = {False: table} | {
             one.file == holdout: one for one in others if one.file == holdout
         }
@@ -206,15 +206,15 @@ def _evidence(own: Reported) -> Evidence:
     return Evidence(cell, shown, tables[False].poses.q)
 
 
-def _joints(cell: Cell, own: Reported) -> Array:
+def _joints(cell: Cell, item: Reported) -> Array:
     """Joint values of a design, shape (m, n), rad or m. Raises InputError for other joints."""
     from calib.errors import InputError
 
-    robot, poses = cell.robot, getattr(own.result, "poses", ())
+    robot, poses = cell.robot, getattr(item.result, "poses", ())
     values = [{**pose.joints_deg, **pose.joints_mm} for pose in poses]
     if any(set(row) != set(robot.joints) for row in values):
         joints = f"these are {', '.join(robot.joints)}"
-        raise InputError(own.path, "poses", "name other joints than the cell", joints)
+        raise InputError(item.path, "poses", "name other joints than the cell", joints)
     scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
     return np.array([[row[joint] for joint in robot.joints] for row in values]) * scale
 
@@ -223,7 +223,7 @@ def _variables(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] |
     """What errors may depend on: label with unit -> (pose, whether held out) -> value."""
     if evidence.cell is None or evidence.tables is None:
         return None
-    robot, found = evidence.cell.robot, dict[str, dict[tuple[str, bool], float]]()
+    robot, variables = evidence.cell.robot, dict[str, dict[tuple[str, bool], float]]()
     for held, data in evidence.tables.items():
         poses = data.poses
         columns: dict[str, Any] = {
@@ -237,11 +237,11 @@ def _variables(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] |
             columns["temperature [degC]"] = poses.temperature
         for label, values in columns.items():
             each = zip(poses.names, values.tolist(), strict=True)
-            found.setdefault(label, {}).update({(name, held): value for name, value in each})
+            variables.setdefault(label, {}).update({(name, held): value for name, value in each})
     return {
-        label: own
-        for label, own in found.items()
-        if len(set(own.values())) > 1 and all(map(math.isfinite, own.values()))
+        label: values
+        for label, values in variables.items()
+        if len(set(values.values())) > 1 and all(map(math.isfinite, values.values()))
     }
 
 

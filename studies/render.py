@@ -109,14 +109,17 @@ def both(parts: Sequence[str]) -> str:
 
 def by_reason(entries: Iterable[NotAsked]) -> list[tuple[str, str]]:
     """Reasons why causes were not asked, with these; many places of an effect by its name alone."""
-    found: dict[str, dict[str, list[str]]] = {}
-    for own in entries:
-        effect, _, where = own.effect.partition(":")
-        reason = own.reason.partition(" cannot act: ")[2] or own.reason
-        found.setdefault(reason, {}).setdefault(effect, []).append(where)
+    reasons: dict[str, dict[str, list[str]]] = {}
+    for entry in entries:
+        effect, _, where = entry.effect.partition(":")
+        reason = entry.reason.partition(" cannot act: ")[2] or entry.reason
+        reasons.setdefault(reason, {}).setdefault(effect, []).append(where)
     return [
-        (reason, ", ".join(e if len(w) > _PLACES else f"{e}:{','.join(w)}" for e, w in own.items()))
-        for reason, own in found.items()
+        (
+            reason,
+            ", ".join(e if len(w) > _PLACES else f"{e}:{','.join(w)}" for e, w in effects.items()),
+        )
+        for reason, effects in reasons.items()
     ]
 
 
@@ -208,16 +211,16 @@ def figures(result: Result, folder: Path) -> dict[Path, str | bytes]:
     """Every figure of a result as SVG, by its file."""
     from studies.figures.style import svg
 
-    found: dict[Path, str | bytes] = {}
+    files: dict[Path, str | bytes] = {}
 
     def draw(figure: Figure, name: str, caption: str) -> str:
-        number = sum(path.stem.startswith(name) for path in found)
+        number = sum(path.stem.startswith(name) for path in files)
         stem = f"{name}_{number + 1}" if number else name
-        found[folder / f"{stem}.svg"] = svg(figure, stem, caption)
+        files[folder / f"{stem}.svg"] = svg(figure, stem, caption)
         return ""
 
     markdown(result, page=True, draw=draw)
-    return found
+    return files
 
 
 # -- targets -----------------------------------------------------------------------------------
@@ -273,7 +276,7 @@ def html(text: str) -> Markup:
         ' style="text-align:right"', " class=r"
     )
     made = re.sub(
-        r"(?<=<td>)[^<]+", lambda own: re.sub("[_@:](?=[\\w-])", r"\g<0><wbr>", own[0]), made
+        r"(?<=<td>)[^<]+", lambda cell: re.sub("[_@:](?=[\\w-])", r"\g<0><wbr>", cell[0]), made
     )
     made = made.replace("<table>", box).replace("</table>", "</table></div>")
     return Markup(made)  # noqa: S704 - every value in it was escaped

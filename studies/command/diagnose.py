@@ -109,5 +109,5 @@ def _notes(made: Extended, found: Diagnosis) -> Iterator[str]:
             yield f"{first} stands for {alike} too, which these data cannot tell from it"
     entries = [entry.candidate for entry in found.outcome.entries if not entry.candidate.named]
     if entries:
-        unnamed = ", ".join(f"{own.where} by {own.depends_on}" for own in entries)
+        unnamed = ", ".join(f"{entry.where} by {entry.depends_on}" for entry in entries)
         yield f"without {unnamed}; a curve without a name is no effect"

@@ -42,7 +42,7 @@ def report(
 
     check_outputs([page_path, output_file(json_path)], results)
     with working("writing the page"):
-        told = {label: text for label, text in about.items() if text}
-        text, notes = report_page(results, title, told)
+        facts = {label: text for label, text in about.items() if text}
+        text, notes = report_page(results, title, facts)
     result = ReportResult(**envelope("", results), page=str(page_path), notes=notes)
     deliver(result, json_path, files={page_path: text})

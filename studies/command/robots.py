@@ -34,7 +34,7 @@ def _urdf_file(
         return {}, []
     corrections = result.model.constant_displacements(result.values)
     every = dict(zip(result.model.marker_names, result.marker_positions, strict=True))
-    markers = {name: own for name, own in every.items() if name in cell.named_markers}
+    markers = {name: point for name, point in every.items() if name in cell.named_markers}
     flange = flange_unknown(cell, result)
     made = corrected_robot(cell, corrections, markers, path)
     lines = [f"{path}: {flange}"] if flange else []
@@ -78,14 +78,14 @@ def _offsets_file(
     """The table of zero offsets, and how much of the identified geometry it is. Raises InputError."""
     corrections = result.model.constant_displacements(result.values)
     frames = result.model.marker_frames
-    found = zero_offsets(cell.robot, corrections, result.marker_positions, frames)
+    offsets = zero_offsets(cell.robot, corrections, result.marker_positions, frames)
     lost = (
-        f"{path} holds zero offsets alone: of the geometry found, {found.before * 1e3:.3g} mm at the "
-        f"markers, {found.after * 1e3:.3g} mm stay (RMS, base fitted)"
+        f"{path} holds zero offsets alone: of the geometry found, {offsets.before * 1e3:.3g} mm at the "
+        f"markers, {offsets.after * 1e3:.3g} mm stay (RMS, base fitted)"
     )
     first, last = cell.robot.joints[0], cell.robot.joints[-1]
     ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
-    return zero_offsets_csv(cell.robot, found, counts), [lost, ends]
+    return zero_offsets_csv(cell.robot, offsets, counts), [lost, ends]
 
 
 def counts_of(text: str | None) -> dict[str, float]:

@@ -61,7 +61,7 @@ def arm(cell: Cell, q: Array) -> Figure:
         _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
         gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]}
     )  # fmt: skip
-    fixed(figure, (0.35, 0.3, 0.05, 0.25), (0.45, 0.5))
+    fixed(figure, (0.5, 0.3, 0.05, 0.25), (0.5, 0.5))
     names = ("side: x, z [m]", "front: y, z [m]", "above: x, y [m]")
     for panel, view, name in zip(every, (_SIDE, _FRONT, _ABOVE), names, strict=False):
         draw_arm(panel, cell.robot, origins, markers, view)

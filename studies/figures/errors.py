@@ -86,9 +86,9 @@ def errors_against(
     figure, every = panels(2.4 * across + 0.3, 1.9 * down + 0.6, down, across, sharey=True)
     fixed(figure, (0.65, 1.05, 0.1, 0.1), (0.15, 0.5))
     for panel, (label, x) in zip(every, columns.items(), strict=False):
-        for look, own in ((_FITTED, ~held), (_HELD, held)):
-            if own.any():
-                dots(panel, x[own], error[own], look, markersize=3.0, alpha=0.75)
+        for look, mask in ((_FITTED, ~held), (_HELD, held)):
+            if mask.any():
+                dots(panel, x[mask], error[mask], look, markersize=3.0, alpha=0.75)
         panel.plot(*_medians(x, error), color=SOFT, marker="_", markersize=9.0, label="median")
         _noise(panel, math.sqrt(3.0) * result.noise.instrument_mm)
         panel.set(xlabel=label, ylim=(0.0, 1.08 * error.max()))
@@ -114,7 +114,7 @@ def _medians(x: Array, error: Array) -> tuple[list[float], list[float]]:
 
 def _rank_correlation(x: Array, y: Array) -> float:
     """Spearman's, ties in their order; zero where either is constant."""
-    a, b = (np.argsort(np.argsort(own, kind="stable"), kind="stable") for own in (x, y))
+    a, b = (np.argsort(np.argsort(values, kind="stable"), kind="stable") for values in (x, y))
     return float(np.corrcoef(a, b)[0, 1]) if np.ptp(x) > 0.0 and np.ptp(y) > 0.0 else 0.0
 
 

@@ -50,18 +50,22 @@ _OTHERS = ((BLUE, "D"), (VERMILLION, "o"), (GREEN, "^"), (PURPLE, "s"))
 @styled
 def deviations(result: IdentifyResult) -> Figure | None:
     """Size and standard deviation of the robot's parameters; None where there is none."""
-    own = [p for p in result.parameters if not p.placed]
-    series: _Series = {_SIZE: [abs(p.value) for p in own], _STD: [p.std for p in own]}
-    return _by_unit([p.id for p in own], [p.unit for p in own], series) if own else None
+    robot = [p for p in result.parameters if not p.placed]
+    series: _Series = {_SIZE: [abs(p.value) for p in robot], _STD: [p.std for p in robot]}
+    return _by_unit([p.id for p in robot], [p.unit for p in robot], series) if robot else None
 
 
 @styled
 def predicted_deviations(result: Any) -> Figure | None:
     """Standard deviations that a design predicts."""
-    own = result.predicted_std
-    if not own:
+    predicted = result.predicted_std
+    if not predicted:
         return None
-    return _by_unit([p.id for p in own], [p.unit for p in own], {_PREDICTED: [p.std for p in own]})
+    return _by_unit(
+        [p.id for p in predicted],
+        [p.unit for p in predicted],
+        {_PREDICTED: [p.std for p in predicted]},
+    )
 
 
 @styled
@@ -70,7 +74,7 @@ def deviations_by_approach(result: Any) -> Figure:
     first = result.plans[0]
     names, units = first.ids, [p.unit for p in first.points.parameters]
     if len(result.plans) == 1:
-        every = {_LOOKS[own.key]: own for own in first.approaches}
+        every = {_LOOKS[approach.key]: approach for approach in first.approaches}
     else:
         shared = [plan for plan in result.plans if plan.ids == first.ids]
         every = {
@@ -78,13 +82,15 @@ def deviations_by_approach(result: Any) -> Figure:
             for k, plan in enumerate(shared)
         }
     return _by_unit(
-        names, units, {look: [p.std for p in own.parameters] for look, own in every.items()}
+        names,
+        units,
+        {look: [p.std for p in approach.parameters] for look, approach in every.items()},
     )
 
 
 def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Figure:
     """Positive values on log axes, a panel a unit, a row a parameter; two columns of many."""
-    values = {look: _positive(own) for look, own in series.items()}
+    values = {look: _positive(column) for look, column in series.items()}
     blocks = list(_blocks(units, 2 if len(names) > _ONE_COLUMN else 1))
     columns = max(column for column, _ in blocks) + 1
     tallest = max(
@@ -94,11 +100,14 @@ def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Fig
     figure.clear()
     labels = brief(names)
     for column, part in enumerate(figure.subfigures(1, columns, squeeze=False).ravel()):
-        own = [rows for c, rows in blocks if c == column]
+        groups = [rows for c, rows in blocks if c == column]
         grid = part.subplots(
-            len(own), 1, squeeze=False, gridspec_kw={"height_ratios": [len(r) + 0.6 for r in own]}
+            len(groups),
+            1,
+            squeeze=False,
+            gridspec_kw={"height_ratios": [len(r) + 0.6 for r in groups]},
         )
-        for panel, rows in zip(grid.ravel(), own, strict=True):
+        for panel, rows in zip(grid.ravel(), groups, strict=True):
             every = np.array([v[rows] for v in values.values()])
             for row, of_row in enumerate(every.T):
                 if np.isfinite(of_row).any():
@@ -120,7 +129,7 @@ def _blocks(units: Sequence[str], columns: int) -> Iterator[tuple[int, list[int]
     """Column and rows of each panel: parameters of one unit, cut where a column is full."""
     room, column, left = -(-len(units) // columns), 0, -(-len(units) // columns)
     for unit in dict.fromkeys(units):
-        rows = [i for i, own in enumerate(units) if own == unit]
+        rows = [i for i, other in enumerate(units) if other == unit]
         while rows:
             if not left:
                 column, left = column + 1, room
@@ -153,7 +162,7 @@ def ellipses(result: Any) -> Figure | None:
                 linestyle=look.linestyle,
                 label=look.label,
             )
-        (x, y), (a, b) = brief(pair.ids), (units[own] for own in pair.ids)
+        (x, y), (a, b) = brief(pair.ids), (units[name] for name in pair.ids)
         panel.set(xlabel=f"error of {x} [{a}]", ylabel=f"error of {y} [{b}]")
         panel.locator_params(nbins=4)
     for panel in every[len(pairs) :]:

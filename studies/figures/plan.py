@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def certificate(result: Any) -> Figure:
     """Efficiencies of a design and of the plans beside it, proved by one bound, in per cent."""
     rows = {"this plan": result.efficiency}
-    rows |= {name: own.efficiency for name, own in result.against.items() if own.efficiency}
+    rows |= {name: rival.efficiency for name, rival in result.against.items() if rival.efficiency}
     figure, (panel,) = panels(PANEL, 1.0 + 0.4 * len(rows))
     for row, value in enumerate(rows.values()):
         panel.barh(row, 100.0 * value, 0.6, color=DIM if row else BLUE)

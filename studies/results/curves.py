@@ -22,16 +22,19 @@ _LEAVES_ZERO = 3.0  # standard deviations by which a direction must leave zero t
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def _added(found: Diagnosis) -> list[Candidate]:
+def _added(result: Diagnosis) -> list[Candidate]:
     """All that was fitted, by name or as a curve, the largest share of the gap first."""
-    shares = {(place.where, place.depends_on): place.share for place in found.located}
-    every = [(cause.share, cause.named.candidate) for cause in found.fitted_causes]
+    shares = {(place.where, place.depends_on): place.share for place in result.located}
+    every = [(cause.share, cause.named.candidate) for cause in result.fitted_causes]
     every += [
-        (shares.get((own.where, own.depends_on), np.nan), own)
-        for own in (entry.candidate for entry in found.outcome.entries)
-        if not own.named
+        (shares.get((candidate.where, candidate.depends_on), np.nan), candidate)
+        for candidate in (entry.candidate for entry in result.outcome.entries)
+        if not candidate.named
     ]
-    return [own for _, own in sorted(every, key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))]
+    return [
+        candidate
+        for _, candidate in sorted(every, key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
+    ]
 
 
 def _label(candidate: Candidate) -> str:
@@ -50,23 +53,23 @@ class ErrorSteps(Entry):
     rms_mm: tuple[NotNegative, ...]
 
     @classmethod
-    def of_diagnosis(cls, found: Diagnosis) -> Self:
+    def of_diagnosis(cls, result: Diagnosis) -> Self:
         """Fit the model again with one more effect each time."""
         from calib.diagnosis.gap import rms, squared_errors
 
-        added, stage, like = _added(found), found.stage, found.outcome.fit
-        data = stage.data.take(~stage.dropped) if found.heldout is None else found.heldout
+        added, stage, like = _added(result), result.stage, result.outcome.fit
+        data = stage.data.take(~stage.dropped) if result.heldout is None else result.heldout
         between = [
-            found.linear.fit(
-                [c.effect for c in added[:n]], like, found.after.amplitudes, like.variances
+            result.linear.fit(
+                [c.effect for c in added[:n]], like, result.after.amplitudes, like.variances
             )
             for n in range(1, len(added))
         ]
-        fits = [found.before, *between, *([found.after] if added else [])]
-        shown = found.before.model.readout.channels.shown
+        fits = [result.before, *between, *([result.after] if added else [])]
+        shown = result.before.model.readout.channels.shown
         return cls(
             unit="mm" if shown.unit == "mm" else "px",
-            of="fitted poses" if found.heldout is None else "held-out poses",
+            of="fitted poses" if result.heldout is None else "held-out poses",
             added=tuple(map(_label, added)),
             rms_mm=tuple(rms(squared_errors(fit, data)) / shown.scale for fit in fits),
         )
@@ -108,13 +111,13 @@ class ErrorCurve(Entry):
     panels: tuple[CurvePanel, ...] = Field(min_length=1)
 
     @classmethod
-    def each(cls, found: Diagnosis) -> Iterator[Self]:
+    def each(cls, result: Diagnosis) -> Iterator[Self]:
         """A free curve in place of everything that was found and can be drawn."""
         from calib.diagnosis.error_curve import error_curve
 
-        robot = found.before.model.robot
-        for number, candidate in enumerate(_added(found), 1):
-            fitted = error_curve(found, candidate)
+        robot = result.before.model.robot
+        for number, candidate in enumerate(_added(result), 1):
+            fitted = error_curve(result, candidate)
             if fitted is not None:
                 yield cls._of(fitted, number, robot)
 
@@ -167,8 +170,8 @@ def _variable(fitted: FittedCurve, robot: Robot) -> tuple[float, str]:
     if fitted.load is not None:
         part = int(np.argmax(np.abs(fitted.load)))
         axis = "" if fitted.candidate.where in robot.joints else f" {'xyz'[part % 3]}"
-        what, own = ("force", "N") if part < 3 else ("moment", "N m")
-        return 1.0, f"transmitted {what}{axis} [{own}]"
+        what, unit = ("force", "N") if part < 3 else ("moment", "N m")
+        return 1.0, f"transmitted {what}{axis} [{unit}]"
     return {
         "q": (factor, f"{joint} [{unit}]"),
         "motion": (factor, f"last motion of {joint} [{unit}]"),

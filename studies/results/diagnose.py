@@ -204,7 +204,7 @@ class GapErrors(Entry):
     def of(cls, gap: Gap, shown: ReadingNumber) -> Self:
         """The entry of a gap; shown : the unit of its errors."""
 
-        def own(value: float | None) -> float | None:
+        def scaled(value: float | None) -> float | None:
             return None if value is None else value / shown.scale
 
         crossed, over_time = gap.crossed or (None, None), gap.over_time or (None, None)
@@ -213,13 +213,13 @@ class GapErrors(Entry):
             floor_mm=gap.floor / shown.scale,
             fit_before_mm=gap.fit_before / shown.scale,
             fit_after_mm=gap.fit_after / shown.scale,
-            heldout_before_mm=own(gap.heldout_before),
-            heldout_after_mm=own(gap.heldout_after),
+            heldout_before_mm=scaled(gap.heldout_before),
+            heldout_after_mm=scaled(gap.heldout_after),
             heldout_rose=gap.heldout_rose,
-            crossvalidated_before_mm=own(crossed[0]),
-            crossvalidated_after_mm=own(crossed[1]),
-            over_time_before_mm=own(over_time[0]),
-            over_time_after_mm=own(over_time[1]),
+            crossvalidated_before_mm=scaled(crossed[0]),
+            crossvalidated_after_mm=scaled(crossed[1]),
+            over_time_before_mm=scaled(over_time[0]),
+            over_time_after_mm=scaled(over_time[1]),
             closed=gap.closed,
             closed_ci95=gap.closed_ci95,
         )
@@ -307,10 +307,10 @@ class DiagnoseResidual(Residual):
     before_px: Pixels | None = None
 
     @classmethod
-    def of_both(cls, found: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Self]:
+    def of_both(cls, result: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Self]:
         """Every reading of a table; no turns."""
-        before, after = (fit.model.off(fit.values, data) for fit in (found.before, found.after))
-        return cls.each(found.before.model, data, before, after, heldout)
+        before, after = (fit.model.off(fit.values, data) for fit in (result.before, result.after))
+        return cls.each(result.before.model, data, before, after, heldout)
 
 
 class DiagnoseResult(Result):
@@ -340,7 +340,7 @@ class DiagnoseResult(Result):
 
     @classmethod
     def of(
-        cls, found: Diagnosis, made_from: Envelope, *, figures: bool, after_s: float, **asked: Any
+        cls, result: Diagnosis, made_from: Envelope, *, figures: bool, after_s: float, **asked: Any
     ) -> Self:
         """The result of a diagnosis.
 
@@ -350,24 +350,24 @@ class DiagnoseResult(Result):
         from calib.diagnosis.spectra import spectra
         from calib.prediction.estimate import estimate_of
 
-        after, poses, rest = found.after, found.data.poses, found.rest
-        model, tip, lines = after.model, after.model.robot.tip, spectra(found)
-        footprint = model.footprint(after.values, found.data)
+        after, poses, rest = result.after, result.data.poses, result.rest
+        model, tip, lines = after.model, after.model.robot.tip, spectra(result)
+        footprint = model.footprint(after.values, result.data)
         steps: ErrorSteps | None = None
         curves: tuple[ErrorCurve, ...] = ()
         residuals: list[DiagnoseResidual] = []
         if figures:
-            steps, curves = ErrorSteps.of_diagnosis(found), tuple(ErrorCurve.each(found))
-            residuals = [*DiagnoseResidual.of_both(found, found.data, False)]
-            if found.heldout is not None:
-                residuals += DiagnoseResidual.of_both(found, found.heldout, True)
+            steps, curves = ErrorSteps.of_diagnosis(result), tuple(ErrorCurve.each(result))
+            residuals = [*DiagnoseResidual.of_both(result, result.data, False)]
+            if result.heldout is not None:
+                residuals += DiagnoseResidual.of_both(result, result.heldout, True)
         return cls(
             **made_from,
             **asked,
-            verdict=found.verdict,
-            noise=Noise.of(found.noise, after.levels, found.stage.scatter, model, footprint),
-            effects=tuple(FoundCause.of(cause, lines, tip) for cause in found.causes),
-            possible=tuple(FoundCause.of(cause, lines, tip) for cause in found.possible),
+            verdict=result.verdict,
+            noise=Noise.of(result.noise, after.levels, result.stage.scatter, model, footprint),
+            effects=tuple(FoundCause.of(cause, lines, tip) for cause in result.causes),
+            possible=tuple(FoundCause.of(cause, lines, tip) for cause in result.possible),
             rest=Rest(
                 mm=rest.size * 1e3,
                 kind=rest.kind,
@@ -375,34 +375,38 @@ class DiagnoseResult(Result):
                 repeatability_mm=rest.repeatability * 1e3,
                 repeatability_source=rest.source,
             ),
-            sides=tuple(Side(side=own.side, share_of_gap=own.share) for own in found.sides),
+            sides=tuple(Side(side=entry.side, share_of_gap=entry.share) for entry in result.sides),
             located=tuple(
                 LocatedPlace(
-                    where=place(own.where, tip), depends_on=own.depends_on, share_of_gap=own.share
+                    where=place(entry.where, tip),
+                    depends_on=entry.depends_on,
+                    share_of_gap=entry.share,
                 )
-                for own in found.located
+                for entry in result.located
             ),
-            gap=GapErrors.of(found.gap, model.readout.channels.shown),
+            gap=GapErrors.of(result.gap, model.readout.channels.shown),
             could_not_see=tuple(
                 DetectionLimit(
-                    effect=own.effect,
-                    where=place(own.where, tip),
-                    minimum_detectable=own.smallest / own.scale,
-                    unit=own.unit,
-                    left_mm=own.left * 1e3,
+                    effect=entry.effect,
+                    where=place(entry.where, tip),
+                    minimum_detectable=entry.smallest / entry.scale,
+                    unit=entry.unit,
+                    left_mm=entry.left * 1e3,
                 )
-                for own in found.hidden
+                for entry in result.hidden
             ),
             refused=tuple(
-                RefusedCause(effect=own.effect, where=place(own.where, tip), reason=own.reason)
-                for own in found.refused
+                RefusedCause(
+                    effect=entry.effect, where=place(entry.where, tip), reason=entry.reason
+                )
+                for entry in result.refused
             ),
-            not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in found.not_asked),
+            not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in result.not_asked),
             approach_derived=bool(poses.approach is not None and poses.approach_derived),
-            not_fitted=tuple(np.array(poses.names)[found.waiting].tolist()),
-            outliers=tuple(_outliers(found)),
+            not_fitted=tuple(np.array(poses.names)[result.waiting].tolist()),
+            outliers=tuple(_outliers(result)),
             spectra=tuple(map(SpectrumLines.of, lines)),
-            estimate=Estimated.of(estimate_of(found, after_s)),
+            estimate=Estimated.of(estimate_of(result, after_s)),
             steps=steps,
             curves=curves,
             residuals=tuple(residuals),
@@ -442,7 +446,7 @@ class DiagnoseResult(Result):
         from calib.effects import catalogue
 
         for effect in self.effects:
-            joints = [own.key for own in effect.alike if not catalogue()[own.effect].uses]
+            joints = [entry.key for entry in effect.alike if not catalogue()[entry.effect].uses]
             if effect.one_of and len(joints) > 1:
                 return joints[:2]
         return []
@@ -450,23 +454,23 @@ class DiagnoseResult(Result):
     @property
     def located_causes(self) -> list[tuple[LocatedPlace, str]]:
         """Places, each with the cause that is named for it."""
-        left, found = [*self.effects, *self.possible], []
-        for own in self.located:
-            key = own.where, own.share_of_gap
+        left, named = [*self.effects, *self.possible], []
+        for located in self.located:
+            key = located.where, located.share_of_gap
             cause = next((e for e in left if (e.where, e.share_of_gap) == key), None)
             if cause is not None:
                 left.remove(cause)
-            found.append((own, "unknown" if cause is None else cause.effect))
-        return found
+            named.append((located, "unknown" if cause is None else cause.effect))
+        return named
 
 
-def _outliers(found: Diagnosis) -> Iterator[Outlier]:
+def _outliers(result: Diagnosis) -> Iterator[Outlier]:
     from calib.identification.residuals import Residuals
 
-    model = found.after.model
-    part = Residuals.of(model, found.data, found.after.values, found.outlier)
-    for i in np.flatnonzero(found.outlier).tolist():
+    model = result.after.model
+    part = Residuals.of(model, result.data, result.after.values, result.outlier)
+    for i in np.flatnonzero(result.outlier).tolist():
         reason = bad_readings(part, model, i) or (
-            f"mean square {found.statistic[i]:.1f} of its own spread, limit {found.limit:.1f}"
+            f"mean square {result.statistic[i]:.1f} of its own spread, limit {result.limit:.1f}"
         )
-        yield Outlier(pose=found.data.poses.names[i], reason=reason)
+        yield Outlier(pose=result.data.poses.names[i], reason=reason)

@@ -164,9 +164,9 @@ class Residual(Entry):
             )
             for i, c in np.argwhere(data.seen[:, part]).tolist():
                 values: dict[str, Any] = {}
-                for unit, own in units.items():
-                    values[f"{cls.other}_{unit}"] = tuple(old[i][c][k] for k in own)
-                    values |= {names[k]: new[i][c][k] for k in own}
+                for unit, places in units.items():
+                    values[f"{cls.other}_{unit}"] = tuple(old[i][c][k] for k in places)
+                    values |= {names[k]: new[i][c][k] for k in places}
                 yield cls(
                     pose=poses.names[i],
                     marker=model.channel_names[part][c],
@@ -192,12 +192,12 @@ def outliers(part: Residuals, model: Model, footprint: float) -> Iterator[Outlie
 def bad_readings(part: Residuals, model: Model, pose: int) -> str:
     """Which readings spoil a pose where all others of it are right; empty where none does."""
     names = part.channels.names(model.marker_names)
-    found = []
+    texts = []
     for bad in part.false_readings(pose):
         those = [names[j] for j in bad.readings]
         more = f" and {len(those) - _MOST_NAMES} more" if len(those) > _MOST_NAMES else ""
-        found.append(
+        texts.append(
             f"{', '.join(those[:_MOST_NAMES])}{more} of {bad.instrument} off by {bad.off:.4g} "
             f"{bad.unit}, the rest is right: a bad reading"
         )
-    return "; ".join(found)
+    return "; ".join(texts)

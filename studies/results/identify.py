@@ -60,17 +60,17 @@ class Parameter(ParameterStd):
     degrees_of_freedom: Maybe
 
     @classmethod
-    def of(cls, found: Identification) -> tuple[Self, ...]:
+    def of(cls, result: Identification) -> tuple[Self, ...]:
         """All parameters in the order of the model."""
-        scales = np.array([p.scale for p in found.model.parameters])
-        known = (found.std > 0.0) & np.isfinite(found.std)
-        intervals = tuples(found.interval() / scales[:, None])
+        scales = np.array([p.scale for p in result.model.parameters])
+        known = (result.std > 0.0) & np.isfinite(result.std)
+        intervals = tuples(result.interval() / scales[:, None])
         return cls.known(
-            found.model.parameters,
-            np.where(known, found.std, np.nan),
-            value=found.values / scales,
-            ci95=[own if k else None for own, k in zip(intervals, known, strict=True)],
-            degrees_of_freedom=np.where(known, found.freedoms, np.nan),
+            result.model.parameters,
+            np.where(known, result.std, np.nan),
+            value=result.values / scales,
+            ci95=[ci if k else None for ci, k in zip(intervals, known, strict=True)],
+            degrees_of_freedom=np.where(known, result.freedoms, np.nan),
         )
 
 
@@ -109,7 +109,7 @@ class SizePrior(Entry):
     def of(cls, sizes: Widths) -> Self:
         """The entry of the widths of an identification."""
         each = zip(sizes.of.classes, sizes.widths / sizes.of.scales, strict=True)
-        widths = (SizeOfErrors(effect=own[0], unit=own[1], width=width) for own, width in each)
+        widths = (SizeOfErrors(effect=kind[0], unit=kind[1], width=width) for kind, width in each)
         return cls(parameters=sizes.saved, widths=tuple(widths))
 
 
@@ -124,16 +124,16 @@ class LensValue(Entry):
     unit: str
 
     @classmethod
-    def each(cls, found: Identification) -> Iterator[Self]:
+    def each(cls, result: Identification) -> Iterator[Self]:
         """All values of the lenses of which anything was identified."""
         from calib.instruments import Camera
 
-        for camera in found.model.readout.channels.instruments:
+        for camera in result.model.readout.channels.instruments:
             if not isinstance(camera, Camera):
                 continue
-            by = _lens_by_parameters(found, camera)
-            values = camera.lens.values + by @ found.values
-            std = np.sqrt(np.diag(by @ found.covariance @ by.T))
+            by = _lens_by_parameters(result, camera)
+            values = camera.lens.values + by @ result.values
+            std = np.sqrt(np.diag(by @ result.covariance @ by.T))
             for i, name in enumerate(camera.lens.names if by.any() else ()):
                 yield cls(
                     camera=camera.name,
@@ -145,13 +145,13 @@ class LensValue(Entry):
                 )
 
 
-def _lens_by_parameters(found: Identification, camera: Camera) -> Array:
+def _lens_by_parameters(result: Identification, camera: Camera) -> Array:
     """Derivatives of a lens's values by the parameters, shape (n, p)."""
     from calib.effects.base import Base
     from calib.effects.lens import LensEffect
 
-    by = np.zeros((len(camera.lens.values), len(found.values)))
-    for effect, part in found.model.parts:
+    by = np.zeros((len(camera.lens.values), len(result.values)))
+    for effect, part in result.model.parts:
         if isinstance(effect, Base) and effect.of.name == camera.name:
             by[camera.free, np.arange(part.stop - len(camera.free), part.stop)] = 1.0
         elif isinstance(effect, LensEffect) and effect.changes(camera):
@@ -176,9 +176,9 @@ class ErrorFigures(Entry):
     heldout_trimmed: NotNegative | None = None
 
     @classmethod
-    def of(cls, found: Identification, statistic: Callable[[Array], float]) -> Self:
+    def of(cls, result: Identification, statistic: Callable[[Array], float]) -> Self:
         """The statistic of each part."""
-        known = found.distances if found.fit.channels.metric else {}
+        known = result.distances if result.fit.channels.metric else {}
         return cls(**{key: statistic(d) * MM for key, d in known.items() if len(d)})
 
 
@@ -198,15 +198,15 @@ class PairErrors(Entry):
     pairs: Count
 
     @classmethod
-    def each(cls, found: Identification) -> Iterator[tuple[Part, Self]]:
+    def each(cls, result: Identification) -> Iterator[tuple[Part, Self]]:
         """By model; of trackers alone, since nothing else reads where a point is."""
         from calib.identification.residuals import pair_errors
         from calib.instruments import Tracker
 
-        if not all(isinstance(i, Tracker) for i in found.model.instruments):
+        if not all(isinstance(i, Tracker) for i in result.model.instruments):
             return
-        fit, held = found.fit, found.heldout
-        nominal = found.model.predict(found.nominal, fit.data.poses)[..., :3]
+        fit, held = result.fit, result.heldout
+        nominal = result.model.predict(result.nominal, fit.data.poses)[..., :3]
         parts: list[tuple[Part, Measurements, Array]] = [
             ("nominal", fit.data, nominal),
             ("fitted", fit.data, fit.data.points - fit.vectors[..., :3]),
@@ -426,13 +426,13 @@ class Placements(Placement):
     stations: dict[str, Placement]
 
 
-def _bodies(found: Identification) -> Iterator[tuple[str, Placement]]:
+def _bodies(result: Identification) -> Iterator[tuple[str, Placement]]:
     from calib.instruments import Pose
 
-    for instrument in found.model.instruments:
+    for instrument in result.model.instruments:
         if isinstance(instrument, Pose):
-            for at, body in instrument.bodies(found.marker_positions):
-                yield found.model.marker_names[at], Placement.of(np.concatenate(body))
+            for at, body in instrument.bodies(result.marker_positions):
+                yield result.model.marker_names[at], Placement.of(np.concatenate(body))
 
 
 class IdentifyResult(Result):
@@ -484,7 +484,7 @@ class IdentifyResult(Result):
     @classmethod
     def of(
         cls,
-        found: Identification,
+        result: Identification,
         cell: Cell,
         whole: Measurements,
         made_from: Envelope,
@@ -499,64 +499,65 @@ class IdentifyResult(Result):
         from calib.prediction.budget import accuracy_at_targets
         from calib.prediction.estimate import estimate_of
 
-        model, fit, held, noise = found.model, found.fit, found.heldout, found.noise
-        estimate = estimate_of(found, cell.design.targets_after or 0.0)
-        accuracy = accuracy_at_targets(cell, found, estimate)
+        model, fit, held, noise = result.model, result.fit, result.heldout, result.noise
+        estimate = estimate_of(result, cell.design.targets_after or 0.0)
+        accuracy = accuracy_at_targets(cell, result, estimate)
         tracked, again = model.tracked(whole), noise.replicate_factor
-        bases = {where: Placement.of(placed) for where, placed in found.bases.items()}
-        first = next(iter(found.bases.values()), np.zeros(6))
+        bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
+        first = next(iter(result.bases.values()), np.zeros(6))
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
         return cls(
             **made_from,
             **asked,
-            status=found.status,
-            advice=ADVICE[found.status],
-            approach=found.approach,
-            method=found.method,
+            status=result.status,
+            advice=ADVICE[result.status],
+            approach=result.approach,
+            method=result.method,
             noise=IdentifyNoise.of(
                 noise,
-                found.levels,
-                found.scatter,
+                result.levels,
+                result.scatter,
                 model,
-                found.footprint,
-                replicate_sigma_mm=again and again * noise.believed * found.footprint * MM,
+                result.footprint,
+                replicate_sigma_mm=again and again * noise.believed * result.footprint * MM,
                 lack_of_fit_p=noise.lack_of_fit_p,
                 degrees_of_freedom=noise.dof,
             ),
             poses=len(fit.data),
             points=int(fit.data.seen.sum()),
-            rank=found.rank,
-            degrees_of_freedom=found.dof,
-            iterations=found.iterations,
-            parameters=Parameter.of(found),
-            weak=found.weak,
-            unused_poses=(*found.unused, *found.waiting),
-            before_the_first_move=found.waiting,
+            rank=result.rank,
+            degrees_of_freedom=result.dof,
+            iterations=result.iterations,
+            parameters=Parameter.of(result),
+            weak=result.weak,
+            unused_poses=(*result.unused, *result.waiting),
+            before_the_first_move=result.waiting,
             unidentifiable=tuple(
-                Unidentifiable(names=own.names, reason=own.reason) for own in found.unidentifiable
+                Unidentifiable(names=lost.names, reason=lost.reason)
+                for lost in result.unidentifiable
             ),
             absorbed=tuple(
-                Redundant(id=own.id, absorbed_by=tuple(name for name, _ in own.absorbed_by))
-                for own in found.absorbed
-                if own.absorbed_by
+                Redundant(id=lost.id, absorbed_by=tuple(name for name, _ in lost.absorbed_by))
+                for lost in result.absorbed
+                if lost.absorbed_by
             ),
-            outliers=tuple(outliers(fit, model, found.footprint)),
-            heldout_outliers=() if held is None else tuple(outliers(held, model, found.footprint)),
-            rms_mm=ErrorFigures.of(found, rms),
-            max_mm=ErrorFigures.of(found, np.max),
-            p95_mm=ErrorFigures.of(found, lambda d: float(np.quantile(d, 0.95))),
+            outliers=tuple(outliers(fit, model, result.footprint)),
+            heldout_outliers=() if held is None else tuple(outliers(held, model, result.footprint)),
+            rms_mm=ErrorFigures.of(result, rms),
+            max_mm=ErrorFigures.of(result, np.max),
+            p95_mm=ErrorFigures.of(result, lambda d: float(np.quantile(d, 0.95))),
             instruments=tuple(
                 InstrumentErrors.model_validate({"instrument": name, "unit": unit, **errors})
-                for (name, unit), errors in found.by_instrument.items()
+                for (name, unit), errors in result.by_instrument.items()
             ),
-            pair_distances_mm=dict(PairErrors.each(found)),
+            pair_distances_mm=dict(PairErrors.each(result)),
             rms_of_residuals_mm=rms(fit.lengths()) * MM if fit.channels.metric else None,
             base=Placements.of(first, stations=bases if len(bases) > 1 else {}),
             markers_mm={
-                model.marker_names[j]: tuples(found.marker_positions[j] * MM) for j in read
+                model.marker_names[j]: tuples(result.marker_positions[j] * MM) for j in read
             },
-            bodies=dict(_bodies(found)),
-            correlation=tuples(np.round(found.correlation, 4)),
+            bodies=dict(_bodies(result)),
+            correlation=tuples(np.round(result.correlation, 4)),
             residuals=tuple(
                 row
                 for part in (fit, held)
@@ -564,7 +565,7 @@ class IdentifyResult(Result):
                 for row in IdentifyResidual.each(
                     model,
                     part.data,
-                    model.off(found.nominal, part.data),
+                    model.off(result.nominal, part.data),
                     part.vectors,
                     part is held,
                 )
@@ -575,8 +576,8 @@ class IdentifyResult(Result):
             budget=UncertaintyBudget.of(accuracy),
             acceptance=Acceptance.of(cell.tolerance, held) if cell.tolerance is not None else None,
             drift_p=None if tracked is None else drift_p(tracked[1]),
-            sizes=None if found.sizes is None else SizePrior.of(found.sizes),
-            lenses=tuple(LensValue.each(found)),
+            sizes=None if result.sizes is None else SizePrior.of(result.sizes),
+            lenses=tuple(LensValue.each(result)),
             estimate=Estimated.of(estimate),
         )
 
@@ -591,7 +592,9 @@ class IdentifyResult(Result):
         if any(row.metric for row in rows):
             rows = [row for row in rows if row.metric]
         else:
-            worst = max(self.instruments, key=lambda own: own.heldout or own.fitted_all or 0.0)
+            worst = max(
+                self.instruments, key=lambda errors: errors.heldout or errors.fitted_all or 0.0
+            )
             rows, unit = [row for row in rows if row.instrument == worst.instrument], worst.unit
         before, after = (
             rms([math.hypot(*vector) for vector in vectors])
@@ -610,12 +613,12 @@ class IdentifyResult(Result):
         return tuple(
             PoseError(
                 pose,
-                rms([math.hypot(*row.before) for row in own]),
-                rms([math.hypot(*row.vector) for row in own]),
-                len(own),
+                rms([math.hypot(*row.before) for row in readings]),
+                rms([math.hypot(*row.vector) for row in readings]),
+                len(readings),
                 held,
             )
-            for (pose, held), own in rows.items()
+            for (pose, held), readings in rows.items()
         )
 
     @property
@@ -630,10 +633,10 @@ class IdentifyResult(Result):
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of the robot's parameters that the data hardly separate, the closest first."""
-        own = [i for i, p in enumerate(self.parameters) if not p.placed and p.std]
+        robot = [i for i, p in enumerate(self.parameters) if not p.placed and p.std]
         pairs = (
             (self.parameters[a].id, self.parameters[b].id, self.correlation[a][b] or 0.0)
-            for n, a in enumerate(own)
-            for b in own[n + 1 :]
+            for n, a in enumerate(robot)
+            for b in robot[n + 1 :]
         )
         return sorted((p for p in pairs if abs(p[2]) > _TOGETHER), key=lambda p: -abs(p[2]))

@@ -75,8 +75,8 @@ class Noise(Entry):
         from calib.cell import Repeatability
         from calib.scatter.owner import pose_to_pose
 
-        found = pose_to_pose(levels, scatter, model.robot.reach)
-        arm, rest = found.arm, found.rest
+        judged = pose_to_pose(levels, scatter, model.robot.reach)
+        arm, rest = judged.arm, judged.rest
         if rest is None and levels is not None and scatter is not None:
             rest = Repeatability(0.0, 0.0)
         restated = noise.source == "cell" and noise.stated != noise.believed
@@ -89,8 +89,8 @@ class Noise(Entry):
             configuration_mm=None if rest is None else rest.translation * MM,
             configuration_urad=None if rest is None else rest.rotation * MICRO,
             instrument_seen=scatter is not None and levels is not None and levels.instrument_seen,
-            configuration_of=found.of,
-            usual_mm=(found.usual.best * MM, found.usual.worst * MM),
+            configuration_of=judged.of,
+            usual_mm=(judged.usual.best * MM, judged.usual.worst * MM),
             pixel_mm=None if model.readout.channels.metric else footprint * MM,
             noise_scales=tuple(
                 NoiseScale(instrument=name, times=scale * noise.factor)

@@ -1,4 +1,4 @@
-"""Results read again: what is wrong in a file is told with its place, as one line."""
+"""Results read again: what is wrong in a file is stated with its place, as one line."""
 
 from __future__ import annotations
 

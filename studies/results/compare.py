@@ -199,11 +199,6 @@ class ComparedPlan(Entry):
         return self.approaches[-1]
 
     @property
-    def full(self) -> ComparedApproach | None:
-        """Under approach #1 by its full covariance, None where the markers do not allow it."""
-        return next((own for own in self.approaches if own.key == "pose full"), None)
-
-    @property
     def ids(self) -> list[str]:
         """Identifiers of the parameters."""
         return [p.id for p in self.points.parameters]
@@ -236,12 +231,6 @@ class CompareResult(Result):
             trials=trials,
             agreement=OverallAgreement.of(plans, trials),
         )
-
-    @property
-    def best(self) -> ComparedPlan | None:
-        """The plan with the least error expected of approach #2, of those that determine all."""
-        known = [plan for plan in self.plans if plan.points.task_rms_mm is not None]
-        return min(known, key=lambda plan: plan.points.task_rms_mm or 0.0, default=None)
 
 
 @one_blas_thread

@@ -6,6 +6,7 @@ import io
 import os
 import signal
 import sys
+from importlib import import_module
 from typing import NoReturn
 
 import click
@@ -13,40 +14,22 @@ import click
 from studies.struck import remedy
 
 COMMANDS = {
-    "demo": (
-        "demo.command:demo",
-        "Run all steps on an example robot; its files can be edited.",
-    ),
-    "init": ("init.command:init", "Write a first cell file for your own robot."),
-    "design": (
-        "design.command:design",
-        "Choose the poses to measure, and prove how good they are.",
-    ),
-    "compare": ("compare.command:compare", "Predict and simulate the accuracy of a plan."),
-    "program": (
-        "programs.command:program",
-        "Write a plan as a robot program (KUKA, UR, ABB, FANUC).",
-    ),
-    "import": (
-        "imports.command:import_",
-        "Join measured points with the joints of their poses.",
-    ),
-    "enough": ("enough.command:enough", "Say whether the measured poses are enough."),
-    "identify": (
-        "identify.command:identify",
-        "Identify the model's parameters from measured points.",
-    ),
-    "diagnose": ("diagnose.command:diagnose", "Find the causes of the remaining error."),
-    "compensate": (
-        "compensate.command:compensate",
-        "Correct commands, so that the real arm reaches its targets.",
-    ),
-    "changes": ("changes.command:changes", "Say what moved between two results of one robot."),
-    "report": ("report.command:report", "Write one page of results, to hand on."),
-    "schema": ("explain.command:schema", "Print the JSON Schema of a result."),
-    "explain": ("explain.command:explain", "Explain words, keys, columns and effects."),
+    "demo": "Run all steps on an example robot; its files can be edited.",
+    "init": "Write a first cell file for your own robot.",
+    "design": "Choose the poses to measure, and prove how good they are.",
+    "compare": "Predict and simulate the accuracy of a plan.",
+    "program": "Write a plan as a robot program (KUKA, UR, ABB, FANUC).",
+    "import": "Join measured points with the joints of their poses.",
+    "enough": "Say whether the measured poses are enough.",
+    "identify": "Identify the model's parameters from measured points.",
+    "diagnose": "Find the causes of the remaining error.",
+    "compensate": "Correct commands, so that the real arm reaches its targets.",
+    "changes": "Say what moved between two results of one robot.",
+    "report": "Write one page of results, to hand on.",
+    "schema": "Print the JSON Schema of a result.",
+    "explain": "Explain words, keys, columns and effects.",
 }
-"""Name -> where the command is, and what the help says of it, in the order of a day of measurement."""
+"""Name -> what the help says of it, in the order of a day of measurement."""
 
 GROUPS = {
     "Start": ("demo", "init"),
@@ -55,15 +38,8 @@ GROUPS = {
 }
 """Title -> commands, as the help lists them."""
 
-
-_TABLE = "give a table with fewer readings at each pose"
-_LESS = {
-    "design": "take fewer --candidates or --poses",
-    "compare": "take fewer trials (--monte-carlo) or --workers",
-    "compensate": "give fewer targets",
-    **dict.fromkeys(("enough", "identify", "diagnose"), _TABLE),
-}
-"""Command -> what to do where it needs more memory than there is."""
+_HOMES = {"import": ("import_", "import_"), "schema": ("explain", "schema")}
+"""Name -> module in ``command``, and its function, where these are not called like the command."""
 
 
 class _OnCall(click.Group):
@@ -76,7 +52,7 @@ class _OnCall(click.Group):
         width = max(map(len, COMMANDS))
         for title, names in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
+                formatter.write_dl([(name.ljust(width), COMMANDS[name]) for name in names])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -87,11 +63,9 @@ class _OnCall(click.Group):
 
 def loaded(name: str) -> click.Command:
     """A command itself."""
-    from importlib import import_module
-
-    module, attribute = COMMANDS[name][0].split(":")
-    found: click.Command = getattr(import_module(f"studies.{module}"), attribute)
-    return found
+    module, function = _HOMES.get(name, (name, name))
+    command: click.Command = getattr(import_module(f"studies.command.{module}"), function)
+    return command
 
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -100,8 +74,8 @@ _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 @click.group(
     cls=_OnCall,
     context_settings=_SETTINGS,
-    commands={name: click.Command(name, short_help=short) for name, (_, short) in COMMANDS.items()},
-    epilog="posecal explain lists topics. posecal schema KIND prints the JSON Schema of a result.",
+    commands={name: click.Command(name, short_help=short) for name, short in COMMANDS.items()},
+    epilog="posecal explain lists pages. posecal schema KIND prints the JSON Schema of a result.",
 )
 @click.version_option(package_name="posecal", prog_name="posecal")
 def main() -> None:
@@ -127,31 +101,21 @@ def run() -> None:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
         said = error.format_message().rstrip(".")
-        click.echo(f"{command}: {said}; {remedy(said) or f'see {command} --help'}", err=True)
-        sys.exit(2)
+        _end(f"{command}: {said}; {remedy(said) or f'see {command} --help'}")
     except click.Abort:
-        click.echo("posecal: interrupted; every file is as before or complete", err=True)
-        sys.exit(130)
+        _end("posecal: interrupted; every file is as before or complete", 130)
     except MemoryError:
-        click.echo(f"posecal: out of memory; {_less_memory(sys.argv[1:])}", err=True)
-        sys.exit(2)
+        _end("posecal: out of memory; take fewer readings, candidates, trials or targets")
     except OSError as error:
         if error.filename is not None:  # a file of ours: a fault of the installation
             raise
-        _end_of_output(error)
+        with open(os.devnull, "w") as nowhere:  # so that Python's own last flush says nothing
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # closed by its reader, as by ``| head``
+            sys.exit(141)  # as a shell reports it
+        _end(f"posecal: standard output cannot be written ({error.strerror})")
 
 
-def _less_memory(arguments: list[str]) -> str:
-    """What needs less memory, by the command that was called."""
-    called = next((name for name in arguments if name in COMMANDS), "")
-    return _LESS.get(called, "close other programs, or use a machine with more")
-
-
-def _end_of_output(error: OSError) -> NoReturn:
-    """Standard output was closed by its reader, as by ``| head``, or is full."""
-    with open(os.devnull, "w") as nowhere:  # so that Python's own last flush says nothing
-        os.dup2(nowhere.fileno(), sys.stdout.fileno())
-    if isinstance(error, BrokenPipeError):
-        sys.exit(141)  # as a shell reports it
-    click.echo(f"posecal: standard output cannot be written ({error.strerror})", err=True)
-    sys.exit(2)
+def _end(line: str, status: int = 2) -> NoReturn:
+    click.echo(line, err=True)
+    sys.exit(status)

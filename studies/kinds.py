@@ -1,4 +1,4 @@
-"""The kinds of result: where the record of each is, and how it is told. Names cost no import."""
+"""The kinds of result, and the class of each. Names cost no import."""
 
 from __future__ import annotations
 
@@ -6,36 +6,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
-    from studies.document import Document
-    from studies.record import Record
+    from studies.results.base import Result
 
-_HOMES = {
-    "init": ("init.record", "InitRecord", "init.record"),
-    "design": ("design.record", "DesignRecord", "design.telling"),
-    "plan": ("plan.record", "PlanRecord", "plan.telling"),
-    "program": ("programs.record", "ProgramRecord", "programs.record"),
-    "import": ("imports.record", "ImportRecord", "imports.record"),
-    "compare": ("compare.record", "CompareRecord", "compare.telling"),
-    "identify": ("identify.record", "IdentifyRecord", "identify.telling"),
-    "diagnose": ("diagnose.record", "DiagnoseRecord", "diagnose.telling"),
-    "enough": ("enough.record", "EnoughRecord", "enough.telling"),
-    "compensate": ("compensate.record", "CompensateRecord", "compensate.record"),
-    "changes": ("changes.record", "ChangesRecord", "changes.record"),
-    "report": ("report.page", "ReportRecord", "report.page"),
-    "demo": ("demo.record", "DemoRecord", "demo.record"),
+_CLASSES = {
+    "init": "init.InitResult",
+    "design": "design.DesignResult",
+    "plan": "plan.PlanResult",
+    "program": "program.ProgramResult",
+    "import": "import_.ImportResult",
+    "compare": "compare.CompareResult",
+    "identify": "identify.IdentifyResult",
+    "diagnose": "diagnose.DiagnoseResult",
+    "enough": "enough.EnoughResult",
+    "compensate": "compensate.CompensateResult",
+    "changes": "changes.ChangesResult",
+    "report": "report.ReportResult",
+    "demo": "demo.DemoResult",
 }
-"""Kind -> module of the record, its name, and module of :func:`told`."""
-KINDS = tuple(_HOMES)
-"""In the order in which a page tells of them."""
+"""Kind -> module in ``results``, and its class."""
+KINDS = tuple(_CLASSES)
 
 
-def record_type(kind: str) -> type[Record]:
-    """The record of a kind."""
-    module, name, _ = _HOMES[kind]
-    return cast("type[Record]", getattr(import_module(f"studies.{module}"), name))
-
-
-def tell(record: Record) -> Document:
-    """What the terminal and the page say of a result."""
-    module = _HOMES[record.kind][2]
-    return cast("Document", import_module(f"studies.{module}").told(record))
+def result_type(kind: str) -> type[Result]:
+    """The class of a kind."""
+    module, name = _CLASSES[kind].split(".")
+    return cast("type[Result]", getattr(import_module(f"studies.results.{module}"), name))

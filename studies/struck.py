@@ -8,6 +8,7 @@ INSTEAD: dict[str, str] = {
     "hand-eye": "call `posecal identify`: with a camera it gives the camera's place",
     "fleet": "call `posecal identify` for each robot in a shell loop",
     "--truth": "leave it out: readings are simulated by the model",
+    "--values": "leave it out: a comparison holds at the nominal model",
     "--with": "call `posecal compare` once for each cell",
     "next": "use `posecal design CELL --extend DATA`, with `--discriminate A,B` to separate causes",
     "--next": "use `posecal design CELL --extend DATA --discriminate A,B`",
@@ -27,7 +28,7 @@ INSTEAD: dict[str, str] = {
     **dict.fromkeys(("--by-order", "--partial"), "give both tables the same poses"),
     **dict.fromkeys(
         ("--board", "--page", "--topic", "--moving", "--eye"),
-        "write readings as rows: see `posecal explain import`",
+        "write readings as rows: see `posecal explain columns`",
     ),
     "--calibration": "take the lens from `lenses` of --json, and write it by cv2.FileStorage",
     **dict.fromkeys(

@@ -27,7 +27,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, Poses, poses_at
 from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
-from studies.record import Envelope
+from studies.results.base import Envelope
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 

@@ -6,7 +6,6 @@ import contextlib
 import io
 import re
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,10 @@ import pytest
 import calib
 import doe
 from calib.result import Result
+from studies.command.explain import page
 from studies.demo.embedded import embedded_text
 
-PAGE = (files("studies.explain") / "topics" / "python.md").read_text(encoding="utf-8")
+PAGE = page("python")
 MOST_LINES = 20
 
 

@@ -169,7 +169,7 @@ class Planned:
     )
     """angles of one joint that poses of a plan share"""
     targets: Annotated[Targets | None, Written(str, str)] = None  # a name until they are read
-    """table of target poses (posecal explain targets)"""
+    """table of target poses (posecal explain columns)"""
     targets_after: Annotated[
         Annotated[NotNegative, times(3600.0)] | None, key("targets_after_h")
     ] = None

@@ -11,84 +11,48 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from studies.results.base import Result
 
-    from studies.record import Record
-
-
-_WIDTH = 120  # of tables in files and pipes
+_SHORT = 3.0  # s: what is over by then needs no forecast
 
 
 def deliver(
-    record: Record,
+    result: Result,
     json_path: str | None,
     folder: Path | None = None,
     files: Mapping[Path, str | bytes] | None = None,
     *,
     warnings: Iterable[str] = (),
+    notes: Iterable[str] = (),
 ) -> None:
-    """Warn, write the JSON, the figures and what else is to be written, and tell the result.
+    """Warn, write the JSON, the figures and what else is to be written, and print the result.
 
     json_path : ``-`` for standard output; folder : of the figures, None for none
-    files : further files; warnings : beside those in the record
+    files : further files; warnings : beside those of the result; notes : lines after all
 
     Raises InputError where something cannot be written; then nothing is.
     """
-    from calib.errors import InputError
-    from calib.files.write import write_files
-    from studies.document import pictures_of
-    from studies.document.terminal import terminal
-    from studies.kinds import tell
-
-    warn(tuple(dict.fromkeys((*warnings, *record.warnings))))
-    told = tell(record)
-    texts: dict[Path, str | bytes] = {}
-    if json_path == "-":
-        click.echo(record.dumps(), nl=False)
-    elif json_path is not None:
-        texts[Path(json_path)] = record.dumps()
-    texts |= files or {}
-    if folder is not None:
-        from studies.plots import style
-
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            what = f"cannot be made ({error.strerror})"
-            raise InputError(folder, "", what, "name another") from None
-        for picture in pictures_of(told):
-            texts |= style.files(picture, folder)
-    write_files(texts)
-    show(terminal(told, record.cell), json_path)
-    say_written(texts, folder, json_path)
-
-
-def console_for(json_path: str | None) -> Console:
-    """Where tables go: standard output, or standard error when that carries the JSON."""
-    from rich.console import Console
-
-    # Names are the user's: brackets and colons in them are no markup.
-    console = Console(
-        stderr=json_path == "-", highlight=False, soft_wrap=True, markup=False, emoji=False
-    )
-    if not console.is_terminal:
-        console.width = _WIDTH
-    return console
-
-
-def show(parts: Iterable[Any], json_path: str | None) -> None:
-    """Print tables where they go."""
-    console = console_for(json_path)
-    for part in parts:
-        console.print(part)
-
-
-def warn(messages: tuple[str, ...]) -> None:
-    """Print what a reader should know, on standard error."""
     from calib.errors import plain_line
+    from calib.files.write import make_folder, write_files
+    from studies.render import figures, markdown, plural, print_markdown
 
-    for message in messages:
-        click.echo(f"warning: {plain_line(message)}", err=True)
+    for warning in dict.fromkeys((*warnings, *result.warnings)):
+        click.echo(f"warning: {plain_line(warning)}", err=True)
+    text, piped, json = markdown(result), json_path == "-", output_file(json_path)
+    texts = {**({json: result.dumps()} if json else {}), **(files or {})}
+    drawn: dict[Path, str | bytes] = {}
+    if folder is not None:
+        make_folder(folder)
+        drawn = figures(result, folder)
+    write_files(texts | drawn)
+    if piped:
+        click.echo(result.dumps(), nl=False)
+    print_markdown(text, stderr=piped)
+    written = [f"wrote {path}" for path in texts]
+    if folder is not None:
+        written.append(f"wrote {plural(len(drawn), 'figure')} to {folder} as .svg")
+    for line in (*written, *notes):
+        click.echo(line, err=piped)
 
 
 def check_outputs(
@@ -124,44 +88,13 @@ def output_file(json_path: str | None) -> Path | None:
     return None if json_path in (None, "-") else Path(str(json_path))
 
 
-def say_written(
-    written: Mapping[Path, str | bytes], folder: Path | None, json_path: str | None
-) -> None:
-    """Name the files, those of the figures together."""
-    own = [path for path in written if path.parent != folder]
-    for path in own:
-        click.echo(f"wrote {path}", err=json_path == "-")
-    if folder is not None:
-        count = len({path.stem for path in written if path.parent == folder})
-        figures = f"{count} figure{'s' * (count != 1)}"
-        click.echo(
-            f"wrote {figures} to {folder} as .svg, with their numbers as .csv",
-            err=json_path == "-",
-        )
-
-
-_SHORT = 3.0  # s: what is over by then needs no forecast
-
-
 @contextmanager
-def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """A bar on a terminal's standard error, to be told how many more are done; nothing elsewhere."""
-    if not sys.stderr.isatty() or not total:
-        yield lambda _: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
+def working(what: str, seconds: float = 0.0, total: int = 0) -> Iterator[Callable[[int], None]]:
+    """A sign on a terminal's standard error that work goes on; nothing elsewhere.
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, advance=done)
+    seconds : how long it may take, stated where that is long; total : of what is counted, for a bar
 
-
-@contextmanager
-def working(what: str, seconds: float = 0.0) -> Iterator[Callable[[str], None]]:
-    """A sign on a terminal's standard error that work goes on, to be told what is done now.
-
-    seconds : how long it may take, told where that is long
+    Yields what is called with the number of those just done.
     """
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -170,10 +103,11 @@ def working(what: str, seconds: float = 0.0) -> Iterator[Callable[[str], None]]:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     about = f", about {_duration(seconds)}" if seconds > _SHORT else ""
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    own: Any = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = () if total else own
     with Progress(*columns, console=Console(stderr=True), transient=True) as sign:
-        task = sign.add_task(f"{what}{about}", total=None)
-        yield lambda now: sign.update(task, description=f"{what}{about}: {now}")
+        task = sign.add_task(f"{what}{about}", total=total or None)
+        yield lambda done: sign.update(task, advance=done)
 
 
 def _duration(seconds: float) -> str:

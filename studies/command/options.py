@@ -7,46 +7,37 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
-P = ParamSpec("P")
-T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 PATH = click.Path(path_type=Path)
 
+
+def value(names: str, metavar: str, text: str, kind: Any = PATH, **more: Any) -> Callable[[F], F]:
+    """An option with a value: its names with blanks between them, and its help."""
+    return click.option(*names.split(), metavar=metavar, type=kind, help=text, **more)
+
+
+def choice(name: str, words: tuple[str, ...], text: str) -> Callable[[F], F]:
+    """An option of some words, the first by default."""
+    kind = click.Choice(words)
+    return click.option(name, type=kind, default=words[0], show_default=True, help=text)
+
+
 cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
 data_argument = click.argument("data_path", metavar="DATA", type=PATH)
-_json_option = click.option(
-    "--json",
-    "json_path",
-    metavar="FILE",
-    type=click.Path(allow_dash=True),
-    help="Write the result as JSON. Use - for standard output.",
-)
-_figures_option = click.option(
-    "--figures",
-    "folder",
-    metavar="FOLDER",
-    type=PATH,
-    help="Write figures as SVG, and their numbers as CSV.",
-)
-_seed_option = click.option(
-    "--seed",
-    metavar="N",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of all random numbers.",
-)
+_HOLDOUT = "Held-out poses: a table, or a share of the configurations."
+holdout_option = click.option("--holdout", metavar="FILE|FRACTION", help=_HOLDOUT)
 
 
-def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
+def one_line_faults(function: F) -> F:
     """End with status 2 and one line for what the user can mend."""
 
     @functools.wraps(function)
-    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+    def run(*args: Any, **kwargs: Any) -> Any:
         from calib.errors import CalibError
 
         try:
@@ -55,21 +46,25 @@ def one_line_faults(function: Callable[P, T]) -> Callable[P, T]:
             click.echo(f"posecal: {error}", err=True)
             raise click.exceptions.Exit(2) from None
 
-    return run
+    return cast("F", run)
 
 
-def result_options(
-    *, figures: bool = True, seed: bool = True
-) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def result_options(*, figures: bool = True, seed: bool = True) -> Callable[[F], F]:
     """What every command with a result takes, and how it ends: --figures, --json and --seed.
 
     figures, seed : whether it draws, and whether it draws random numbers
     """
 
-    def taken(function: Callable[P, T]) -> Callable[P, T]:
+    def taken(function: F) -> F:
         made = one_line_faults(function)
-        made = _json_option(_seed_option(made) if seed else made)
-        return _figures_option(made) if figures else made
+        if seed:
+            kind, text = click.IntRange(min=0), "Seed of all random numbers."
+            made = value("--seed", "N", text, kind, default=0, show_default=True)(made)
+        text = "Write the result as JSON. Use - for standard output."
+        made = value("--json json_path", "FILE", text, click.Path(allow_dash=True))(made)
+        return (
+            value("--figures folder", "FOLDER", "Write figures as SVG.")(made) if figures else made
+        )
 
     return taken
 
@@ -77,9 +72,7 @@ def result_options(
 class Finite(click.FloatRange):
     """A number in a range, neither infinite nor NaN."""
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: Any, ctx: click.Context | None) -> float:
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{number} is not a finite number.", param, ctx)
@@ -91,24 +84,19 @@ def faults_in(
     file: Path, *, effects_of: Path | None = None, readings_of: Path | None = None
 ) -> Iterator[None]:
     """Name the file that a fault lies in, those of the model's effects and of the readings apart."""
-    from calib.errors import (
-        CalibError,
-        EffectCannotAct,
-        ImplausibleData,
-        InputError,
-        UnknownEffect,
-    )
+    from calib import errors
 
     try:
         yield
-    except InputError:
+    except errors.InputError:
         raise
-    except CalibError as error:
-        if effects_of is not None and isinstance(error, UnknownEffect | EffectCannotAct):
-            raise InputError(effects_of, "model.effects", str(error)) from None
-        if readings_of is not None and isinstance(error, ImplausibleData):
-            raise InputError(readings_of, "", str(error)) from None
-        raise InputError(file, "", str(error)) from None
+    except errors.CalibError as error:
+        where = ""
+        if effects_of and isinstance(error, errors.UnknownEffect | errors.EffectCannotAct):
+            file, where = effects_of, "model.effects"
+        elif readings_of and isinstance(error, errors.ImplausibleData):
+            file = readings_of
+        raise errors.InputError(file, where, str(error)) from None
 
 
 def plan_names(paths: tuple[Path, ...]) -> list[str]:

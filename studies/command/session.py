@@ -1,14 +1,12 @@
-"""What commands on a table begin with: a cell, its table, and which of its poses take no part."""
+"""Which poses of a table are fitted, and which take no part."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from calib import Cell, Measurements, Poses
+    from calib import Cell, Measurements
 
 
 class HeldOut(NamedTuple):
@@ -59,50 +57,3 @@ def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:
     if not names:
         return ()
     return (f"{len(names)} of the held-out poses are in the data too ({names[0]} ..): no proof",)
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredTable:
-    """A table of a cell, read.
-
-    whole : every pose of it; held : those that are fitted, and those that are held out
-    holdout, seed : as the user gave them
-    """
-
-    cell: Cell
-    data_path: Path
-    whole: Measurements
-    held: HeldOut
-    holdout: str | None
-    seed: int
-
-    @property
-    def named(self) -> list[Path]:
-        """What else the cell names: its targets and meshes."""
-        return list(self.cell.named_files)
-
-    @property
-    def read(self) -> list[Path]:
-        """Cell, robot and table."""
-        return [self.cell.path, *self.cell.robot_files, self.data_path]
-
-
-_EPOCH = 1e9  # s: times beyond count from 1970
-
-
-def day_of(poses: Poses) -> str | None:
-    """The day on which the first pose was read, where the column time_s counts from 1970."""
-    import numpy as np
-
-    if poses.time is None or not (first := float(np.nanmin(poses.time))) > _EPOCH:
-        return None
-    return datetime.fromtimestamp(first, UTC).date().isoformat()
-
-
-def read_session(cell: Cell, data_path: Path, holdout: str | None, seed: int) -> MeasuredTable:
-    """Read a table and hold poses out. Raises InputError."""
-    import calib
-
-    whole = calib.load_measurements(cell, data_path)
-    held = held_out(cell, whole, holdout, seed, data_path)
-    return MeasuredTable(cell, data_path, whole, held, holdout, seed)

@@ -1,8 +1,12 @@
-"""A plan, ready to be predicted and simulated under the paper's approaches and their weightings."""
+"""The readings of a plan under the paper's approaches, and the accuracy to expect of each.
+
+Approach #1 computes a full pose of each reading first and is weighted in three ways; approach #2 takes
+the marker points as they are.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +20,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.errors import CalibError
+from calib.identification.estimators import choose_directions
 from calib.identification.identify import uncounted
 from calib.instruments import Tracker
 from calib.model import Model
@@ -42,35 +47,30 @@ _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 
 @dataclass(frozen=True)
 class Way:
-    """One way from readings to parameters: an approach and what it is weighted by."""
+    """An approach and what it is weighted by."""
 
     approach: Approach
     weighting: Weighting
 
     @property
     def key(self) -> str:
-        """Short name: ``points``, ``pose plain``, .."""
+        """``points``, ``pose plain``, .."""
         return "points" if self.approach == "points" else f"pose {self.weighting}"
 
 
-POINTS = Way("points", "full")
-PLAIN = Way("pose", "plain")
-FULL = Way("pose", "full")
+PLAIN, FULL, POINTS = Way("pose", "plain"), Way("pose", "full"), Way("points", "full")
 WAYS = (PLAIN, Way("pose", "normalised"), FULL, POINTS)
-"""Approach #1 in three weightings, and approach #2."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedExperiment:
     """What is measured, and what is true.
 
-    model : Model; poses : Poses, the m readings; seen : ndarray of bool, shape (m, M)
-    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden or before
-        the first move, where that does not count
-    nominal : ndarray, shape (p,), SI, what is known before: predictions hold there, fits start there
-    truth : ndarray, shape (p,), SI, what simulated readings come from
-    length : float, m, characteristic length of the plain weighting
-    arm : Repeatability, known of the arm that comes to each pose anew; None for one that always returns
+    seen : ndarray of bool, shape (m, M), of the m readings ``poses``
+    weights : ndarray, shape (m, C, r, r), whitening matrices of the noise, zero where hidden
+    nominal, truth : ndarray, shape (p,), SI: where predictions hold and fits start, and what is read
+    length : float, m, which converts rotations in the plain weighting
+    arm : Repeatability or None, the scatter of the arm from visit to visit
     """
 
     model: Model
@@ -95,17 +95,17 @@ class SimulatedExperiment:
         """How readings err together, None where they do not."""
         if self.arm is None:
             return None
-        known = Variances.of_arm(self.model.robot.dof, self.arm)
-        return scatter_of(self.model, self.nominal, self.poses, known)
+        variances = Variances.of_arm(self.model.robot.dof, self.arm)
+        return scatter_of(self.model, self.nominal, self.poses, variances)
 
     def drawn(self, trials: int, rng: np.random.Generator) -> Array:
-        """Noisy readings of so many experiments, shape (trials, m, C, r)."""
+        """Noisy readings of several experiments, shape (trials, m, C, r)."""
         readings = self._at_visits(trials, rng)
         noise = np.broadcast_to(self.weights, (trials, *self.weights.shape))
         return np.asarray(readings + draw(noise, rng))
 
     def _at_visits(self, trials: int, rng: np.random.Generator) -> Array:
-        """Readings without noise, shape ((trials,) m, C, r), of an arm that comes to each pose anew."""
+        """Readings without noise, shape ((trials,) m, C, r), of an arm that scatters between visits."""
         exact = self.model.predict(self.truth, self.poses)
         if self.arm is None:
             return exact
@@ -117,16 +117,9 @@ class SimulatedExperiment:
         moved = self.model.readout.channels.seats_kept(moved, points)
         return self.model.readings(self.truth, self.poses, moved)
 
-    def measured(self, points: Array) -> Measurements:
-        """Readings (..., m, C, r) as a data set; leading axes are trials."""
-        return Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
-
     def observe(self, way: Way, points: Array) -> tuple[Observation, Array]:
-        """Readings under a way, and the values (..., p) from which a fit starts.
-
-        points : ndarray, shape (..., m, C, r); leading axes are trials
-        """
-        data = self.measured(points)
+        """Readings (..., m, C, r) of trials under a way, and the values (..., p) where fits start."""
+        data = Measurements(self.poses, points, self.seen, np.full(self.seen.shape, np.nan))
         observation = Points(self.model, data, self.weights, known=self.scatter)
         start = np.broadcast_to(self.nominal, (*points.shape[:-3], len(self.nominal)))
         if way.approach == "points":
@@ -138,57 +131,40 @@ class SimulatedExperiment:
 
 
 def experiment_of(
-    cell: Cell,
-    plan: Poses,
-    *,
-    values: Array | None = None,
-    length: float = 1.0,
-    seed: int = 0,
+    cell: Cell, plan: Poses, *, seed: int = 0, name: str = "the plan"
 ) -> SimulatedExperiment:
-    """The readings of a plan in a cell.
+    """The readings of a plan in a cell; the truth is off by plausible errors, drawn with the seed.
 
-    values : ndarray, shape (p,), SI, what predictions and simulations hold at. Without them predictions
-        hold at the nominal model and simulations at one that is off by plausible errors, drawn with
-        the seed: each parameter by its usual size, or by what moves the markers a millimetre. A load
-        effect shows through compliances only: with one in the model, predictions hold at those drawn
+    What some way leaves open is nominal in the truth. A load effect shows through compliances only:
+    with one in the model, predictions hold at drawn compliances.
 
-    Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be foreseen.
+    Raises UnknownEffect, EffectCannotAct, CalibError where readings cannot be predicted.
     """
     refuse_unplaced(cell)
     poses = in_turn(cell, plan)
-    model = build(cell, poses).model
+    model, seen = build(cell, poses).model, visible(scene_of(cell, poses.q))
     refuse_idle_effects(cell, model, poses)
-    seen = visible(scene_of(cell, poses.q))
-    _refuse_no_contact(cell, plan)
-    truth = plausible(model, poses, seed) if values is None else values
-    nominal = model.initial if values is None else values
-    if values is None and len(model.where(LoadEffect)):
-        soft = model.where(ElasticEffect)
-        nominal[soft] = truth[soft]
-    counts = seen & ~uncounted(model, poses)[:, None]
-    weights = noise_weights(model, nominal, poses, counts)
-    arm = cell.repeatability if cell.scatters else None
-    return SimulatedExperiment(model, poses, seen, weights, nominal, truth, length, arm)
-
-
-def _refuse_no_contact(cell: Cell, plan: Poses) -> None:
     apart = np.flatnonzero(touched(cell, plan.q) < 0)
     if len(apart) and all(instrument.touches for instrument in cell.instruments):
         raise CalibError(
             f"pose {plan.names[apart[0]]} of the plan touches nothing to {TOUCHES * 1e3:g} mm; choose "
             "poses that do, or give joint values with more digits"
         )
-
-
-def refuse_unseen(experiment: SimulatedExperiment, plan: str) -> None:
-    """Raise CalibError where nothing can be read at the poses of a plan of this name."""
-    if experiment.seen.any():
-        return
-    named = ", ".join(instrument.name for instrument in experiment.model.instruments)
-    raise CalibError(
-        f"{named} sees no point at any pose of {plan}; let posecal design choose poses for this cell, "
-        "or check where the instrument stands and looks (position_mm, rpy_deg)"
-    )
+    if not seen.any():
+        named = ", ".join(instrument.name for instrument in model.instruments)
+        raise CalibError(
+            f"{named} sees no point at any pose of {name}; let posecal design choose poses for this "
+            "cell, or check where the instrument stands and looks (position_mm, rpy_deg)"
+        )
+    truth, nominal = plausible(model, poses, seed), model.initial
+    if len(model.where(LoadEffect)):
+        soft = model.where(ElasticEffect)
+        nominal[soft] = truth[soft]
+    weights = noise_weights(model, nominal, poses, seen & ~uncounted(model, poses)[:, None])
+    arm = cell.repeatability if cell.scatters else None
+    made = SimulatedExperiment(model, poses, seen, weights, nominal, truth, arm=arm)
+    known = np.all([np.isfinite(predict(made, way).std) for way in made.ways], axis=0)
+    return replace(made, truth=np.where(known, truth, nominal))
 
 
 def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bool_]) -> Array:
@@ -198,15 +174,13 @@ def noise_weights(model: Model, values: Array, poses: Poses, seen: NDArray[np.bo
 
 
 def plausible(model: Model, poses: Poses, seed: int) -> Array:
-    """A robot that is off as robots are, shape (p,), SI; base and markers where they are thought."""
-    elastic = model.where(ElasticEffect)
-    soft = model.initial
+    """Errors that robots have, shape (p,), SI; base, markers and tunings stay nominal."""
+    elastic, soft = model.where(ElasticEffect), model.initial
     soft[elastic] = _sizes(model, soft, poses)[elastic]
     size = _sizes(model, soft, poses)
     values: Array = size * np.random.default_rng(seed).standard_normal(len(size))
-    placed = model.where(Base, Tool)
-    values[placed] = model.initial[placed]
-    values[model.tunings] = model.initial[model.tunings]
+    for fixed in (model.where(Base, Tool), model.tunings):
+        values[fixed] = model.initial[fixed]
     values[elastic] = np.abs(values[elastic])
     return values
 
@@ -217,3 +191,42 @@ def _sizes(model: Model, values: Array, poses: Poses) -> Array:
     _, J = (model if metric else working_points(model)).jacobian(values, poses)
     moved = np.linalg.norm(J, axis=-2).max(axis=(0, 1))
     return np.asarray(np.minimum(model.sizes, _PLAUSIBLE_M / np.maximum(moved, 1e-300)))
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a way will know of the parameters.
+
+    span : ndarray, shape (p, k), directions that the plan determines
+    covariance : ndarray, shape (p, p), SI, zero for parameters that it leaves open
+    """
+
+    way: Way
+    span: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (p,), SI, NaN for what the plan leaves open."""
+        variance = np.diag(self.covariance)
+        return np.where(variance > 0.0, np.sqrt(variance), np.nan)
+
+
+def predict(experiment: SimulatedExperiment, way: Way) -> Prediction:
+    """First-order covariance at the nominal model, the noise as stated.
+
+    The points decide for every way what the plan determines: poses computed from them know no more.
+    """
+    points = experiment.model.predict(experiment.nominal, experiment.poses)
+    observation, start = experiment.observe(POINTS, points)
+    kept = choose_directions(observation, start).kept
+    kept = kept[np.abs(observation.flat(start)[1][:, kept]).any(axis=0)]
+    if way.approach == "points":
+        span = np.eye(len(start))[:, kept]
+    else:
+        observation, start = experiment.observe(way, points)
+        span, lost = observation.span(), np.setdiff1d(np.arange(len(start)), kept)
+        span = span[:, ~np.abs(span[lost]).any(axis=0)]  # that moves nothing but what is kept
+        full, _ = experiment.observe(FULL, points)
+        span = span[:, choose_directions(full, start, span).kept]
+    return Prediction(way, span, observation.covariance(start, span))

@@ -24,7 +24,6 @@ import calib
 from calib.errors import InputError
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
-from studies.command.deliver import console_for
 from studies.command.options import one_line_faults
 from studies.research.withheld.tables import table as table
 
@@ -48,8 +47,10 @@ def bench(
     def command(measure: Callable[..., Output]) -> click.Command:
         @functools.wraps(measure)
         def run(json_path: Path | None, **given: Any) -> None:
+            from rich.console import Console
+
             parts, found = measure(**given)
-            console = console_for(None)
+            console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
             for part in parts:
                 console.print(part)
             if json_path is not None:

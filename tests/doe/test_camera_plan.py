@@ -15,7 +15,7 @@ from calib.cell.views import looking, views_of
 from doe import design
 from doe.constraints import hidden_by, scene_of, visible
 from doe.problem.pool import drawn
-from studies.explain.topics import written
+from studies.command.explain import page
 from studies.research.cameras import corners, pixels
 from tests.camera_cells import kr270_cell
 from tests.plain_arm import tips
@@ -118,8 +118,8 @@ def test_a_board_is_in_no_link_but_the_wrist(tmp_path: Path, link: str, holds: b
     assert (f"behind {link}" in hidden_by(scene).values()) != holds
 
 
-def test_the_cell_of_the_topic_sees_its_board(tmp_path: Path) -> None:
-    (text,) = re.findall(r"```toml\n(.*?)```", written()["camera"], flags=re.S)
+def test_the_cell_of_the_page_sees_its_board(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```toml\n(.*?)```", page("camera"), flags=re.S)
     kr270_cell(tmp_path, effects=EFFECTS)
     (tmp_path / "cell.toml").write_text(text.replace("arm.urdf", "kr270.urdf"))
     cell = load_cell(tmp_path / "cell.toml")

@@ -15,7 +15,6 @@ from calib.cell.planned import Pace
 from calib.poses import poses_at
 from doe.constraints import broken_at
 from doe.day import day_of, durations, quickest_order
-from studies.day import DayEntry, told
 from tests.doe.constraints.arms import LINK, planar
 from tests.helpers import designed
 
@@ -69,5 +68,3 @@ def test_without_speeds_the_time_is_unknown() -> None:
     day = day_of(planar(2), poses_at(np.zeros((2, 2))))
     assert np.isnan(day.seconds)
     assert day.speedless == ("j1", "j2")
-    (said,) = told(DayEntry.from_result(day))
-    assert said.text.startswith("unknown, as j1, j2 has no speed: give [robot.speed_deg_s]")

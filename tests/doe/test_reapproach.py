@@ -27,7 +27,7 @@ from doe.assess import assess
 from doe.plan import named
 from doe.problem.request import request_of
 from doe.visiting import with_reapproaches
-from studies.design.record import design_record
+from studies.results.design import DesignResult
 from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
 from tests.studies.command_line import paper_cell, run
@@ -148,7 +148,7 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
         unpolished(visiting_again(cell, -1), poses=7, **QUICK)
-    assert design_record(plain, MADE_FROM).reapproaches is None
+    assert DesignResult.of(plain, MADE_FROM).reapproaches is None
 
 
 # -- second visits by default -----------------------------------------------------------------

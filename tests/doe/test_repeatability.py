@@ -21,8 +21,8 @@ from calib.poses import poses_at
 from doe.problem import problem_of
 from doe.problem.linearisation import Regressor
 from doe.problem.request import Request
-from studies.compare.compare import compare
-from studies.compare.experiment import POINTS
+from studies.compare.experiment import POINTS, experiment_of, predict
+from studies.results.compare import compared
 from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import cell_of, random_robot, with_effects
 
@@ -159,7 +159,7 @@ def test_compare_predicts_what_design_promises(kr270: Cell) -> None:
     cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
     cell = replace(cell, repeatability=ARM, design=Planned())
     plan = unpolished(visiting_again(cell, 3), poses=12, **QUICK)
-    points = compare(cell, {"plan": plan.poses}, trials=0).plans[0].of(POINTS)
-    assert points is not None
-    np.testing.assert_allclose(points.prediction.std, plan.assessment.std, rtol=1e-6)
-    assert points.task_rms == pytest.approx(plan.assessment.task_rms, rel=1e-6)
+    predicted = predict(experiment_of(cell, plan.poses), POINTS)
+    np.testing.assert_allclose(predicted.std, plan.assessment.std, rtol=1e-6)
+    (found,) = compared(cell, {"plan": plan.poses})
+    assert found.points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)

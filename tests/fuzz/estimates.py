@@ -14,10 +14,10 @@ from calib.files.write import json_text
 from calib.model.build import build
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
-from studies.compensate.record import compensate_record
 from studies.demo.embedded import embedded_cell, embedded_plan
-from studies.fitted import estimated
-from studies.record import envelope
+from studies.results.base import envelope
+from studies.results.compensate import CompensateResult
+from studies.results.estimate import Estimated
 from tests.fuzz.reader import put
 
 CELL = embedded_cell()
@@ -28,7 +28,7 @@ def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
     known = load_estimate(CELL, put(folder, "result.json", content))
     found = calib.compensate(CELL, known, POSES)
-    return compensate_record(CELL, found, envelope(CELL.name, [])).dumps()
+    return CompensateResult.of(CELL, found, envelope(CELL.name, [])).dumps()
 
 
 def _result(command: str, effects: tuple[str, ...]) -> str:
@@ -48,7 +48,7 @@ def _result(command: str, effects: tuple[str, ...]) -> str:
         {"file": str(path), "sha256": sha256(path)} for path in (CELL.path, *CELL.robot_files)
     ]
     head = {"schema": 1, "command": command, "inputs": inputs}
-    return json_text({**head, "estimate": estimated(own).model_dump(by_alias=True)})
+    return json_text({**head, "estimate": Estimated.of(own).model_dump(by_alias=True)})
 
 
 ESTIMATES = (

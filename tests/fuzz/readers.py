@@ -22,9 +22,9 @@ from calib.model.build import build, parse_effect
 from doe.problem.levels import levels_of, parse_levels
 from doe.problem.parameters import interest_of, with_rivals
 from doe.problem.request import Request
+from studies.command.design import candidates_of, two_effects
 from studies.command.session import held_out
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
-from studies.design.command import candidates_of, two_effects
 from tests.fuzz.estimates import ESTIMATES, estimate
 from tests.fuzz.mjcf import MJCF, mjcf
 from tests.fuzz.reader import PART, Reader, parts, put

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from studies.report.page import report_page
+from studies.page import report_page
 from tests.fuzz.report import check_harmless
 from tests.fuzz.small_cell import put_small_cell, small_results
 
@@ -44,12 +44,12 @@ def test_texts_of_results_do_nothing_in_a_page(tmp_path: Path) -> None:
         "<p onclick='x'>",
         "<a href='javascript:x'>",
         "<p style='background: url(http://x)'>",
-        "<script>1</script>" * 3,
+        "<script>1</script>",
         "<script type='module'>1</script>",
     ],
 )
 def test_harm_is_seen(harm: str) -> None:
-    own = "<script></script><a href='#x'>x</a>"
+    own = "<a href='#x'>x</a>"
     check_harmless(own)
     with pytest.raises(AssertionError):
         check_harmless(own + harm)

@@ -9,9 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from calib import Cell, Poses
-from studies.compare.experiment import POINTS, SimulatedExperiment, experiment_of
-from studies.compare.montecarlo import refits
-from studies.compare.prediction import predict
+from studies.compare.experiment import POINTS, SimulatedExperiment, experiment_of, predict
+from studies.compare.simulate import refits
 from studies.demo.embedded import simulated
 
 pytestmark = pytest.mark.long
@@ -29,8 +28,8 @@ def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses) -> None:
     experiment = demonstration(kr270, table_two)
     prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
     done = refits(experiment, [prediction], TRIALS, seed=1)
-    assert done.settled["points"].all()
-    errors, cov = done.of("points"), prediction.covariance
+    assert done["points"].settled.all()
+    errors, cov = done["points"].errors, prediction.covariance
     std = np.sqrt(np.diag(cov))
 
     bias = errors.mean(axis=0) / (std / np.sqrt(TRIALS))

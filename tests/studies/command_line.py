@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
-from studies.results import json_schema
+from studies.results.read import json_schema
 
 
 def run(*arguments: object) -> Result:

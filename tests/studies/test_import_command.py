@@ -42,7 +42,7 @@ def test_joined_table_is_the_measured_one(folder: Path) -> None:
     out, result = folder / "joined.csv", folder / "joined.json"
     done = run(
         folder / "points.csv", "--joints", folder / "joints.csv",
-        "--cell", folder / "cell.toml", "-o", out, "--json", result,
+        "-o", out, "--json", result,
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "30 poses, 90 points" in done.output
@@ -57,7 +57,7 @@ def test_joined_table_is_the_measured_one(folder: Path) -> None:
     assert (fields["poses"], fields["points"]) == (30, 90)
     assert fields["markers"] == {"m1": 30, "m2": 30, "m3": 30}
     named = {Path(entry["file"]).name for entry in fields["inputs"]}
-    assert named == {"points.csv", "joints.csv", "cell.toml", "kr270.urdf"}
+    assert named == {"points.csv", "joints.csv"}
 
 
 def test_a_plan_may_give_the_joints(folder: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_plan_may_give_the_joints(folder: Path) -> None:
 
 
 def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the recipe that the topic shows; an image without a board has no rows."""
+    """By the recipe that the page shows; an image without a board has no rows."""
     photographs = pytest.importorskip("tests.photographs")
     monkeypatch.chdir(tmp_path)
     Path("images").mkdir()
@@ -89,7 +89,7 @@ def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.Monke
     Path("cell.toml").write_text(text.replace("[boards.b]", "[boards.table]"))
     header = "pose," + ",".join(f"A{k}_deg" for k in range(1, 7))
     Path("joints.csv").write_text(f"{header}\nshot1,1,-90,90,0,0,1\nshot0,0,-90,90,0,0,0\n")
-    done = run("points.csv", "--joints", "joints.csv", "--cell", "cell.toml", "-o", "day.csv")
+    done = run("points.csv", "--joints", "joints.csv", "-o", "day.csv")
     assert done.exit_code == 0, done.output
     data = calib.load_measurements(calib.load_cell("cell.toml"), "day.csv")
     assert data.poses.names == ("shot1", "shot0")

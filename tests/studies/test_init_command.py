@@ -152,7 +152,7 @@ def test_a_repeatability_is_assumed(tmp_path: Path) -> None:
             "b>l1:joint1:revolute l1>stator:s:fixed stator>mover:jointGripper:revolute",
             "b",
             "stator",
-            "1 joints from b to stator: joint1; held at zero: jointGripper",
+            "1 joint from b to stator: joint1; held at zero: jointGripper",
         ),
         (
             "b>l1:a:revolute l1>ft:b:fixed ft>drive:gripper_left_joint:revolute "

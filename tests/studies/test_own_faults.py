@@ -14,7 +14,7 @@ from tests.fuzz.small_cell import small_results
 
 
 def misspelt(*_: Any, **__: Any) -> Any:
-    raise AttributeError("'EnoughRecord' object has no attribute 'gaol_mm'")
+    raise AttributeError("'EnoughResult' object has no attribute 'gaol_mm'")
 
 
 def misshapen(*_: Any, **__: Any) -> Any:
@@ -24,10 +24,10 @@ def misshapen(*_: Any, **__: Any) -> Any:
 @pytest.mark.parametrize(
     ("name", "function", "fault"),
     [
-        ("enough", "studies.enough.telling.told", misspelt),
-        ("identified", "studies.identify.telling.told", misspelt),
-        ("identified", "studies.identify.telling.by_pose", misshapen),
-        ("sight", "studies.plan.telling.told", misshapen),
+        ("enough", "studies.results.enough.EnoughResult.error", property(misspelt)),
+        ("identified", "studies.render.markdown", misspelt),
+        ("identified", "studies.figures.errors_by_pose", misshapen),
+        ("sight", "studies.results.plan.PlanResult.at_joints", misshapen),
     ],
 )
 def test_a_page_does_not_blame_the_file(

@@ -12,7 +12,7 @@ import pytest
 
 import calib
 from calib.errors import InputError
-from studies.programs.record import LANGUAGES, program_text
+from studies.command.program import MOST_AXES, program_text
 from tests.helpers import cell_of, random_robot
 from tests.studies.command_line import paper_cell, run
 
@@ -25,7 +25,7 @@ TARGET = {  # a line that drives, and the size of its numbers
 }
 
 
-@pytest.mark.parametrize("ending", LANGUAGES)
+@pytest.mark.parametrize("ending", MOST_AXES)
 def test_program_holds_the_plan(ending: str, tmp_path: Path) -> None:
     path = paper_cell(tmp_path)
     made = tmp_path / f"p{ending}"
@@ -49,7 +49,7 @@ def test_program_holds_the_plan(ending: str, tmp_path: Path) -> None:
         assert code[0] == code[1]
 
 
-@pytest.mark.parametrize("ending", LANGUAGES)
+@pytest.mark.parametrize("ending", MOST_AXES)
 def test_chains_that_a_language_has_no_axes_for(ending: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rail = cell_of(random_robot(rng, 7, prismatic=[6]), np.zeros((1, 3)), ())

@@ -1,4 +1,4 @@
-"""What the README and the topics show works as it stands there."""
+"""What the README and the pages of the documentation show works as it stands there."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from calib.effects import EFFECTS
 from calib.model.build import context_of
 from calib.poses import poses_at
 from studies.cli import loaded, main
+from studies.command.explain import PAGES, page
 from studies.demo.embedded import embedded_cell
-from studies.explain.topics import written
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()
@@ -34,8 +34,8 @@ def beside_the_demo(demo_folder: Path, tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def blocks(*words: str) -> list[str]:
-    """The Python blocks of README and topics that hold these words."""
-    texts = "".join((README, *written().values()))
+    """The Python blocks of README and pages that hold these words."""
+    texts = "".join((README, *map(page, PAGES)))
     found = re.findall(r"```python\n(.*?)```", texts, flags=re.S)
     return [block for block in found if all(word in block for word in words)]
 
@@ -108,7 +108,7 @@ def test_options_in_the_texts_are_those_of_the_commands() -> None:
 
 def options_told() -> Iterator[tuple[str, str]]:
     """Command and option wherever a text shows both together."""
-    for text in (README, *written().values()):
+    for text in (README, *map(page, PAGES)):
         for name, rest in re.findall(r"posecal (\w+)([^`\n]*)", text):
             if name in main.commands:
                 for option in re.findall(r"(?<!\S)--[a-z][\w-]*", rest):
@@ -120,10 +120,10 @@ def test_every_effect_is_named() -> None:
     assert sorted(re.findall(r"`(\w+)`", table)) == sorted(EFFECTS)
 
 
-def test_every_command_and_only_topics_that_are_there() -> None:
+def test_every_command_and_only_pages_that_are_there() -> None:
     assert set(main.commands) <= set(re.findall(r"posecal ([\w-]+)", README))
     named = re.findall(r"posecal explain ([\w-]+)", README)
-    assert set(named) - set(EFFECTS) <= set(written())
+    assert set(named) - set(EFFECTS) <= set(PAGES)
 
 
 def test_it_is_short() -> None:

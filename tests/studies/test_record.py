@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from calib.errors import InputError
 from studies.cli import main
-from studies.results import json_schema, read
+from studies.results.read import json_schema, read
 from tests.fuzz.small_cell import small_results
 
 KINDS = {

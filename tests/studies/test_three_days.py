@@ -134,7 +134,7 @@ def measured(desk: Desk, real: Real, seed: int, table: str) -> None:
         ("points.csv", "plan.csv", table),
         ("exact.csv", "targets.csv", "truth.csv"),
     ):
-        desk.run("import", points_file, "--joints", joints, "--cell", "cell.toml", "-o", name)
+        desk.run("import", points_file, "--joints", joints, "-o", name)
 
 
 @pytest.mark.long

@@ -47,17 +47,14 @@ from doe.assess import assess
 from doe.forecast.enough import enough
 from doe.problem import problem_of
 from doe.problem.request import Request
-from studies.compensate.record import compensate_record
-from studies.compensate.record import told as told_of_commands
-from studies.document import Document
-from studies.document.terminal import terminal
-from studies.enough.record import enough_record
-from studies.enough.telling import told as told_of_poses
-from studies.record import envelope
+from studies.render import markdown
 from studies.research.bench import Output, Row, bench, each, rms_3d, several, table
 from studies.research.benchmarks.day import ARMS, Day, Floor, Setting, draw_day, write_day
 from studies.research.withheld.figures import wilson
 from studies.research.withheld.truth import Mechanism
+from studies.results.base import envelope
+from studies.results.compensate import CompensateResult
+from studies.results.enough import EnoughResult
 
 POSES, MARKERS = 60, 3
 _SLIP = (10e-6, 100e-6)  # rad, of the third joint
@@ -279,12 +276,9 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
         reached = enough(cell, data, goal=goal)
         beyond = enough(cell, data, goal=0.5 * came)
         made = envelope(cell.name, [cell.path], 0)
-        texts = [
-            _text(told_of_poses(enough_record(e, 0, "targets.csv", made)))
-            for e in (reached, beyond)
-        ]
-        corrected = compensate_record(cell, commands, made)
-        texts.append(_text(told_of_commands(corrected)))
+        answers = [EnoughResult.of(e, 0, "targets.csv", made) for e in (reached, beyond)]
+        corrected = CompensateResult.of(cell, commands, made)
+        texts = [" ".join(markdown(own).split()) for own in (*answers, corrected)]
     stops = "you may stop" in texts[0].lower()
     return [
         Said(f"lacking {kind} most", now.task_most, came, came <= now.task_most),
@@ -293,10 +287,6 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
         Said(f"lacking {kind} enough asks", right="posecal diagnose" in texts[1]),
         Said(f"lacking {kind} compensate asks", right="posecal diagnose" in texts[2]),
     ]
-
-
-def _text(document: Document) -> str:
-    return " ".join(" ".join(map(str, terminal(document))).split())
 
 
 def _warm_up(rng: np.random.Generator, arm: str, told: bool) -> tuple[Truth, Floor]:  # noqa: ARG001

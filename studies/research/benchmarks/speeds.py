@@ -220,7 +220,7 @@ def refits(repeats: int) -> list[float]:
 
 def two_workers(repeats: int) -> list[float]:
     """The same on one worker as a multiple of two that are started."""
-    from studies.engines import engine
+    from studies.compare.engine import engine
 
     run, found = _refits(), []
     with engine(WORKERS) as pool:
@@ -232,9 +232,8 @@ def two_workers(repeats: int) -> list[float]:
 
 def _refits() -> Callable[..., Any]:
     """Simulated experiments of Table II of the paper, so many, on an executor or here."""
-    from studies.compare.experiment import POINTS, experiment_of
-    from studies.compare.montecarlo import refits
-    from studies.compare.prediction import predict
+    from studies.compare.experiment import POINTS, experiment_of, predict
+    from studies.compare.simulate import refits
     from studies.demo.embedded import embedded_plan
     from studies.research.paper.elastostatic import cell_of_section_five
 

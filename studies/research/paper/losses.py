@@ -16,8 +16,7 @@ from calib import Cell
 from calib.arrays import Array
 from calib.instruments import Tracker
 from calib.noise import Noise
-from studies.compare.experiment import SimulatedExperiment, experiment_of
-from studies.compare.prediction import predict
+from studies.compare.experiment import SimulatedExperiment, experiment_of, predict
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.research.bench import Output, Row, bench, each, table
 

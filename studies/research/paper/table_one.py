@@ -23,10 +23,16 @@ from calib.instruments import Tracker
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import poses_at
-from studies.compare.agreement import agreement
-from studies.compare.experiment import PLAIN, POINTS, WAYS, SimulatedExperiment, noise_weights
-from studies.compare.montecarlo import Refits, refits
-from studies.compare.prediction import Prediction, predict
+from studies.compare.experiment import (
+    PLAIN,
+    POINTS,
+    WAYS,
+    Prediction,
+    SimulatedExperiment,
+    noise_weights,
+    predict,
+)
+from studies.compare.simulate import Refits, agreement, refits
 from studies.research.bench import Output, Row, bench, count, table
 from studies.research.paper.arm import arm_of_equation_21
 
@@ -98,7 +104,7 @@ def predictions_at(experiment: SimulatedExperiment) -> dict[str, Prediction]:
     return {way.key: predict(there, way) for way in WAYS}
 
 
-def simulated(experiment: SimulatedExperiment, trials: int, seed: int = 0) -> Refits:
+def simulated(experiment: SimulatedExperiment, trials: int, seed: int = 0) -> dict[str, Refits]:
     """The paper's repeated calibration experiments, by the two approaches of Table I."""
     found = predictions_at(experiment)
     return refits(experiment, [found[PLAIN.key], found[POINTS.key]], trials, seed=seed)
@@ -118,7 +124,7 @@ def main(trials: int, seed: int) -> Output:
     done = simulated(experiment, trials, seed)
     columns: dict[str, Array] = {}
     for name, way, key in (("#1", PLAIN, "approach_1"), ("#2", POINTS, "approach_2")):
-        own = agreement(done.of(way.key), found[way.key].covariance)
+        own = agreement(done[way.key].errors, found[way.key].covariance)
         assert own is not None  # noqa: S101
         columns[f"{name}\npaper"] = np.array(printed[key])
         columns[f"{name}\nours"] = found[way.key].std / SCALES

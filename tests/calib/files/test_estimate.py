@@ -16,7 +16,7 @@ from calib.model.build import build
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
 from calib.scatter import Variances
-from studies.fitted import estimated
+from studies.results.estimate import Estimated
 
 UNIX = 1_763_700_000.0  # s, November 2025
 
@@ -29,7 +29,7 @@ def spring(cell: Cell) -> Estimate:
 
 
 def written(known: Estimate, path: Path) -> Path:
-    entry = estimated(known).model_dump(by_alias=True)
+    entry = Estimated.of(known).model_dump(by_alias=True)
     path.write_text(json.dumps({"command": "identify", "estimate": entry}))
     return path
 

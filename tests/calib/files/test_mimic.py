@@ -26,7 +26,7 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.prediction.commands import Goal, reach, tip_of
 from doe.problem.pool import drawn
-from studies.programs.record import program_text
+from studies.command.program import program_text
 from tests.helpers import all_seen, cell_of, random_robot
 from tests.trees import Joint, placed
 

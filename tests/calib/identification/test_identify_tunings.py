@@ -19,7 +19,7 @@ from calib.files.estimate import load_estimate
 from calib.poses import Poses, poses_at
 from calib.poses.moves import with_moves
 from calib.prediction.estimate import estimate_of
-from studies.fitted import estimated
+from studies.results.estimate import Estimated
 from tests.calib.effects.test_effects import seen
 from tests.helpers import all_seen, cell_of, random_context, random_robot, with_effects
 from tests.plain_arm import tips
@@ -202,7 +202,7 @@ def test_estimates_keep_their_tunings(effect: str, tmp_path: Path) -> None:
     data, _ = SCENES[effect](cell, np.random.default_rng(9))
     found = estimate_of(calib.identify(cell, data))
     assert not found.undetermined
-    fields = {"command": "identify", "estimate": estimated(found).model_dump(by_alias=True)}
+    fields = {"command": "identify", "estimate": Estimated.of(found).model_dump(by_alias=True)}
     path = tmp_path / "result.json"
     path.write_text(json.dumps(fields))
     again = load_estimate(cell, path)

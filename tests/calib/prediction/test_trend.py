@@ -15,10 +15,10 @@ import calib
 from calib.files.estimate import load_estimate
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
 from doe.forecast.enough import enough
-from studies.enough.record import enough_record
-from studies.enough.telling import told
-from studies.record import envelope
+from studies.render import markdown
 from studies.research.benchmarks.day import Day, Floor, Setting, draw_day, write_day
+from studies.results.base import envelope
+from studies.results.enough import EnoughResult
 
 _HERE = Setting("6R", 0.0, 1, 40, 3)
 _HOUR = 3600.0
@@ -80,9 +80,9 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
     for told_when in (False, True):
         cell, data, _, came = _known(tmp_path, _warming(2, timed=told_when))
         answer = enough(cell, data, goal=1e-2)
-        record = enough_record(answer, 0, "targets.csv", envelope(cell.name, [cell.path], 0))
-        said = " ".join(sentence.text for sentence in told(record).headline)
-        assert record.lacking.trend_mm > 0.0
+        made_from = envelope(cell.name, [cell.path], 0)
+        said = markdown(EnoughResult.of(answer, 0, "targets.csv", made_from)).replace("\\", "")
+        assert answer.lacking.trend > 0.0
         assert ("You may stop" in said) == told_when
         assert ("targets_after_h" in said) == (not told_when)
         assert "run `posecal diagnose`" in said.lower()

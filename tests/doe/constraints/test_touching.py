@@ -18,8 +18,7 @@ from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket
 from calib.instruments.plane import place_of
 from calib.poses import poses_at
 from doe.constraints import scene_of, visible
-from studies.compare.experiment import POINTS, experiment_of
-from studies.compare.prediction import predict
+from studies.compare.experiment import POINTS, experiment_of, predict
 from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
 from tests.helpers import all_seen, cell_of
 

@@ -56,7 +56,7 @@ def test_a_slipped_belt_is_told_with_what_it_does(folder: Path) -> None:
     assert fields["verdict"] == "does_not"
     assert fields["kept_worst_mm"]["low"] > 0.1
     assert "may.json does not hold within 0.1 mm: worst target" in said
-    assert "moved: geometry:A3.ry" in said
+    assert "Moved: geometry:A3.ry" in said
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "may.json", "june.json",
     ]  # fmt: skip

@@ -2,35 +2,48 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 import calib
 import doe
 from calib import Cell, Poses
 from calib.arm.se3 import fit_rigid, rotate, transform
 from calib.arrays import Array
-from calib.errors import CalibError
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from studies.compare.agreement import agreement, band
-from studies.compare.compare import PlanComparison, compare
-from studies.compare.experiment import FULL, PLAIN, POINTS, WAYS, experiment_of
-from studies.compare.make import compare_record
-from studies.compare.prediction import predict
+from studies.compare.experiment import POINTS, WAYS, experiment_of, predict
+from studies.compare.simulate import agreement, refits
+from studies.results.compare import (
+    ComparedApproach,
+    ComparedPlan,
+    CompareResult,
+    OverallAgreement,
+    compared,
+)
 from tests.helpers import MADE_FROM, cell_of, random_poses, random_robot, read_by, with_effects
 
 
-def fields_of(result: PlanComparison) -> dict[str, Any]:
-    """What ``compare --json`` says of a result, without provenance."""
-    return compare_record(result, MADE_FROM).model_dump()
+def compare(cell: Cell, plan: Poses, trials: int = 0, seed: int = 0) -> ComparedPlan:
+    """One plan, compared."""
+    (found,) = compared(cell, {"p": plan}, trials, seed=seed)
+    return found
+
+
+def together(cell: Cell, plan: ComparedPlan, trials: int) -> OverallAgreement:
+    """What all trials of a plan say."""
+    return CompareResult.of(cell, [plan], trials, MADE_FROM).agreement
+
+
+def known_std(own: ComparedApproach) -> Array:
+    """Standard deviations in their units, NaN where open."""
+    return np.array([p.std for p in own.parameters], dtype=float)
 
 
 def one_marker(cell: Cell) -> Cell:
@@ -81,12 +94,11 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
     std = np.sqrt(np.diag(np.linalg.inv((B / scale).T @ (B / scale)))) / scale
     np.testing.assert_allclose(predict(experiment, POINTS).std, std, rtol=1e-6)
     plan = doe.design(kr270, criterion="D", candidates=600)
-    rival = compare(kr270, {"own": plan.poses}, trials=0).plans[0]
-    points = rival.of(POINTS)
-    assert points is not None
-    np.testing.assert_allclose(points.prediction.std, plan.assessment.std, rtol=1e-6)
-    assert points.task_rms == pytest.approx(plan.assessment.task_rms, rel=1e-6)
-    assert points.task_worst == pytest.approx(plan.assessment.task_worst, rel=1e-6)
+    points = compare(kr270, plan.poses).points
+    scales = [p.scale for p in plan.problem.model.parameters]
+    np.testing.assert_allclose(known_std(points) * scales, plan.assessment.std, rtol=1e-6)
+    assert points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
+    assert points.task_worst_mm == pytest.approx(1e3 * plan.assessment.task_worst, rel=1e-6)
 
 
 @pytest.mark.long
@@ -94,37 +106,23 @@ def test_five_hundred_refits_scatter_as_predicted(kr270: Cell, table_two: Poses)
     """Both approaches, every weighting, a robot that is off, free and loaded: nonlinear throughout."""
     elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
     cell = with_effects(kr270, "base", "tool", *elastic)
-    result = compare(cell, {"Table II": table_two}, trials=500, seed=1)
-    for verdict in result.plans[0].verdicts:
-        found = verdict.agreement
-        assert found is not None
-        assert found.trials == 500
-        low, high = band(500, 0.9999)
-        assert low < found.ratio.min()
-        assert found.ratio.max() < high
-        assert np.abs(found.bias_share).max() < 4.5
-        assert found.p > 1e-3
-        assert verdict.simulated_rms == pytest.approx(verdict.task_rms, rel=0.05)
-    assert result.p is not None
-    assert result.p > 1e-3
-
-
-def test_given_values_are_where_it_is_predicted_and_simulated(
-    kr270: Cell, table_two: Poses
-) -> None:
-    values = dict.fromkeys(calib.parameters(kr270), 0.0) | {"joint_compliance:A3.compliance": 4e-7}
-    study = compare(kr270, {"p": table_two}, trials=0, values=values).plans[0]
-    np.testing.assert_array_equal(study.experiment.truth, study.experiment.nominal)
-    assert study.experiment.nominal.max() == 4e-7
-    with pytest.raises(CalibError, match="no parameter 'nonsense'"):
-        compare(kr270, {"p": table_two}, trials=0, values={"nonsense": 1.0})
+    found = compare(cell, table_two, 500, seed=1)
+    low, high = np.sqrt(chi2.ppf([5e-5, 1 - 5e-5], 499) / 499)
+    for own in found.approaches:
+        ratio = np.array([p.monte_carlo_std for p in own.parameters]) / known_std(own)
+        assert low < ratio.min()
+        assert ratio.max() < high
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3
+        assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.05)
+    assert together(cell, found, 500).believed is True
 
 
 def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
-    study = compare(one_marker(kr270), {"p": table_two}, trials=20).plans[0]
-    assert [v.way for v in study.verdicts] == [POINTS]
-    assert study.improvement is None
-    assert study.of(PLAIN) is None
+    found = compare(one_marker(kr270), table_two, 20)
+    assert [own.key for own in found.approaches] == ["points"]
+    assert not found.improvement
 
 
 def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: Poses) -> None:
@@ -133,18 +131,16 @@ def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: P
         kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6", "joint_offset:A1"
     )
     few = table_two.take(np.arange(3))
-    study = compare(cell, {"three": few}, trials=20).plans[0]
-    points = study.of(POINTS)
-    assert points is not None
-    open_ = np.isnan(points.prediction.std)
+    points = compare(cell, few, 20).points
+    open_ = np.isnan(known_std(points))
     assert open_.any()
-    assert np.isfinite(points.prediction.std).any()
-    assert points.task_rms == np.inf
-    assert points.agreement is not None
-    assert np.isnan(points.agreement.ratio[open_]).all()
-    assert not study.refits.errors["points"][:, open_].any()
-    fields = fields_of(compare(cell, {"three": few}, trials=0))
-    assert json.dumps(fields["plans"][0]["plan"]) == '"three"'
+    assert not open_.all()
+    assert points.task_rms_mm is None
+    simulated = np.array([p.monte_carlo_std for p in points.parameters], dtype=float)
+    np.testing.assert_array_equal(np.isnan(simulated), open_)
+    experiment = experiment_of(cell, few)
+    done = refits(experiment, [predict(experiment, POINTS)], 20)
+    assert not done["points"].errors[:, open_].any()
 
 
 # -- agreement ---------------------------------------------------------------------------------
@@ -187,7 +183,6 @@ def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
     found = agreement(errors, joined)
     assert found is not None
     assert found.p > 0.01
-    assert found.total == pytest.approx(1.0, abs=0.3)
     assert agreement(errors[:1], joined) is None
     assert agreement(errors, np.zeros((2, 2))) is None
 
@@ -211,29 +206,25 @@ def test_no_way_is_better_than_the_points_where_base_and_tool_overlap() -> None:
     """One marker component is dropped there; the shape that #1 measures must not mix with it."""
     cell, plan = parallel_arm(1, 3, "base", "tool", "geometry")
     assert len(calib.parameters(cell)) < 6 + 9 + 18
-    study = compare(cell, {"p": plan}, trials=300).plans[0]
-    points = study.of(POINTS)
-    assert points is not None
-    for verdict in study.verdicts:
-        assert (verdict.prediction.std > points.prediction.std * (1.0 - 1e-6)).all()
-        assert verdict.agreement is not None
-        assert verdict.agreement.p > 1e-3, verdict.way.key
-    full = study.of(FULL)
-    assert full is not None
-    np.testing.assert_allclose(full.prediction.std, points.prediction.std, rtol=1e-6)
+    found = compare(cell, plan, 300)
+    for own in found.approaches:
+        assert (known_std(own) > known_std(found.points) * (1.0 - 1e-6)).all()
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3, own.key
+    (full,) = (own for own in found.approaches if own.key == "pose full")
+    np.testing.assert_allclose(known_std(full), known_std(found.points), rtol=1e-6)
 
 
 def test_open_parameters_are_the_same_for_every_way(kr270: Cell, table_two: Poses) -> None:
     cell = with_effects(kr270, "base", "tool", "geometry")
     few = replace(table_two.take(np.arange(4)))
-    study = compare(replace(cell, load=None), {"few": few}, trials=0).plans[0]
-    robot = [p.effect == "geometry" for p in study.experiment.model.parameters]
-    points = study.of(POINTS)
-    assert points is not None
-    open_ = np.isnan(points.prediction.std)[robot]
+    found = compare(replace(cell, load=None), few)
+    robot = [p.effect == "geometry" for p in found.points.parameters]
+    open_ = np.isnan(known_std(found.points))[robot]
     assert open_.any()
-    for verdict in study.verdicts:
-        assert not (np.isfinite(verdict.prediction.std)[robot] & open_).any()
+    for own in found.approaches:
+        assert not (np.isfinite(known_std(own))[robot] & open_).any()
 
 
 def test_a_load_effect_is_predicted_on_an_elastic_arm(kr270: Cell, table_two: Poses) -> None:
@@ -241,9 +232,8 @@ def test_a_load_effect_is_predicted_on_an_elastic_arm(kr270: Cell, table_two: Po
     elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
     anchors = {"A2": np.array([[-0.686, 0.0, 0.123], [0.185, 0.0, 0.0]])}
     cell = replace(with_effects(kr270, *elastic, "gravity_compensator:A2"), anchors=anchors)
-    study = compare(cell, {"p": table_two}, trials=0).plans[0]
-    for verdict in study.verdicts:
-        assert np.isfinite(verdict.prediction.std).all()
+    for own in compare(cell, table_two).approaches:
+        assert np.isfinite(known_std(own)).all()
 
 
 def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: Poses) -> None:
@@ -276,13 +266,11 @@ def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: P
 @pytest.mark.long
 def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two: Poses) -> None:
     cell = with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
-    few = fields_of(compare(cell, {"p": table_two}, trials=5))["agreement"]
-    assert few["believed"] is None
-    assert "too few to tell" in few["says"]
-    result = compare(cell, {"p": table_two}, trials=40)
-    study = result.plans[0]
-    lost = tuple(replace(v, unsettled=3) for v in study.verdicts)
-    worse = replace(result, plans=(replace(study, verdicts=lost),))
-    found = fields_of(worse)["agreement"]
-    assert found["believed"] is False
-    assert "3 of 40 fits" in found["says"]
+    few = together(cell, compare(cell, table_two, 5), 5)
+    assert few.believed is None
+    assert "too few to tell" in few.says
+    found = compare(cell, table_two, 40)
+    failed = [own.model_copy(update={"not_converged": 3}) for own in found.approaches]
+    worse = together(cell, found.model_copy(update={"approaches": tuple(failed)}), 40)
+    assert worse.believed is False
+    assert "3 of 40 fits" in worse.says

@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from studies import engines
-from studies.compare import montecarlo
-from studies.compare.experiment import SimulatedExperiment, experiment_of
-from studies.compare.montecarlo import MOST_TRIALS, Refits, refits
-from studies.compare.prediction import Prediction, predict
+from studies.compare import engine as engines
+from studies.compare import simulate
+from studies.compare.engine import engine
+from studies.compare.experiment import Prediction, SimulatedExperiment, experiment_of, predict
+from studies.compare.simulate import MOST_TRIALS, Refits, refits
 from studies.demo.embedded import embedded_text
-from studies.engines import engine
 from tests.helpers import cell_of, random_poses, random_robot
 from tests.studies.command_line import paper_cell, run
 
@@ -68,11 +67,11 @@ def fresh(study: Study) -> Study:
     return replace(experiment, model=replace(experiment.model)), predictions
 
 
-def same(a: Refits, b: Refits) -> bool:
-    return a.errors.keys() == b.errors.keys() and all(
-        np.array_equal(a.errors[way], b.errors[way])
-        and np.array_equal(a.settled[way], b.settled[way])
-        for way in a.errors
+def same(a: dict[str, Refits], b: dict[str, Refits]) -> bool:
+    return a.keys() == b.keys() and all(
+        np.array_equal(a[way].errors, b[way].errors)
+        and np.array_equal(a[way].settled, b[way].settled)
+        for way in a
     )
 
 
@@ -82,9 +81,9 @@ def test_no_digit_depends_on_who_computes(
 ) -> None:
     here = refits(*fresh(study), trials, seed=(5, 1))
     there = refits(*fresh(study), trials, seed=(5, 1), executor=executor)
-    assert here.trials == there.trials == trials
-    assert len(here.errors) == 4
-    assert np.stack(list(here.errors.values())).any()
+    assert {len(own.cost) for own in (*here.values(), *there.values())} == {trials}
+    assert len(here) == 4
+    assert np.stack([own.errors for own in here.values()]).any()
     assert same(here, there)
 
 
@@ -128,7 +127,7 @@ def die(*_: object) -> None:
 
 
 def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(montecarlo, "refit", die)
+    monkeypatch.setattr(simulate, "refit", die)
     done = compare(*small, "--monte-carlo", "200", "--workers", "2")
     one_line(done, "--workers: 2", "a worker died")
 
@@ -136,6 +135,6 @@ def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -
 def test_a_fault_of_a_block_is_not_hidden(
     small: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(montecarlo, "refit", divmod)
+    monkeypatch.setattr(simulate, "refit", divmod)
     done = compare(*small, "--monte-carlo", "200", "--workers", "2")
     assert isinstance(done.exception, TypeError)

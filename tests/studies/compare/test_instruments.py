@@ -65,7 +65,7 @@ def test_a_camera_alone_is_predicted_simulated_and_drawn(photographed: Path) -> 
     (plan,) = found["plans"]
     assert [own["approach"] for own in plan["approaches"]] == ["points"]
     assert found["agreement"]["believed"] is True
-    assert {path.stem for path in figures.glob("*.svg")} >= {"deviations", "ellipses"}
+    assert {path.stem for path in figures.glob("*.svg")} >= {"deviations_by_approach", "ellipses"}
 
 
 @pytest.mark.parametrize("trials", ["0", "20"])

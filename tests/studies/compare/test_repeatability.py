@@ -20,10 +20,9 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from studies.compare.agreement import agreement
-from studies.compare.compare import compare
-from studies.compare.experiment import POINTS, experiment_of
-from studies.compare.prediction import predict
+from studies.compare.experiment import POINTS, experiment_of, predict
+from studies.compare.simulate import agreement
+from studies.results.compare import compared
 from tests.helpers import with_effects
 from tests.studies.command_line import paper_cell
 
@@ -45,17 +44,17 @@ def plan(table_two: Poses) -> Poses:
 @pytest.mark.long
 def test_refits_scatter_as_predicted(cell: Cell, plan: Poses) -> None:
     """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
-    result = compare(cell, {"plan": plan}, trials=160, seed=2)
-    study = result.plans[0]
-    assert len(study.verdicts) == 4
-    for verdict in study.verdicts:
-        assert verdict.agreement is not None
-        assert verdict.agreement.p > 1e-3
-        assert verdict.simulated_rms == pytest.approx(verdict.task_rms, rel=0.12)
-    assert result.p is not None
-    assert result.p > 1e-3
-    blind = compare(replace(cell, repeatability=None), {"plan": plan}, trials=0)
-    assert study.points.task_rms > 2.0 * blind.plans[0].points.task_rms
+    (found,) = compared(cell, {"plan": plan}, 160, seed=2)
+    assert len(found.approaches) == 4
+    for own in found.approaches:
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3
+        assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.12)
+    (blind,) = compared(replace(cell, repeatability=None), {"plan": plan})
+    assert found.points.task_rms_mm is not None
+    assert blind.points.task_rms_mm is not None
+    assert found.points.task_rms_mm > 2.0 * blind.points.task_rms_mm
 
 
 def test_a_prediction_that_forgets_the_arm_is_refuted(cell: Cell, plan: Poses) -> None:

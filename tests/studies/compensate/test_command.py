@@ -17,7 +17,7 @@ import calib
 from calib.arm.kinematics import forward
 from calib.files.estimate import load_estimate
 from calib.prediction.estimate import estimate_of
-from studies.fitted import estimated
+from studies.results.estimate import Estimated
 from tests.helpers import measured_cell
 from tests.studies.command_line import checked, run
 
@@ -141,7 +141,7 @@ def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
     ):
         known = estimate_of(result)
         path = tmp_path / f"{command}.json"
-        entry = estimated(known).model_dump(by_alias=True)
+        entry = Estimated.of(known).model_dump(by_alias=True)
         path.write_text(json.dumps({"command": command, "estimate": entry}))
         read = load_estimate(cell, path)
         assert [p.id for p in read.model.parameters] == [p.id for p in known.model.parameters]

@@ -24,9 +24,7 @@ def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> No
         "--cell-out", better, "--figures", figures, "--json", tmp_path / "d.json",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert sorted(p.name for p in figures.iterdir()) == [
-        f"waterfall.{end}" for end in ("csv", "svg")
-    ]
+    assert [p.name for p in figures.iterdir()] == ["causes.svg"]
     assert f"{better}: the model as it was" in done.output.replace("\n", "")
     assert str(demo.resolve()) not in better.read_text()
 

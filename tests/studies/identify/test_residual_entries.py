@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from studies.identify.errors import IdentifyResidual
+from studies.results.identify import IdentifyResidual
 
 OF = {"pose": "p1", "marker": "m1", "heldout": False, "instrument": "tracker"}
 

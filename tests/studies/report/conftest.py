@@ -8,9 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from markupsafe import Markup
-
-from studies.document.page import Writer
 
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
 
@@ -28,12 +25,6 @@ def browser() -> Iterator[Any]:
             pytest.skip(f"Chromium does not start: {str(error).splitlines()[0]}")
         yield browser
         browser.close()
-
-
-@pytest.fixture
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages of words and tables: drawing takes most of a page's time, and other tests look at that."""
-    monkeypatch.setattr(Writer, "_figure", lambda *_: Markup())
 
 
 @pytest.fixture

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.compare.agreement import agreement
-from studies.compare.montecarlo import refits
-from studies.compare.prediction import predict
+from studies.compare.experiment import predict
+from studies.compare.simulate import agreement, refits
 from studies.research.paper.losses import Case, cases, experiment_of_case, ratios
 
 
@@ -31,7 +30,7 @@ def test_simulation_bears_the_losses_out(known: bool) -> None:
     predictions = [predict(experiment, way) for way in experiment.ways]
     done = refits(experiment, predictions, 300)
     for own in predictions:
-        judged = agreement(done.of(own.way.key), own.covariance)
+        judged = agreement(done[own.way.key].errors, own.covariance)
         assert judged is not None
         assert done.settled[own.way.key].mean() > 0.97
         assert judged.p > 1e-3, own.way.key

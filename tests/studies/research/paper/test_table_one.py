@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from calib.arrays import Array
-from studies.compare.agreement import agreement
 from studies.compare.experiment import PLAIN, POINTS
+from studies.compare.simulate import agreement
 from studies.research.paper import table_one
 
 PRINTED = json.loads((Path(__file__).parents[3] / "reference" / "paper.json").read_text())[
@@ -91,7 +91,7 @@ def test_a_thousand_calibrations_scatter_as_predicted() -> None:
     done = table_one.simulated(experiment, 1000)
     for way in KEYS.values():
         assert done.settled[way].all()
-        judged = agreement(done.of(way), found[way].covariance)
+        judged = agreement(done[way].errors, found[way].covariance)
         assert judged is not None
         standard_error = 1.0 / np.sqrt(2.0 * judged.trials)
         assert (np.abs(judged.ratio - 1.0) < 3.0 * standard_error).all()

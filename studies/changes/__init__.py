@@ -1,1 +1,0 @@
-"""``posecal changes``: its command, its record and how it is told."""

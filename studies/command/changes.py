@@ -1,0 +1,105 @@
+"""``posecal changes``: what moved between two results of one robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file, working
+from studies.command.options import PATH, Finite, faults_in, result_options, value
+
+if TYPE_CHECKING:
+    from calib import Cell
+    from calib.change import DayEstimate
+    from studies.results.identify import IdentifyResult
+
+
+# fmt: off
+@click.command()
+@click.argument("before_path", metavar="BEFORE", type=PATH)
+@click.argument("after_path", metavar="AFTER", type=PATH)
+@value("--cell cell_path", "CELL", "The cell of AFTER. Default: the cell that AFTER names.")
+@value("--tolerance-mm", "X", "Largest allowed error at any target.", Finite(min=0, min_open=True))
+@result_options(figures=False, seed=False)
+def changes(
+    before_path: Path, after_path: Path, cell_path: Path | None, tolerance_mm: float | None,
+    json_path: str | None,
+) -> None:
+    """Say what moved on a robot between two results, and whether the first still holds.
+
+    BEFORE and AFTER are JSON results of identify with the same [model] effects.
+
+    \b
+    Example:
+      posecal identify cell.toml may.csv --json may.json
+      posecal identify cell.toml june.csv --json june.json
+      posecal changes may.json june.json --tolerance-mm 0.2
+    """
+    from calib import change
+    from calib.files.estimate import load_estimate
+    from studies.results.base import envelope
+    from studies.results.changes import ChangesResult
+    from studies.results.identify import IdentifyResult
+    from studies.results.read import read_as
+
+    paths = (before_path, after_path)
+    days = {path: read_as(path, IdentifyResult) for path in paths}
+    cell = _cell(days, cell_path)
+    inputs = [cell.path, *cell.robot_files, *paths]
+    check_outputs([output_file(json_path)], inputs)
+    estimate = load_estimate(cell, after_path)
+    with faults_in(after_path), working("comparing the days"):
+        before, after = (_day(days[path]) for path in paths)
+        found = change.changes(cell, before, after, estimate)
+    names, made_from = (before_path.name, after_path.name), envelope(cell.name, inputs)
+    deliver(ChangesResult.of(found, estimate, names, tolerance_mm, made_from), json_path)
+
+
+# fmt: on
+def _cell(days: dict[Path, IdentifyResult], path: Path | None) -> Cell:
+    """The cell of the later result, whose robot must be that of both. Raises InputError."""
+    from calib import load_cell
+    from calib.errors import InputError
+    from calib.files.read import sha256
+    from studies.results.read import located
+
+    after = [*days][-1]
+    source = located(after, days[after].inputs[0].file, days[after].inputs[0].sha256)
+    path = path or source.path
+    if path is None:
+        what = f"its cell {source.file} is {source.state}"
+        raise InputError(after, "inputs", what, "give it with --cell")
+    cell = load_cell(path)
+    for file, day in days.items():
+        if not day.estimate.converged:
+            raise InputError(file, "", "did not converge", "mend the identification first")
+        for of_robot in cell.robot_files:
+            if sha256(of_robot) not in {entry.sha256 for entry in day.inputs}:
+                what = f"was not made with the {cell.robot.source} {of_robot} as it stands"
+                remedy = "compare results of one robot, identified from one nominal model"
+                raise InputError(file, "inputs", what, remedy)
+    return cell
+
+
+def _day(result: IdentifyResult) -> DayEstimate:
+    """What a result states of a robot, in SI."""
+    import numpy as np
+
+    from calib.change import COORDINATES, DayEstimate
+    from calib.inference.coverage import freedom
+
+    estimate, scatter = result.estimate, result.estimate.scatter_SI
+    scatters = scatter is not None and any((*scatter.approach, *scatter.configuration))
+    noise = np.inf if result.noise.source == "cell" else result.noise.degrees_of_freedom
+    noise = result.degrees_of_freedom if noise is None else noise
+    keys = tuple((p.effect, p.where, p.name) for p in estimate.parameters)
+    return DayEstimate(
+        keys,
+        np.array([p.value_SI for p in estimate.parameters]),
+        np.array(estimate.covariance_SI),
+        np.array([f"{effect}:{where}.{n}" in estimate.undetermined for effect, where, n in keys]),
+        {name: np.array(at) * 1e-3 for name, at in result.markers_mm.items()},
+        freedom(noise, result.poses, len(keys), as_a_whole=scatters, numbers=COORDINATES),
+    )

@@ -1,0 +1,59 @@
+"""``posecal compensate``: joint commands that bring the real arm to nominal targets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file, working
+from studies.command.options import PATH, cell_argument, faults_in, result_options, value
+
+
+# fmt: off
+@click.command()
+@cell_argument
+@click.argument("result_path", metavar="RESULT", type=PATH)
+@click.argument("targets_path", metavar="TARGETS", type=PATH)
+@value("-o --output plan_path", "FILE", "Write the targets with corrected joints as a plan.")
+@value("--tip", "LINK", "Of several tips the one that is to be in place.", str)
+@result_options(figures=False, seed=False)
+def compensate(
+    cell_path: Path, result_path: Path, targets_path: Path, plan_path: Path | None, tip: str | None,
+    json_path: str | None,
+) -> None:
+    """Correct joint commands, so that the real arm goes where the nominal arm should be.
+
+    RESULT is the JSON of identify or diagnose. TARGETS is a table of nominal joint commands, or of
+    poses of the tip in the robot's base frame (x_mm y_mm z_mm qw qx qy qz). A target may have a
+    wrench; otherwise the cell's [load] acts. Geometry, load and all other identified effects are
+    corrected together. The expected remaining error is stated.
+
+    \b
+    Example:
+      posecal identify cell.toml measurements.csv --json result.json
+      posecal compensate cell.toml result.json targets.csv -o corrected.csv
+    """
+    import calib
+    from calib.errors import InputError
+    from calib.files.cartesian import is_cartesian, solution_said
+    from calib.files.estimate import load_estimate
+    from calib.files.write_tables import compensated_csv, nominal_table
+    from studies.results.base import envelope
+    from studies.results.compensate import CompensateResult
+
+    cell = calib.load_cell(cell_path)
+    inputs = [cell_path, *cell.robot_files, result_path, targets_path]
+    check_outputs([plan_path, output_file(json_path)], inputs)
+    table = nominal_table(cell, targets_path)
+    estimate = load_estimate(cell, result_path)
+    if not estimate.converged:
+        raise InputError(result_path, "", "did not converge", "mend the identification first")
+    targets, weights = calib.load_targets(cell, targets_path)
+    with faults_in(targets_path), working("correcting the targets"):
+        found = calib.compensate(cell, estimate, targets, weights=weights, tip=tip)
+    result = CompensateResult.of(cell, found, envelope(cell.name, inputs, about=cell.about))
+    tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
+    tips = is_cartesian(cell.robot, table.columns)
+    said = solution_said(cell.robot, targets.names, targets.q) if tips else ()
+    deliver(result, json_path, files=tables, warnings=said)

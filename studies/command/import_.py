@@ -1,0 +1,93 @@
+"""``posecal import``: points of an instrument and joints of a controller, joined into one table."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file
+from studies.command.options import PATH, result_options, value
+
+if TYPE_CHECKING:
+    from calib.files.csv_table import CsvTable
+
+_OF_PLANS = ("order", "level", "weight")  # columns that say nothing of a reading
+_SHOWN = 5  # names in one line
+
+
+@click.command("import")
+@click.argument("points", metavar="POINTS", type=PATH)
+@value("--joints joints_path", "FILE", "Joints of each pose: pose,A1_deg,..", required=True)
+@value("-o --output table_path", "TABLE", "Write the joined table to this file.", required=True)
+@result_options(figures=False, seed=False)
+def import_(points: Path, joints_path: Path, table_path: Path, json_path: str | None) -> None:
+    """Join a table of measured points with a table of the joints of their poses.
+
+    POINTS is a CSV with the columns pose, marker and x_mm, y_mm, z_mm (or what else an instrument
+    reads). The poses must have the same names in both files.
+
+    The order of the joint file is taken as the order of measurement.
+
+    \b
+    Example:
+      posecal import points.csv --joints joints.csv -o measurements.csv
+    """
+    from calib.files.csv_table import csv_text
+    from studies.results.base import envelope
+    from studies.results.import_ import ImportResult
+
+    inputs = [points, joints_path]
+    check_outputs([table_path, output_file(json_path)], inputs)
+    columns, rows, joint_columns = joined(points, joints_path)
+    result = ImportResult(
+        **envelope("", inputs),
+        poses=len({row[0] for row in rows}),
+        points=len(rows),
+        markers=dict(Counter(row[1] for row in rows)),
+        columns=tuple(columns),
+        joint_columns=tuple(joint_columns),
+    )
+    deliver(result, json_path, files={table_path: csv_text(columns, rows)})
+
+
+def joined(points_path: Path, joints_path: Path) -> tuple[list[str], list[list[str]], list[str]]:
+    """Columns and rows of measurements.csv, in the order of the joints, and the columns of joints.
+
+    Raises InputError where a pose or a column does not stand where it should.
+    """
+    from calib.errors import InputError
+    from calib.files.csv_table import read_table
+
+    points = read_table(points_path, ("pose", "marker"), lambda _: None, "points")
+    joints = read_table(joints_path, ("pose",), lambda _: None)
+    joints.refuse_twice("pose", "give each reading its own name")
+    moved = [name for name in joints.columns if name not in ("pose", *_OF_PLANS)]
+    for name in moved:
+        if name in points.columns:
+            what = f"stands in {points_path}, too"
+            raise InputError(joints_path, f"column {name}", what, "keep one of them")
+    at: dict[str, list[int]] = {name: [] for name in joints.names("pose")}
+    for row, name in enumerate(points.names("pose")):
+        if name not in at:
+            what = f"pose {name!r} is not in {joints_path}"
+            raise points.fault(row, "pose", what, "add its joints there, or delete its points")
+        at[name].append(row)
+    bare = [name for name, rows in at.items() if not rows]
+    if bare:
+        shown = ", ".join(bare[:_SHOWN]) + " .." * (len(bare) > _SHOWN)
+        what = f"{len(bare)} without points in {points_path}: {shown}"
+        raise InputError(joints_path, "column pose", what, "delete these rows, or measure them")
+    rest = [name for name in points.columns if name not in ("pose", "marker")]
+    rows = [
+        [name, points.text("marker")[row], *_cells(joints, k, moved), *_cells(points, row, rest)]
+        for k, (name, own) in enumerate(at.items())
+        for row in own
+    ]
+    return ["pose", "marker", *moved, *rest], rows, moved
+
+
+def _cells(table: CsvTable, row: int, names: list[str]) -> list[str]:
+    return [table.rows[row][table.columns.index(name)] for name in names]

@@ -1,0 +1,48 @@
+"""``posecal report``: one page that can be handed to a colleague."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.command.deliver import check_outputs, deliver, output_file, working
+from studies.command.options import PATH, result_options, value
+
+
+@click.command()
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
+@value("-o --output page_path", "FILE", "Write the page to this file.",
+       default=Path("report.html"), show_default=True)  # fmt: skip
+@click.option("--title", metavar="TEXT", help="Title. Default: the name of the cell.")
+@click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
+@click.option("--operator", metavar="TEXT", help="Who measured.")
+@click.option("--date", "measured", metavar="TEXT", help="When it was measured.")
+@result_options(figures=False, seed=False)
+def report(
+    results: tuple[Path, ...],
+    page_path: Path,
+    title: str | None,
+    json_path: str | None,
+    **about: str | None,
+) -> None:
+    """Write one self-contained HTML page from results.
+
+    RESULT are files that --json wrote, in any number: of design, compare, identify, diagnose
+    (--plan-only too), enough, compensate, changes. Their input files are read again if they
+    did not change.
+
+    \b
+    Example:
+      posecal report identified.json -o report.html --operator "A. Klimchik"
+    """
+    from studies.page import report_page
+    from studies.results.base import envelope
+    from studies.results.report import ReportResult
+
+    check_outputs([page_path, output_file(json_path)], results)
+    with working("writing the page"):
+        facts = {label: text for label, text in about.items() if text}
+        text, notes = report_page(results, title, facts)
+    result = ReportResult(**envelope("", results), page=str(page_path), notes=notes)
+    deliver(result, json_path, files={page_path: text})

@@ -1,1 +1,0 @@
-"""``posecal compensate``: its record, how it is told and drawn, its command."""

@@ -1,1 +1,0 @@
-"""``posecal design``: its record, how it is told and drawn, its command."""

@@ -1,1 +1,0 @@
-"""``posecal explain``: topics, written once in ``topics`` or made from the package's own tables."""

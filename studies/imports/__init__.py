@@ -1,1 +1,0 @@
-"""What ``posecal import`` shows of the files that it joined."""

@@ -1,1 +1,0 @@
-"""``posecal init``: a first cell of the user's own robot."""

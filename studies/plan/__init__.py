@@ -1,1 +1,0 @@
-"""``posecal diagnose --plan-only``: its record, how it is told and drawn."""

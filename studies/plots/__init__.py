@@ -1,1 +1,0 @@
-"""Figures with their numbers: plain arrays, names and units in, a ``Picture`` out."""

@@ -1,1 +1,0 @@
-"""``posecal program``: a plan as a robot program."""

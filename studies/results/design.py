@@ -1,0 +1,313 @@
+"""The JSON of ``posecal design``: the poses to measure, and the proof of how good they are."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from studies.results.base import (
+    MM,
+    Count,
+    Entry,
+    Envelope,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Number,
+    Result,
+)
+from studies.results.parts import JointValues, ParameterStd, joint_values
+
+if TYPE_CHECKING:
+    from calib.arrays import Array
+    from doe import Design, plan
+    from doe.assess import Assessment
+    from doe.day import PlannedDay
+    from doe.plan import Rival
+    from doe.visiting import Reapproaches
+
+
+class BeforePolish(Entry):
+    """The plan of candidates alone."""
+
+    value: Maybe
+    bound: Maybe
+    efficiency: Number
+
+
+class Proof(Entry):
+    """The certificate: what no plan surpasses, and how it was found."""
+
+    weighted_value: Maybe
+    solver_gap: Number
+    before_polish: BeforePolish
+    agreement_of_starts: Number
+    surviving_candidates: Count
+    rounds: Count
+
+    @classmethod
+    def of(cls, found: Design) -> Self:
+        """The certificate of a design."""
+        proof, shown = found.certificate, found.problem.criterion.shown
+        return cls(
+            weighted_value=shown(proof.weighted),
+            solver_gap=proof.solver_gap,
+            before_polish=BeforePolish(
+                value=shown(proof.pool_value),
+                bound=shown(proof.pool_bound),
+                efficiency=min(1.0, proof.pool_value / proof.pool_bound),
+            ),
+            agreement_of_starts=proof.agreement_of_starts,
+            surviving_candidates=found.candidates.survivors,
+            rounds=proof.rounds,
+        )
+
+
+class DesignPose(JointValues):
+    """A pose of the plan; level : deg or mm, None without levels."""
+
+    pose: str
+    level: Maybe
+
+
+class PlanAccuracy(Entry):
+    """What a plan is worth."""
+
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    determinant: Maybe
+    trace: Maybe
+    observability: dict[str, Maybe]
+
+
+def _accuracy(judged: Assessment) -> dict[str, Any]:
+    """The fields of :class:`PlanAccuracy`."""
+    same = {name: getattr(judged, name) for name in ("determinant", "trace", "observability")}
+    errors = {"task_rms_mm": judged.task_rms * MM, "task_worst_mm": judged.task_worst * MM}
+    return {**same, **errors}
+
+
+class LossOfPose(Entry):
+    """Without the pose that is worst to lose."""
+
+    worst: str | None
+    task_rms_mm: Maybe
+
+
+class Survives(Entry):
+    """The accuracy after a loss; loss_of_marker : task RMS without each, mm."""
+
+    loss_of_pose: LossOfPose
+    loss_of_marker: dict[str, Maybe]
+
+    @classmethod
+    def of(cls, found: Design) -> Self:
+        """The losses of a design."""
+        judged, without = found.assessment, found.assessment.without_pose
+        worst = found.poses.names[int(without.argmax())] if len(without) else None
+        rms = float(without.max(initial=0.0)) * MM
+        return cls(
+            loss_of_pose=LossOfPose(worst=worst, task_rms_mm=rms),
+            loss_of_marker={name: rms * MM for name, rms in judged.without_marker.items()},
+        )
+
+
+class CandidateCounts(Entry):
+    """From how many poses the plan was chosen, and what removed the others."""
+
+    drawn: Count
+    feasible: Count
+    removed_by: dict[str, Count]
+
+
+class RelativeStd(Entry):
+    """Standard deviation of the arm's repeatability over its size, as second visits show it."""
+
+    common: Maybe
+    translation: Maybe
+    rotation: Maybe
+
+
+class RepeatVisits(Entry):
+    """Poses that are visited again, the names of their second visits; asked : else by default."""
+
+    poses: tuple[str, ...]
+    again: tuple[str, ...]
+    dof: NotNegative
+    repeatability_relative_std: RelativeStd
+    asked: bool
+
+    @classmethod
+    def of(cls, found: Reapproaches) -> Self:
+        """The repeat visits of a plan."""
+        std = RelativeStd.model_validate(found, from_attributes=True)
+        return cls(
+            poses=found.poses, again=found.again, dof=found.dof, repeatability_relative_std=std,
+            asked=found.asked,
+        )  # fmt: skip
+
+
+class RivalPlan(PlanAccuracy):
+    """A plan judged by the same bound; std : of each parameter, in its unit."""
+
+    poses: Count
+    value: Maybe
+    efficiency: Maybe
+    std: tuple[Maybe, ...]
+
+    @classmethod
+    def of(cls, rival: Rival, units: Array) -> Self:
+        """A plan; units : ndarray, shape (p,), one unit of each parameter in SI."""
+        own = rival.assessment
+        std = tuple((own.std / units).tolist())
+        accuracy, share = _accuracy(own), rival.efficiency
+        return cls(**accuracy, poses=rival.poses, value=own.value, efficiency=share, std=std)
+
+
+class CurveStep(Entry):
+    """The best plan found of so many poses."""
+
+    poses: int = Field(gt=0, lt=10**6)
+    value: Maybe
+    task_rms_mm: MaybePositive
+    efficiency: Maybe
+
+    @classmethod
+    def of(cls, step: plan.CurveStep) -> Self:
+        """A step of a curve."""
+        own, rms = step.efficiency, step.task_rms * MM
+        return cls(poses=step.poses, value=step.value, task_rms_mm=rms, efficiency=own)
+
+
+class DayTimes(Entry):
+    """The time that the poses take in their order.
+
+    seconds : of the whole day, None where not all joint speeds are known
+    speedless : joints of which no speed is known
+    """
+
+    speed_percent: NotNegative
+    seconds: Maybe
+    moving_s: Maybe
+    standing_s: NotNegative
+    speedless: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, day: PlannedDay) -> Self:
+        """The day of a plan."""
+        return cls(
+            speed_percent=day.cell.pace.speed * 100.0,
+            seconds=day.seconds,
+            moving_s=day.moving,
+            standing_s=day.standing,
+            speedless=day.speedless,
+        )
+
+
+class DesignResult(Result, PlanAccuracy):
+    """The poses to measure, and the proof of how good they are."""
+
+    command: Literal["design"] = "design"
+    criterion: str
+    criterion_unit: str
+    larger_is_better: bool
+    value: Maybe
+    bound: Maybe
+    efficiency: Number
+    proof: Proof
+    poses: tuple[DesignPose, ...] = Field(min_length=1)
+    levels_deg: dict[str, tuple[Number, ...]]
+    levels_mm: dict[str, tuple[Number, ...]]
+    predicted_std: tuple[ParameterStd, ...]
+    targets: str
+    survives: Survives
+    candidates: CandidateCounts
+    joint_travel_deg: NotNegative
+    joint_travel_mm: NotNegative
+    reapproaches: RepeatVisits | None
+    extends: Count | None
+    against: dict[str, RivalPlan]
+    curve: tuple[CurveStep, ...]
+    notes: tuple[str, ...]
+    granted: tuple[str, ...]
+    seconds: NotNegative
+    seconds_by_part: dict[str, NotNegative]
+    pays_until: Count | None
+    matches: dict[str, Count | None]
+    unchecked: str
+    day: DayTimes | None
+
+    @classmethod
+    def of(cls, found: Design, made_from: Envelope) -> Self:
+        """A design."""
+        from doe.constraints.self_collision import unchecked
+        from doe.curve import poses_that_match, stops_paying
+        from doe.day import travel
+
+        problem, judged, again = found.problem, found.assessment, found.reapproaches
+        cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed
+        robot, parameters = cell.robot, problem.model.parameters
+        units = np.array([p.scale for p in parameters])
+        counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
+        levels = shown_levels(found)
+        return cls(
+            **made_from,
+            **_accuracy(judged),
+            **_levels(found, levels),
+            criterion=found.criterion,
+            criterion_unit=criterion.unit,
+            larger_is_better=criterion.larger_is_better,
+            value=found.value,
+            bound=found.bound,
+            efficiency=found.efficiency,
+            proof=Proof.of(found),
+            poses=tuple(
+                DesignPose(pose=name, level=level, **joint_values(robot, q))
+                for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
+            ),
+            predicted_std=ParameterStd.known(parameters, judged.std),
+            targets=cell.targets_in_words,
+            survives=Survives.of(found),
+            candidates=CandidateCounts.model_validate(found.candidates, from_attributes=True),
+            joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
+            joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
+            reapproaches=None if again is None else RepeatVisits.of(again),
+            extends=None if fixed is None else len(fixed),
+            against={name: RivalPlan.of(rival, units) for name, rival in found.rivals.items()},
+            curve=tuple(map(CurveStep.of, found.curve)),
+            notes=found.notes,
+            granted=found.granted,
+            seconds=sum(found.seconds.values()),
+            seconds_by_part=found.seconds,
+            pays_until=stops_paying(counts, errors),
+            matches=poses_that_match(found.curve, found) if found.curve else {},
+            unchecked=unchecked(cell),
+            day=DayTimes.of(found.day),
+        )
+
+    @property
+    def chosen(self) -> int:
+        """Poses that differ from each other."""
+        return len(self.poses) - (0 if self.reapproaches is None else len(self.reapproaches.again))
+
+
+def shown_levels(found: Design) -> list[float]:
+    """Level of each pose in degrees or mm, NaN without levels."""
+    if found.levels is None:
+        return [math.nan] * len(found.level)
+    slides = bool(found.problem.cell.robot.prismatic[found.levels.joint])
+    shown = found.level * MM if slides else np.degrees(found.level)
+    return [float(value) for value in np.round(shown, 6) + 0.0]
+
+
+def _levels(found: Design, levels: list[float]) -> dict[str, Any]:
+    """The values of the joint that stands at levels, in the unit of its kind."""
+    fields: dict[str, dict[str, tuple[float, ...]]] = {"levels_deg": {}, "levels_mm": {}}
+    if found.levels is not None:
+        robot, joint = found.problem.cell.robot, found.levels.joint
+        unit = "levels_mm" if robot.prismatic[joint] else "levels_deg"
+        fields[unit][robot.joints[joint]] = tuple(sorted(set(levels)))
+    return fields

@@ -1,0 +1,476 @@
+"""``diagnose --json``: where the gap lies, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from studies.results.base import (
+    BeforeAfter,
+    Cause,
+    DetectionLimit,
+    Entry,
+    Envelope,
+    Maybe,
+    NotAsked,
+    NotNegative,
+    Number,
+    Outlier,
+    Owner,
+    Positive,
+    Result,
+    Unit,
+)
+from studies.results.curves import ErrorCurve, ErrorSteps
+from studies.results.estimate import Estimated, Lengths, Pixels, Residual, bad_readings
+from studies.results.noise import Noise
+
+if TYPE_CHECKING:
+    from calib import Measurements
+    from calib.diagnosis import Diagnosis
+    from calib.diagnosis.causes import Cause as FittedCause
+    from calib.diagnosis.gap import Gap
+    from calib.diagnosis.spectra import Spectrum
+    from calib.effects import Effect
+    from calib.instruments.protocol import Component
+
+
+def _absent(value: object) -> bool:
+    """Whether a key of days with a camera is empty, and left out of the file."""
+    return not value
+
+
+class LikelyCause(Cause):
+    """A cause that may be it."""
+
+    probability: Maybe
+
+
+class CauseParameter(Entry):
+    """A parameter of a cause; std is None where the data do not determine it."""
+
+    name: str
+    value: Number
+    std: Maybe
+    unit: str
+
+
+class FoundCause(LikelyCause):
+    """A cause that was found, and the causes that these data cannot tell from it.
+
+    aliases : cycles that a ripple may have as well; far_out : what of it is larger than such errors
+        usually are; standing : how sure it is; decided_by : what would tell it from the others, beyond
+        further poses
+    chosen_again : share of ten halves of the configurations in which it, or one of its class, returns
+    curve_ratio : evidence of the best curve at its place over its own
+    """
+
+    p_value: Number
+    shape_p_value: Maybe
+    shape_power: Maybe = None
+    shape_tested: bool = True
+    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
+    parameters: tuple[CauseParameter, ...]
+    share_of_gap: Maybe
+    aliases: tuple[Number, ...] = ()
+    far_out: str | None = None
+    standing: Literal["established", "likely", "one_of"]
+    decided_by: str | None = Field(default=None, exclude_if=_absent)
+    chosen_again: Maybe = None
+    curve_ratio: Maybe = None
+
+    @classmethod
+    def of(cls, cause: FittedCause, spectra: Sequence[Spectrum], tip: str) -> Self:
+        """The entry of a cause; tip : name of the frame that is the tool's."""
+        effect, evidence, doubt = cause.named.candidate.effect, cause.evidence, cause.doubt
+        cycles = [
+            value / p.scale
+            for p, value in zip(effect.parameters, cause.values, strict=True)
+            if (effect.kind, p.name) == ("gear_ripple", "cycles")
+        ]
+        return cls(
+            effect=cause.name,
+            where=place(cause.where, tip),
+            probability=cause.probability,
+            p_value=cause.p,
+            shape_p_value=doubt.p,
+            shape_power=doubt.power,
+            shape_tested=doubt.tested,
+            alike=tuple(
+                LikelyCause(effect=c.effect.kind, where=place(c.where, tip), probability=p)
+                for c, p in cause.members
+            ),
+            parameters=tuple(
+                CauseParameter(name=p.name, value=value / p.scale, std=std / p.scale, unit=p.unit)
+                for p, value, std in zip(effect.parameters, cause.values, cause.std, strict=True)
+            ),
+            share_of_gap=cause.share,
+            aliases=aliases_of(effect.where, cycles[0], spectra) if cycles else (),
+            far_out=cause.far_out or None,
+            standing=cause.standing,
+            decided_by=_decided_by([c.effect for c in cause.named.causes]),
+            chosen_again=evidence.again,
+            curve_ratio=evidence.curve_ratio,
+        )
+
+    @property
+    def one_of(self) -> bool:
+        """Whether these data do not tell it from others."""
+        return self.standing == "one_of"
+
+    @property
+    def names(self) -> str:
+        """The cause, or what may stand in its place."""
+        return " or ".join(one.key for one in self.alike or (self,))
+
+    @property
+    def brief(self) -> str:
+        """The same in few words."""
+        others = len(self.alike) - 1
+        return f"{self.key} (or {others} others)" if others > 1 else self.names
+
+
+def place(where: str, tip: str) -> str:
+    """A place as results name it: what ends at the tip belongs to the tool."""
+    return "tool" if where == tip else where
+
+
+def _decided_by(members: Sequence[Effect]) -> str | None:
+    """What tells causes of camera, board and arm apart, beyond further poses."""
+    from calib.diagnosis.gap import side_of
+
+    if len({side_of(effect.where) for effect in members}) < 2:
+        return None
+    return next((effect.decided_by for effect in members if effect.decided_by), None)
+
+
+def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[float, ...]:
+    """The cycles a turn that these poses cannot tell from those of a ripple of a joint."""
+    for spectrum in spectra:
+        for named, aliases in spectrum.named if spectrum.joint == joint else ():
+            if abs(named - cycles) < 0.01 * spectrum.width:
+                return _rounded(aliases)
+    return ()
+
+
+def _rounded(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(round(float(value), 2) for value in values)
+
+
+class Side(Entry):
+    """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
+
+    side: Literal["camera", "board", "arm"]
+    share_of_gap: Number
+
+
+class LocatedPlace(Entry):
+    """Where a part of the gap sits, and on what it depends."""
+
+    where: str
+    depends_on: str
+    share_of_gap: Maybe
+
+
+class GapErrors(Entry):
+    """RMS errors before and after.
+
+    crossvalidated : each tenth of the configurations by the others
+    over_time : each quarter of the session by the others, likewise
+    unit : of all of them, mm but where no reading is a length
+    heldout_rose : whether held-out poses are predicted no better with what was found, None where
+        nothing was found or held out
+    """
+
+    unit: Unit
+    floor_mm: Positive
+    fit_before_mm: NotNegative
+    fit_after_mm: NotNegative
+    heldout_before_mm: NotNegative | None
+    heldout_after_mm: NotNegative | None
+    heldout_rose: bool | None
+    crossvalidated_before_mm: NotNegative | None
+    crossvalidated_after_mm: NotNegative | None
+    over_time_before_mm: NotNegative | None
+    over_time_after_mm: NotNegative | None
+    closed: Maybe
+    closed_ci95: tuple[Number, Number] | None
+
+    @classmethod
+    def of(cls, gap: Gap, shown: Component) -> Self:
+        """The entry of a gap; shown : the unit of its errors."""
+
+        def scaled(value: float | None) -> float | None:
+            return None if value is None else value / shown.scale
+
+        crossed, over_time = gap.crossed or (None, None), gap.over_time or (None, None)
+        return cls(
+            unit=shown.unit,
+            floor_mm=gap.floor / shown.scale,
+            fit_before_mm=gap.fit_before / shown.scale,
+            fit_after_mm=gap.fit_after / shown.scale,
+            heldout_before_mm=scaled(gap.heldout_before),
+            heldout_after_mm=scaled(gap.heldout_after),
+            heldout_rose=gap.heldout_rose,
+            crossvalidated_before_mm=scaled(crossed[0]),
+            crossvalidated_after_mm=scaled(crossed[1]),
+            over_time_before_mm=scaled(over_time[0]),
+            over_time_after_mm=scaled(over_time[1]),
+            closed=gap.closed,
+            closed_ci95=gap.closed_ci95,
+        )
+
+    @property
+    def rows(self) -> list[tuple[str, float, float | None]]:
+        """Of which poses, before, after: as far as they are known."""
+        known = (
+            ("fitted poses", self.fit_before_mm, self.fit_after_mm),
+            ("held out", self.heldout_before_mm, self.heldout_after_mm),
+            ("cross-validated", self.crossvalidated_before_mm, self.crossvalidated_after_mm),
+            ("cross-validated in time", self.over_time_before_mm, self.over_time_after_mm),
+        )
+        return [(name, before, after) for name, before, after in known if before is not None]
+
+
+class Rest(Entry):
+    """What remains beside the causes: a standard deviation of one coordinate, beyond the instrument's.
+
+    repeatability_mm : of the arm, with which it is compared; stated, measured by second approaches, or
+        assumed from data sheets of arms of its size
+    """
+
+    mm: NotNegative
+    kind: Literal["none", "scatter", "structure", "too_large"]
+    of: Owner
+    repeatability_mm: NotNegative
+    repeatability_source: Literal["stated", "measured", "assumed"]
+
+
+class RefusedCause(Cause):
+    """A cause that was selected and that is not named all the same."""
+
+    reason: str
+
+
+class SpectrumLine(Entry):
+    """A line of a spectrum with the gear ratios that it would mean, and what else it might be."""
+
+    cycles: Number
+    std: Maybe
+    amplitude_urad: Maybe
+    amplitude_std_urad: Maybe
+    fall: NotNegative
+    ratios: tuple[Number, Number]
+    aliases: tuple[Number, ...]
+
+
+class SpectrumLines(Entry):
+    """Lines of the residual along a joint's axis; repeats is None where its steps are not equal."""
+
+    joint: str
+    false_alarm: Positive
+    repeats_1_turn: Positive | None
+    lines: tuple[SpectrumLine, ...]
+
+    @classmethod
+    def of(cls, spectrum: Spectrum) -> Self:
+        """What a spectrum shows of gears."""
+        lines = (
+            SpectrumLine(
+                cycles=line.cycles,
+                std=line.std,
+                amplitude_urad=line.amplitude * 1e6,
+                amplitude_std_urad=line.amplitude_std * 1e6,
+                fall=line.fall,
+                ratios=line.ratios,
+                aliases=_rounded(line.aliases),
+            )
+            for line in spectrum.lines
+        )
+        return cls(
+            joint=spectrum.joint,
+            false_alarm=spectrum.false_alarm,
+            repeats_1_turn=spectrum.repeats,
+            lines=tuple(lines),
+        )
+
+
+class DiagnoseResidual(Residual):
+    """Measured minus predicted reading, with what was found and before."""
+
+    other = "before"
+    before_mm: Lengths | None = None
+    before_px: Pixels | None = None
+
+    @classmethod
+    def of_both(cls, result: Diagnosis, data: Measurements, heldout: bool) -> Iterator[Self]:
+        """Every reading of a table; no turns."""
+        before, after = (fit.model.off(fit.values, data) for fit in (result.before, result.after))
+        return cls.each(result.before.model, data, before, after, heldout)
+
+
+class DiagnoseResult(Result):
+    """Where the gap lies, what causes it, and how far it shrinks."""
+
+    command: Literal["diagnose"] = "diagnose"
+    verdict: Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
+    noise: Noise
+    effects: tuple[FoundCause, ...]
+    possible: tuple[FoundCause, ...] = ()
+    rest: Rest
+    sides: tuple[Side, ...] = Field(default=(), exclude_if=_absent)
+    located: tuple[LocatedPlace, ...]
+    gap: GapErrors
+    could_not_see: tuple[DetectionLimit, ...]
+    refused: tuple[RefusedCause, ...]
+    not_asked: tuple[NotAsked, ...]
+    approach_derived: bool
+    not_fitted: tuple[str, ...]
+    outliers: tuple[Outlier, ...]
+    spectra: tuple[SpectrumLines, ...]
+    holdout: str | None
+    estimate: Estimated
+    steps: ErrorSteps | None
+    curves: tuple[ErrorCurve, ...]
+    residuals: tuple[DiagnoseResidual, ...]
+
+    @classmethod
+    def of(
+        cls, result: Diagnosis, made_from: Envelope, *, figures: bool, after_s: float, **asked: Any
+    ) -> Self:
+        """The result of a diagnosis.
+
+        figures : whether it holds what they show: further fits
+        after_s : after the last reading the arm comes to its targets; asked : holdout, warnings
+        """
+        from calib.diagnosis.spectra import spectra
+        from calib.prediction.estimate import estimate_of
+
+        after, poses, rest = result.after, result.data.poses, result.rest
+        model, tip, lines = after.model, after.model.robot.tip, spectra(result)
+        footprint = model.footprint(after.values, result.data)
+        steps: ErrorSteps | None = None
+        curves: tuple[ErrorCurve, ...] = ()
+        residuals: list[DiagnoseResidual] = []
+        if figures:
+            steps, curves = ErrorSteps.of_diagnosis(result), tuple(ErrorCurve.each(result))
+            residuals = [*DiagnoseResidual.of_both(result, result.data, False)]
+            if result.heldout is not None:
+                residuals += DiagnoseResidual.of_both(result, result.heldout, True)
+        return cls(
+            **made_from,
+            **asked,
+            verdict=result.verdict,
+            noise=Noise.of(result.noise, after.levels, result.stage.scatter, model, footprint),
+            effects=tuple(FoundCause.of(cause, lines, tip) for cause in result.causes),
+            possible=tuple(FoundCause.of(cause, lines, tip) for cause in result.possible),
+            rest=Rest(
+                mm=rest.size * 1e3,
+                kind=rest.kind,
+                of=rest.of,
+                repeatability_mm=rest.repeatability * 1e3,
+                repeatability_source=rest.source,
+            ),
+            sides=tuple(Side(side=entry.side, share_of_gap=entry.share) for entry in result.sides),
+            located=tuple(
+                LocatedPlace(
+                    where=place(entry.where, tip),
+                    depends_on=entry.depends_on,
+                    share_of_gap=entry.share,
+                )
+                for entry in result.located
+            ),
+            gap=GapErrors.of(result.gap, model.readout.channels.shown),
+            could_not_see=tuple(
+                DetectionLimit(
+                    effect=entry.effect,
+                    where=place(entry.where, tip),
+                    minimum_detectable=entry.smallest / entry.scale,
+                    unit=entry.unit,
+                    left_mm=entry.left * 1e3,
+                )
+                for entry in result.hidden
+            ),
+            refused=tuple(
+                RefusedCause(
+                    effect=entry.effect, where=place(entry.where, tip), reason=entry.reason
+                )
+                for entry in result.refused
+            ),
+            not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in result.not_asked),
+            approach_derived=bool(poses.approach is not None and poses.approach_derived),
+            not_fitted=tuple(np.array(poses.names)[result.waiting].tolist()),
+            outliers=tuple(_outliers(result)),
+            spectra=tuple(map(SpectrumLines.of, lines)),
+            estimate=Estimated.of(estimate_of(result, after_s)),
+            steps=steps,
+            curves=curves,
+            residuals=tuple(residuals),
+        )
+
+    @property
+    def error(self) -> BeforeAfter:
+        """RMS before and after, at poses held out where there are any."""
+        gap, of = (
+            self.gap,
+            "RMS error at {where}, with the model as given and with the causes found",
+        )
+        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
+            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, gap.unit, True)
+        return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, of, gap.unit)
+
+    @property
+    def worst_hidden(self) -> DetectionLimit | None:
+        """What would leave most of all that these data could not show, None where nothing would."""
+        known = [entry for entry in self.could_not_see if entry.left_mm is not None]
+        return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)
+
+    @property
+    def kinds(self) -> list[str]:
+        """The effects found, ``effect (3 places)``, the most frequent first."""
+        counts = Counter(effect.effect for effect in self.effects).most_common()
+        return [f"{kind} ({n} places)" if n > 1 else kind for kind, n in counts]
+
+    @property
+    def form_alone(self) -> bool:
+        """Whether nothing of size remains, though a cause may act by another formula."""
+        return bool(self.effects) and self.rest.kind == "structure" and not self.rest.mm
+
+    @property
+    def rivals(self) -> list[str]:
+        """Two causes that the data cannot tell apart and a choice of poses may, ``effect:where``."""
+        from calib.effects import catalogue
+
+        for effect in self.effects:
+            joints = [entry.key for entry in effect.alike if not catalogue()[entry.effect].uses]
+            if effect.one_of and len(joints) > 1:
+                return joints[:2]
+        return []
+
+    @property
+    def located_causes(self) -> list[tuple[LocatedPlace, str]]:
+        """Places, each with the cause that is named for it."""
+        left, named = [*self.effects, *self.possible], []
+        for located in self.located:
+            key = located.where, located.share_of_gap
+            cause = next((e for e in left if (e.where, e.share_of_gap) == key), None)
+            if cause is not None:
+                left.remove(cause)
+            named.append((located, "unknown" if cause is None else cause.effect))
+        return named
+
+
+def _outliers(result: Diagnosis) -> Iterator[Outlier]:
+    from calib.identification.residuals import Residuals
+
+    model = result.after.model
+    part = Residuals.of(model, result.data, result.after.values, result.outlier)
+    for i in np.flatnonzero(result.outlier).tolist():
+        reason = bad_readings(part, model, i) or (
+            f"mean square {result.statistic[i]:.1f} of its own spread, limit {result.limit:.1f}"
+        )
+        yield Outlier(pose=result.data.poses.names[i], reason=reason)

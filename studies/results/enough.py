@@ -1,0 +1,207 @@
+"""The JSON of ``posecal enough``: what is expected now, and after each further pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+from studies.results.base import (
+    MM,
+    BeforeAfter,
+    Count,
+    Entry,
+    Envelope,
+    Judgement,
+    Maybe,
+    MaybePositive,
+    NotNegative,
+    Positive,
+    Result,
+)
+from studies.results.parts import ParameterStd
+
+if TYPE_CHECKING:
+    from calib.model import Model
+    from doe import Enough
+    from doe.forecast.accuracy import ForecastStep
+
+_HOUR = 3600.0  # s
+
+
+class NoiseSoFar(Entry):
+    """Standard deviation of a coordinate, as the data show it."""
+
+    sigma_mm: NotNegative
+    source: Literal["cell", "replicates", "residual"]
+    pixel_mm: MaybePositive
+
+
+class SeenElsewhere(Entry):
+    """The error at poses that the fit was without, less the instrument's noise, 3-D RMS.
+
+    heldout_mm : with the noise, None where no poses were held out
+    """
+
+    rms_mm: NotNegative
+    source: str
+    heldout_mm: Maybe
+
+
+class LastingError(Entry):
+    """The error at the targets that no more poses lower.
+
+    scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
+    unexplained_mm : what the model lacks; unexplained_surely : whether that is more than chance
+    trend_mm : the part of it by which the trend of the day goes on until the targets' time
+    """
+
+    rms_mm: NotNegative
+    scatter_mm: NotNegative
+    scatter_of: Literal["arm", "undecided"]
+    unexplained_mm: NotNegative
+    unexplained_from: str
+    unexplained_surely: bool
+    trend_mm: NotNegative
+    targets_after_h: NotNegative | None
+    seen: SeenElsewhere | None
+
+    @classmethod
+    def of(cls, answer: Enough) -> Self:
+        """What an answer states of it."""
+        own, found, seen = answer.lacking, answer.found, None
+        if found is not None and own.seen.source:
+            read = found.rms("heldout")
+            seen = SeenElsewhere(
+                rms_mm=own.seen.rms * MM,
+                source=own.seen.source,
+                heldout_mm=None if read is None else read * MM,
+            )
+        return cls(
+            rms_mm=own.rms * MM,
+            scatter_mm=own.scatter * MM,
+            scatter_of=own.scatter_of,
+            unexplained_mm=own.of_model * MM,
+            unexplained_from=own.discrepancy.source,
+            unexplained_surely=own.surely,
+            trend_mm=own.trend * MM,
+            targets_after_h=None if own.after is None else own.after / _HOUR,
+            seen=seen,
+        )
+
+
+class PlanProgress(Entry):
+    """Poses of the plan; ``to_measure`` counts the readings that are left as poses to go to."""
+
+    poses: Count
+    measured: Count
+    to_measure: Count
+
+
+class ExpectedStep(Entry):
+    """What is expected after one more pose; ``pose`` is None for now."""
+
+    pose: str | None
+    readings: Count
+    task_rms_mm: Maybe
+    task_worst_mm: Maybe
+    task_most_mm: Maybe
+    from_parameters_mm: Maybe
+    unidentifiable: tuple[str, ...]
+
+    @classmethod
+    def of(cls, step: ForecastStep, **more: Any) -> Self:
+        """A step; more : further fields of the class."""
+        return cls(
+            pose=step.pose,
+            readings=step.readings,
+            task_rms_mm=step.task_rms * MM,
+            task_worst_mm=step.task_worst * MM,
+            task_most_mm=step.task_most * MM,
+            from_parameters_mm=step.from_parameters * MM,
+            unidentifiable=step.open,
+            **more,
+        )
+
+
+class KnownParameter(ParameterStd):
+    """How well a parameter is known; share : of the size that such errors have."""
+
+    share: Maybe
+
+
+class KnownState(ExpectedStep):
+    """A step with all that is known by then."""
+
+    parameters: tuple[KnownParameter, ...]
+
+    @classmethod
+    def at(cls, model: Model, step: ForecastStep) -> Self:
+        """A step of the model of the day."""
+        share = step.std / model.sizes
+        return cls.of(
+            step, parameters=KnownParameter.known(model.parameters, step.std, share=share)
+        )
+
+
+class EnoughResult(Result):
+    """The answer of ``posecal enough``."""
+
+    command: Literal["enough"] = "enough"
+    targets: str
+    status: str
+    reason: str | None
+    noise: NoiseSoFar
+    lacking: LastingError
+    plan: PlanProgress
+    now: KnownState
+    order: tuple[ExpectedStep, ...]
+    end: KnownState
+    goal_mm: Positive | None
+    goal_beyond_reach: bool
+    poses_to_goal: Count | None
+    fresh_poses_to_goal: Count | None
+    fresh: tuple[ExpectedStep, ...]
+    pays_until: Count | None
+
+    @classmethod
+    def of(cls, answer: Enough, planned: int, targets: str, made_from: Envelope) -> Self:
+        """An answer; planned : poses of the plan; targets : in words."""
+        found, model, coming = answer.found, answer.model, answer.steps[1:]
+        length = model.readout.channels.metric
+        return cls(
+            **made_from,
+            warnings=answer.match.warnings,
+            targets=targets,
+            status="too_few" if found is None else found.status,
+            reason=answer.why or None,
+            noise=NoiseSoFar(
+                sigma_mm=answer.sigma * MM,
+                source="cell" if found is None else found.noise.source,
+                pixel_mm=None if length else answer.footprint * MM,
+            ),
+            lacking=LastingError.of(answer),
+            plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
+            now=KnownState.at(model, answer.steps[0]),
+            order=tuple(map(ExpectedStep.of, coming)),
+            end=KnownState.at(model, answer.steps[-1]),
+            goal_mm=None if answer.goal is None else answer.goal * MM,
+            goal_beyond_reach=answer.beyond_reach,
+            poses_to_goal=answer.needed,
+            fresh_poses_to_goal=answer.fresh_needed,
+            fresh=tuple(map(ExpectedStep.of, answer.fresh)),
+            pays_until=answer.pays_until,
+        )
+
+    @property
+    def error(self) -> BeforeAfter | None:
+        """Expected at the targets now, and after all planned poses."""
+        now, end = self.now.task_rms_mm, self.end.task_rms_mm
+        if now is None or end is None:
+            return None
+        judged = None
+        if self.goal_mm is not None:
+            goal = f"goal {self.goal_mm:g} mm"
+            judged = Judgement("fail", goal, "Not enough yet")
+            if self.poses_to_goal == 0:
+                judged = Judgement("pass", goal, "Enough")
+        of, ends = "RMS error expected at the targets", ("now", "after all planned poses")
+        return BeforeAfter(now, end, of, ends=ends, judged=judged)

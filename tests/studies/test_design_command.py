@@ -63,7 +63,7 @@ def test_tables_say_what_matters(done: Result) -> None:
         "taking for granted 200 poses spread over the joint limits as targets.",
         "no plan is below",
         "plan.csv",
-        "loss",
+        "Loss:",
         "p15",
         "9 parameters",
     ):

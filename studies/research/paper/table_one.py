@@ -124,7 +124,8 @@ def main(trials: int, seed: int) -> Output:
     done = simulated(experiment, trials, seed)
     columns: dict[str, Array] = {}
     for name, way, key in (("#1", PLAIN, "approach_1"), ("#2", POINTS, "approach_2")):
-        own = agreement(done[way.key].errors, found[way.key].covariance)
+        fits = done[way.key]
+        own = agreement(fits.errors[fits.settled], found[way.key].covariance)
         assert own is not None  # noqa: S101
         columns[f"{name}\npaper"] = np.array(printed[key])
         columns[f"{name}\nours"] = found[way.key].std / SCALES

@@ -90,12 +90,13 @@ def test_a_thousand_calibrations_scatter_as_predicted() -> None:
     found = table_one.predictions_at(experiment)
     done = table_one.simulated(experiment, 1000)
     for way in KEYS.values():
-        assert done.settled[way].all()
-        judged = agreement(done[way].errors, found[way].covariance)
+        assert done[way].settled.all()
+        errors = done[way].errors
+        judged = agreement(errors, found[way].covariance)
         assert judged is not None
-        standard_error = 1.0 / np.sqrt(2.0 * judged.trials)
-        assert (np.abs(judged.ratio - 1.0) < 3.0 * standard_error).all()
-        assert (np.abs(judged.bias_share) < 4.0).all(), "means equal the assigned values"
+        assert (np.abs(judged.std / found[way].std - 1.0) < 3.0 / np.sqrt(2.0 * len(errors))).all()
+        bias = errors.mean(axis=0) / (judged.std / np.sqrt(len(errors)))
+        assert (np.abs(bias) < 4.0).all(), "means equal the assigned values"
         assert judged.p > 0.01
 
 

@@ -10,8 +10,8 @@ from calib.arm.robot import odd_limits
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
+from doe.parameters import by_reason
 from doe.plan import Design
-from doe.problem.parameters import by_reason
 
 
 def granted_by(design: Design) -> tuple[str, ...]:

@@ -194,7 +194,7 @@ def design_record(found: Design, made_from: Envelope) -> DesignRecord:
     """The record of a design."""
     from doe.constraints.self_collision import unchecked
     from doe.curve import poses_that_match, stops_paying
-    from doe.day import travel
+    from doe.order import travel
 
     problem, judged = found.problem, found.assessment
     robot = problem.cell.robot

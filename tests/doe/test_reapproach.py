@@ -25,8 +25,8 @@ from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
 from doe.plan import named
-from doe.problem.request import request_of
-from doe.visiting import with_reapproaches
+from doe.repeats import with_reapproaches
+from doe.request import request_of
 from studies.design.record import design_record
 from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects

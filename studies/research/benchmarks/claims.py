@@ -46,7 +46,7 @@ from calib.prediction.estimate import estimate_of
 from doe.assess import assess
 from doe.forecast.enough import enough
 from doe.problem import problem_of
-from doe.problem.request import Request
+from doe.request import Request
 from studies.compensate.record import compensate_record
 from studies.compensate.record import told as told_of_commands
 from studies.document import Document

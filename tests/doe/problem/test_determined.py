@@ -13,7 +13,7 @@ from calib import load_cell
 from calib.cell import Cell
 from calib.model.build import build
 from calib.simulation import drawn_readings
-from doe.problem.request import CannotIdentify
+from doe.request import CannotIdentify
 from tests import two_arms
 from tests.doe.plans import unpolished, visiting_again
 

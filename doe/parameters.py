@@ -7,21 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
+from calib.api import readings
 from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects import Effect, catalogue
 from calib.effects.protocol import ElasticEffect
 from calib.errors import CalibError
+from calib.identification.checks import outnumbered
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
-from calib.poses import poses_at
-from doe.problem.linearisation import Regressor
-from doe.problem.request import CannotIdentify, Request
+from calib.poses import Measurements, Poses, poses_at
+from doe.information import Regressor
+from doe.request import CannotIdentify, Request
 
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 _NAMED = 8  # parameters of one reason that a refusal names
@@ -164,37 +167,48 @@ def without_idle(
     return tuple(e for e in effects if e not in idle), left
 
 
+def check_count(regressor: Regressor, rows: Array, request: Request, probe: Poses) -> None:
+    """Refuse a number of poses of which no choice could do. Raises CannotIdentify.
+
+    rows : ndarray, shape (m, rows, p), of feasible configurations; probe : Poses, these
+    """
+    p, extra = rows.shape[2], 0 if request.fixed is None else len(request.fixed)
+    # Free of load a pose may tell nothing.
+    each, held = int(rows.any(axis=(0, 2)).sum()), len(regressor.known)
+
+    def suffice(poses: int) -> bool:
+        """By the count of rows, and by that of rigid coordinates where nothing is known beside."""
+        if (poses + extra) * each + held < p:
+            return False
+        read = readings(regressor.cell, probe.take(np.arange(poses + extra) % len(probe)))
+        seen = np.ones((len(read), len(regressor.cell.channels)), dtype=bool)
+        blank = np.zeros((*seen.shape, regressor.cell.channels.width))
+        data = Measurements(read, blank, seen, np.full(seen.shape, np.nan))
+        return bool(held) or not outnumbered(regressor.model, data)
+
+    if not suffice(request.poses):
+        least = next(n for n in count(request.poses + 1) if suffice(n))
+        raise CannotIdentify(
+            (),
+            f"{request.poses} poses give {(request.poses + extra) * each + held} equations, too few "
+            f"for {p} parameters; ask for at least {least} poses, or take effects out of [model] effects",
+        )
+
+
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
-    cell, model, p = regressor.cell, regressor.model, rows.shape[2]
-    extra = 0 if request.fixed is None else len(request.fixed)
-    # Free of load a pose may tell nothing.
-    each, held = int(rows.any(axis=(0, 2)).sum()), regressor.known
-    equations = (request.poses + extra) * each + len(held)
-    if equations < p:
-        least = -(-(p - len(held)) // each) - extra
-        raise CannotIdentify(
-            (),
-            f"{request.poses} poses give {equations} equations for {p} parameters; "
-            f"ask for at least {least} poses, or take effects out of [model] effects",
-        )
-    found = _undetermined(regressor, rows, request)
-    if not found:
+    lost = _undetermined(regressor, rows, request)
+    if not lost:
         return
-    lost = [name for entry in found for name in entry.names]
-    rivals = request.rivals or ()
-    if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in lost):
-        raise CannotIdentify(
-            tuple(lost),
-            f"no plan tells {' from '.join(rivals)}: {found[0].reason} ({', '.join(lost)}); "
-            "name others",
-        )
-    raise CannotIdentify(
-        tuple(lost), f"no plan determines {by_reason(found)}; {_help(cell, model, lost)}"
-    )
+    names, rivals = tuple(name for entry in lost for name in entry.names), request.rivals or ()
+    if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in names):
+        apart = f"no plan tells {' from '.join(rivals)}: {lost[0].reason} ({', '.join(names)})"
+        raise CannotIdentify(names, f"{apart}; name others")
+    remedy = _help(regressor.cell, regressor.model, names)
+    raise CannotIdentify(names, f"no plan determines {by_reason(lost)}; {remedy}")
 
 
 def by_reason(lost: Sequence[Unidentifiable]) -> str:

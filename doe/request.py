@@ -15,7 +15,7 @@ from calib.files.tables import holds_points, load_measurements, load_plan
 from calib.poses import Measurements, Poses
 from calib.poses.moves import visits
 from doe.criteria import UNASKED, catalogue
-from doe.problem.levels import AngleLevels, levels_of, parse_levels
+from doe.levels import AngleLevels, levels_of, parse_levels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
@@ -160,19 +160,18 @@ def _usual_reapproaches(cell: Cell, request: Request) -> int:
 
 def refuse_unplaced(cell: Cell) -> None:
     """Raise CalibError where an instrument reads nothing that can be foreseen."""
-    for instrument in cell.instruments:
-        if instrument.unforeseen:
+    for one in cell.instruments:
+        if one.unforeseen:
             raise CalibError(
-                f"what {instrument.kind} {instrument.name!r} would read cannot be foreseen: "
-                f"{instrument.unforeseen}"
+                f"what {one.kind} {one.name!r} would read cannot be foreseen: {one.unforeseen}"
             )
 
 
 def refuse_touching(cell: Cell) -> None:
     """Raise CalibError where an instrument is touched: no candidate is brought to it."""
-    for instrument in cell.instruments:
-        if instrument.touches:
+    for one in cell.instruments:
+        if one.touches:
             raise CalibError(
-                f"poses that touch {instrument.kind} {instrument.name!r} are not planned for; choose "
-                "them by hand, and judge them with posecal compare"
+                f"poses that touch {one.kind} {one.name!r} are not planned for; choose them by hand, "
+                "and judge them with posecal compare"
             )

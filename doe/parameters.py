@@ -190,8 +190,8 @@ def check_count(regressor: Regressor, rows: Array, request: Request, probe: Pose
         least = next(n for n in count(request.poses + 1) if suffice(n))
         raise CannotIdentify(
             (),
-            f"{request.poses} poses give {(request.poses + extra) * each + held} equations, too few "
-            f"for {p} parameters; ask for at least {least} poses, or take effects out of [model] effects",
+            f"{request.poses} poses give {(request.poses + extra) * each + held} equations, too "
+            f"few for {p} parameters; ask for at least {least} poses, or take effects out of [model] effects",
         )
 
 

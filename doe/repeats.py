@@ -63,7 +63,7 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     Raises CalibError where the plan has too few poses.
     """
     chosen = _spread(problem, poses, count)
-    day = _over_the_day(problem.cell, poses.q, chosen.tolist())
+    day = over_the_day(problem.cell, poses.q, chosen.tolist())
     later = [i in day[:k] for k, i in enumerate(day)]
     own = [poses.names[i] for i in day]
     names = [f"{n}_again" if second else n for n, second in zip(own, later, strict=True)]
@@ -75,8 +75,8 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     return visited, Reapproaches(again, tuple(f"{n}_again" for n in again), dof, *alone, asked)
 
 
-def _over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:
-    """The order of m poses with a second visit of those chosen in each of as many parts of the day.
+def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:
+    """The order of poses (m, dof) with a second visit of those chosen in each of as many parts of the day.
 
     Each part, the last one first, takes that of them which comes from the other side with most joints
     and at little detour; two visits of a pose have another one between them.

@@ -17,10 +17,10 @@ from doe.optimal.exchange import exchange, rounded_weights
 from doe.optimal.relax import Relaxation
 from doe.optimal.selection import Selection
 
-_STARTS, _QUICK = 6, 3  # at most, and where a search is not thorough
+_STARTS, _QUICK = 3, 3  # at most, and where a search is not thorough
 _FEWEST = 3  # starts before two that end in the same best plan are enough
 _SAME = 1e-4  # relative difference of criteria below which two starts ended alike
-_KICKS = 15  # of the best plan in vain, after which there are no more
+_KICKS = 10  # of the best plan in vain, after which there are no more
 _ACCEPTED = 0.997  # of the best plan, from which a plan is kicked in its place
 _KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
 _SHORT = 1500  # candidates of a short list

@@ -166,8 +166,8 @@ class Pool:
         known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
         removed = {**self.removed, "already measured": int((~fresh).sum())}
-        kept = (part[fresh] for part in (self.q, self.level, self.seen))
-        return Pool(*kept, self.drawn, removed, self.packed[fresh])
+        q, level, seen = self.q[fresh], self.level[fresh], self.seen[fresh]
+        return Pool(q, level, seen, self.drawn, removed, self.packed[fresh])
 
     def plus(self, regressor: Regressor, levels: AngleLevels | None, q: Array) -> Pool:
         """The candidates and further configurations (m, dof), which keep the constraints."""

@@ -188,10 +188,11 @@ def check_count(regressor: Regressor, rows: Array, request: Request, probe: Pose
 
     if not suffice(request.poses):
         least = next(n for n in count(request.poses + 1) if suffice(n))
+        given = (request.poses + extra) * each + held
         raise CannotIdentify(
             (),
-            f"{request.poses} poses give {(request.poses + extra) * each + held} equations, too "
-            f"few for {p} parameters; ask for at least {least} poses, or take effects out of [model] effects",
+            f"{request.poses} poses give {given} equations, too few for {p} parameters; "
+            f"ask for at least {least} poses, or take effects out of [model] effects",
         )
 
 

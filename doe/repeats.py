@@ -76,7 +76,7 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
 
 
 def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:
-    """The order of poses (m, dof) with a second visit of those chosen in each of as many parts of the day.
+    """The order of poses (m, dof) with second visits of those chosen, in parts of the day alike.
 
     Each part, the last one first, takes that of them which comes from the other side with most joints
     and at little detour; two visits of a pose have another one between them.

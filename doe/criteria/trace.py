@@ -54,8 +54,8 @@ class Trace(Criterion):
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))
         half = L_inverse @ self.F  # the cost is |half|^2, scaled to one here
         moved = (columns.reshape(q * p, p) @ (L_inverse.T @ half)).reshape(q, p, -1)
-        moved = (L_inverse @ moved).reshape(q, -1)
-        return 1.0, -scale * moved @ half.ravel(), np.sqrt(2.0 * scale) * moved
+        rows = (L_inverse @ moved).reshape(q, -1)
+        return 1.0, -scale * rows @ half.ravel(), np.sqrt(2.0 * scale) * rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,10 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import lessened
 from doe.optimal.selection import Selection
 
+FEW = 12
+"""Poses of a plan up to which prices say little of what a candidate brings."""
 _JUDGED, _DOUBTED = 3, 24  # judged exactly in place of a pose, where their rank is exact or not
-_RANKED = 100  # candidates in place of a pose that are ranked: those of the largest price
+_RANKED = 100  # candidates of the largest price that are ranked in place of one of many poses
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -76,7 +78,7 @@ def _likely(
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:
         return live
-    if len(live) > _RANKED:
+    if len(plan) > FEW and len(live) > _RANKED:
         live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
     rest = lessened(cov, rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, rows[live])

@@ -13,19 +13,34 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.exchange import exchange, rounded_weights
+from doe.optimal.exchange import FEW, exchange, rounded_weights
 from doe.optimal.relax import Relaxation
 from doe.optimal.selection import Selection
 
-_STARTS, _QUICK = 3, 3  # at most, and where a search is not thorough
+_QUICK = 3  # starts of a search that is not thorough
 _FEWEST = 3  # starts before two that end in the same best plan are enough
 _SAME = 1e-4  # relative difference of criteria below which two starts ended alike
-_KICKS = 10  # of the best plan in vain, after which there are no more
 _ACCEPTED = 0.997  # of the best plan, from which a plan is kicked in its place
 _KICKED = 3  # poses of a plan that are replaced by chance, at most half of them
 _SHORT = 1500  # candidates of a short list
-_EASED = (0.3, 0.05)  # information of average poses, per pose, that plans begin with
 _WORTH = 1e-6  # relative gain below which a plan is no better
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """How long a search goes on.
+
+    starts : at most; kicks : of the best plan in vain, after which there are no more
+    eased : information of average poses, per pose, that plans begin with
+    """
+
+    starts: int
+    kicks: int
+    eased: tuple[float, ...]
+
+
+# Of few poses each is so large a part of all that local optima are many, and exchanges take no time.
+_OF_FEW, _OF_MANY = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 10, (0.3, 0.05))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,27 +66,27 @@ def best_plan(
 
     thorough : else from a few rounded weights alone, some per mille lower
     """
-    rng = np.random.default_rng(seed)
+    rng, effort = np.random.default_rng(seed), _OF_FEW if posed.allowed.size <= FEW else _OF_MANY
     listed = _short_list(posed, relaxed.G, relaxed.index)
     part, weights = posed.take(listed), np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights
-    ends = [_eased(part, rounded_weights(part.allowed, weights, None))]
-    while len(ends) < (_STARTS if thorough else _QUICK) and not _met_again(ends):
+    ends = [_eased(part, rounded_weights(part.allowed, weights, None), effort)]
+    while len(ends) < (effort.starts if thorough else _QUICK) and not _met_again(ends):
         # Of few poses the weights say little: every other start does not heed them.
         heeded = np.ones_like(weights) if thorough and len(ends) % 2 else weights
-        ends.append(_eased(part, rounded_weights(part.allowed, heeded, rng)))
+        ends.append(_eased(part, rounded_weights(part.allowed, heeded, rng), effort))
     best = max(ends, key=lambda end: end[1])
-    plan, value = _kicked_on(part, *best, rng) if thorough else best
+    plan, value = _kicked_on(part, *best, effort, rng) if thorough else best
     plan, value = _among_all(posed, listed[plan], value)
     return WholePlan(plan, value, float(np.median([end for _, end in ends]) / value), relaxed)
 
 
 def _kicked_on(
-    part: Selection, plan: IntArray, value: float, rng: np.random.Generator
+    part: Selection, plan: IntArray, value: float, effort: _Effort, rng: np.random.Generator
 ) -> tuple[IntArray, float]:
     """The best plan after kicks, until so many are in vain."""
     near, idle = plan, 0
-    while idle < _KICKS:
+    while idle < effort.kicks:
         other, reached = exchange(part, _kicked(part.allowed, near, rng))
         idle += 1
         if reached > value * _ACCEPTED:
@@ -97,13 +112,10 @@ def _met_again(ends: list[tuple[IntArray, float]]) -> bool:
     return len(ends) >= _FEWEST and bool(values[-2] >= values[-1] * (1.0 - _SAME))
 
 
-def _eased(posed: Selection, plan: IntArray) -> tuple[IntArray, float]:
-    """A local optimum by way of problems in which average poses help, ever less.
-
-    Of few poses each is so large a part of all that local optima are many and far apart.
-    """
+def _eased(posed: Selection, plan: IntArray, effort: _Effort) -> tuple[IntArray, float]:
+    """A local optimum by way of problems in which average poses help, ever less."""
     blocks = posed.blocks
-    for share in _EASED:
+    for share in effort.eased:
         helped = blocks.plus(share * posed.allowed.size * blocks.mean)
         plan, _ = exchange(replace(posed, blocks=helped), plan)
     return exchange(posed, plan)

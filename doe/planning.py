@@ -54,8 +54,8 @@ def design(
     curve : also the best plans of fewer and of more poses
 
     The cell's [design] says whether a candidate may be used more than once (repeats), and how many of
-    the poses are visited again after the others, to show the arm's repeatability (reapproaches). Where
-    it is silent and the repeatability is not known, these are a tenth of ``poses``.
+    the poses are visited again, over the day and from the other side, to show the arm's repeatability
+    (reapproaches). Where it is silent and that is not known, these are a tenth of ``poses``.
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """

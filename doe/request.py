@@ -38,7 +38,7 @@ class Request:
     criterion : str, a key of ``doe.criteria.catalogue()``
     of : effects or parameters that matter; rivals : two effects to tell apart, or None
     fixed : Poses measured in any case, or None
-    reapproaches : how many of the poses are visited again after the others; asked : whether somebody
+    reapproaches : how many of the poses are visited again; asked : whether somebody
         said so, else these are as many poses fewer than were asked for
     at_markers : whether errors at the targets count at the markers, else at the tip's origin; None:
         where the markers are unknowns of the model

@@ -167,33 +167,33 @@ def without_idle(
     return tuple(e for e in effects if e not in idle), left
 
 
-def check_count(regressor: Regressor, rows: Array, request: Request, probe: Poses) -> None:
-    """Refuse a number of poses of which no choice could do. Raises CannotIdentify.
+def check_count(regressor: Regressor, request: Request, probe: Poses) -> None:
+    """Refuse a number of poses of which no choice determines all. Raises CannotIdentify.
 
-    rows : ndarray, shape (m, rows, p), of feasible configurations; probe : Poses, these
+    A reading fixes no more than the rigid coordinates of its markers: known before any search.
+
+    probe : Poses, feasible ones
     """
-    p, extra = rows.shape[2], 0 if request.fixed is None else len(request.fixed)
-    # Free of load a pose may tell nothing.
-    each, held = int(rows.any(axis=(0, 2)).sum()), len(regressor.known)
+    extra, cell = 0 if request.fixed is None else len(request.fixed), regressor.cell
 
-    def suffice(poses: int) -> bool:
-        """By the count of rows, and by that of rigid coordinates where nothing is known beside."""
-        if (poses + extra) * each + held < p:
-            return False
-        read = readings(regressor.cell, probe.take(np.arange(poses + extra) % len(probe)))
-        seen = np.ones((len(read), len(regressor.cell.channels)), dtype=bool)
-        blank = np.zeros((*seen.shape, regressor.cell.channels.width))
+    def too_few(poses: int) -> bool:
+        read = readings(cell, probe.take(np.arange(poses + extra) % len(probe)))
+        seen = np.ones((len(read), len(cell.channels)), dtype=bool)
+        blank = np.zeros((*seen.shape, cell.channels.width))
         data = Measurements(read, blank, seen, np.full(seen.shape, np.nan))
-        return bool(held) or not outnumbered(regressor.model, data)
+        return outnumbered(regressor.model, data)
 
-    if not suffice(request.poses):
-        least = next(n for n in count(request.poses + 1) if suffice(n))
-        given = (request.poses + extra) * each + held
-        raise CannotIdentify(
-            (),
-            f"{request.poses} poses give {given} equations, too few for {p} parameters; "
-            f"ask for at least {least} poses, or take effects out of [model] effects",
-        )
+    if not len(regressor.known) and too_few(request.poses):
+        least = next(n for n in count(request.poses + 1) if not too_few(n))
+        raise _few(request, len(regressor.T), least)
+
+
+def _few(request: Request, parameters: int, least: int) -> CannotIdentify:
+    return CannotIdentify(
+        (),
+        f"{request.poses} poses give too few equations for {parameters} parameters; "
+        f"ask for at least {least} poses, or take effects out of [model] effects",
+    )
 
 
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
@@ -201,6 +201,12 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
+    extra, missing = 0 if request.fixed is None else len(request.fixed), rows.shape[2]
+    missing -= len(regressor.known)
+    # Free of load a pose may tell nothing.
+    least = -(-missing // int(rows.any(axis=(0, 2)).sum())) - extra
+    if request.poses < least:
+        raise _few(request, rows.shape[2], least)
     lost = _undetermined(regressor, rows, request)
     if not lost:
         return

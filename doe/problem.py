@@ -191,6 +191,8 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
+    if criterion.whole:
+        check_count(regressor, request, poses_at(probe.q))
     return Problem(
         cell, request, regressor, constraints, criterion, targets, at, left_out, unplanned
     )
@@ -211,7 +213,6 @@ def _regressor(
         model = model.with_effects(effects)
         regressor = Regressor.nominal(cell, model, nominal(model, angles))
         rows = regressor.rows(probe.q, probe.seen)
-    check_count(regressor, rows, request, poses_at(probe.q))
     check_identifiable(regressor, rows, request)
     known = regressor.known.T @ regressor.known / request.poses
     return regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known), left_out

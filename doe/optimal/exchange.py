@@ -16,10 +16,10 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import lessened
 from doe.optimal.selection import Selection
 
-FEW = 12
-"""Poses of a plan up to which prices say little of what a candidate brings."""
+CHEAP = 15_000
+"""Poses of a plan times entries of a matrix up to which an exchange takes no time."""
 _JUDGED, _DOUBTED = 3, 24  # judged exactly in place of a pose, where their rank is exact or not
-_RANKED = 100  # candidates of the largest price that are ranked in place of one of many poses
+_RANKED = 100  # candidates of the largest price, or a quarter of all, that are ranked where it does
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -78,8 +78,9 @@ def _likely(
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:
         return live
-    if len(plan) > FEW and len(live) > _RANKED:
-        live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
+    ranked = max(_RANKED, len(here) // 4)
+    if len(plan) * cov.size > CHEAP and len(live) > ranked:
+        live = live[np.argpartition(-prices[live], ranked)[:ranked]]
     rest = lessened(cov, rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, rows[live])
     best: IntArray = live[np.argpartition(-brought, judged)[:judged]]

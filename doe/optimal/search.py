@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.exchange import FEW, exchange, rounded_weights
+from doe.optimal.exchange import CHEAP, exchange, rounded_weights
 from doe.optimal.relax import Relaxation
 from doe.optimal.selection import Selection
 
@@ -40,7 +40,7 @@ class _Effort:
 
 
 # Of few poses each is so large a part of all that local optima are many, and exchanges take no time.
-_OF_FEW, _OF_MANY = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 10, (0.3, 0.05))
+_LONG, _BRIEF = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 10, (0.3, 0.05))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,8 @@ def best_plan(
 
     thorough : else from a few rounded weights alone, some per mille lower
     """
-    rng, effort = np.random.default_rng(seed), _OF_FEW if posed.allowed.size <= FEW else _OF_MANY
+    rng, entries = np.random.default_rng(seed), posed.blocks.fixed.size
+    effort = _LONG if posed.allowed.size * entries <= CHEAP else _BRIEF
     listed = _short_list(posed, relaxed.G, relaxed.index)
     part, weights = posed.take(listed), np.zeros(len(listed))
     weights[np.searchsorted(listed, relaxed.index)] = relaxed.weights

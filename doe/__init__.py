@@ -21,7 +21,7 @@ from doe.forecast.enough import Enough, enough
 from doe.forecast.foresee import PowerAnalysis, foresee
 from doe.plan import Design
 from doe.planning import design
-from doe.problem.request import CannotIdentify
+from doe.request import CannotIdentify
 
 __all__ = [
     "CannotIdentify",

@@ -98,8 +98,8 @@ def _squared_errors(rows: Array, M: Array) -> Array:
     values, vectors = np.linalg.eigh(M)
     along = rows @ vectors
     squared = (along**2 / np.maximum(values, 0.1 * RIDGE)).sum(axis=(1, 2))
-    lost = values < _NOTHING
-    shows = np.linalg.norm(along[..., lost], axis=(1, 2)) > 1e-6 * np.linalg.norm(rows, axis=(1, 2))
+    lost = along[..., values < _NOTHING]
+    shows = np.linalg.norm(lost, axis=(1, 2)) > 1e-6 * np.linalg.norm(rows, axis=(1, 2))
     return np.where(shows, np.inf, squared)
 
 
@@ -126,13 +126,10 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     sized = problem.regressor.T / problem.model.sizes[:, None]
     half = np.linalg.solve(np.linalg.cholesky(M), sized.T)  # its squares would lose the smallest
     s = 1.0 / np.linalg.svd(half, compute_uv=False)
-    return {
-        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
-        "O2": float(s.min() / s.max()),
-        "O3": float(s.min()),
-        "O4": float(s.min() ** 2 / s.max()),
-        "O5": float(1.0 / (1.0 / s).sum()),
-    }
+    least, most = float(s.min()), float(s.max())
+    mean = float(np.exp(np.log(s).mean()) / np.sqrt(poses))
+    indices = (mean, least / most, least, least**2 / most, float(1.0 / (1.0 / s).sum()))
+    return {f"O{k}": index for k, index in enumerate(indices, 1)}
 
 
 def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> dict[str, float]:
@@ -144,8 +141,7 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
     count = len(model.marker_names)
     if count == 1 or at_points_read(model) is not model:
         return {}  # nothing to lose, or readings that are no markers by themselves
-    sized = problem.regressor.T / model.sizes[:, None]
-    found = {}
+    sized, errors = problem.regressor.T / model.sizes[:, None], {}
     for lost, name in enumerate(model.marker_names):
         mask, rows = seen.copy(), at.rows
         mask[:, lost] = False
@@ -157,5 +153,5 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
             rows = np.delete(each, lost, axis=1).reshape(len(rows), -1, rows.shape[-1])
             rows = rows * np.sqrt(count / (count - 1))
         squared = _squared_errors(rows, M + _KNOWN * known.T @ known) + common
-        found[name] = _rms(at.weights, squared)
-    return found
+        errors[name] = _rms(at.weights, squared)
+    return errors

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from doe.assess import assess
+from doe.candidates import Pool
 from doe.plan import CurveStep, Design
 from doe.problem import Problem
-from doe.problem.pool import Pool
-from doe.problem.request import CannotIdentify, Request
+from doe.request import CannotIdentify, Request
 from doe.solve import choose
 
 _STEPS = 8

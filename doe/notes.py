@@ -10,8 +10,8 @@ from calib.arm.robot import odd_limits
 from calib.effects.stiffness_vs_angle import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
+from doe.parameters import by_reason
 from doe.plan import Design
-from doe.problem.parameters import by_reason
 
 
 def granted_by(design: Design) -> tuple[str, ...]:
@@ -37,28 +37,28 @@ def _granted(design: Design) -> Iterator[str]:
 
 def notes_of(design: Design) -> tuple[str, ...]:
     """What a reader should know about a plan, a sentence or two for each rule that applies."""
-    found = (" ".join(rule(design)) for rule in _NOTES)
-    return tuple(note for note in found if note)
+    notes = (" ".join(rule(design)) for rule in _NOTES)
+    return tuple(note for note in notes if note)
 
 
 def _odd_limits(design: Design) -> Iterator[str]:
     yield from odd_limits(design.problem.cell.robot)
 
 
-def _reapproaches(design: Design) -> Iterator[str]:
-    """What second visits tell, and how to plan without them."""
-    found = design.reapproaches
-    if found is None:
+def _repeat_visits(design: Design) -> Iterator[str]:
+    """What second visits show, and how to plan without them."""
+    visits = design.reapproaches
+    if visits is None:
         return
-    count, both = len(found.again), {"translation": found.translation, "rotation": found.rotation}
+    both = {"translation": visits.translation, "rotation": visits.rotation}
     stated = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
     unsure = ", if it is well above the noise of the instrument"
     yield (
-        f"{count} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-        f"repeatability to {' and '.join(stated) or f'+-{100 * found.common:.0f} %'}"
+        f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the arm's "
+        f"repeatability to {' and '.join(stated) or f'+-{100 * visits.common:.0f} %'}"
         f"{'' if design.problem.cell.scatters else unsure}."
     )
-    if not found.asked:
+    if not visits.asked:
         yield "posecal design --reapproach 0 plans new poses in their place."
 
 
@@ -73,10 +73,9 @@ def _unplanned(design: Design) -> Iterator[str]:
 
 
 def _weak(design: Design) -> Iterator[str]:
-    std, sizes = design.assessment.std, design.problem.model.sizes
-    parameters = design.problem.model.parameters
-    weak = [p.id for p, s, size in zip(parameters, std, sizes, strict=True) if not s <= size]
-    if weak:
+    model, std = design.problem.model, design.assessment.std
+    pairs = zip(model.parameters, std <= model.sizes, strict=True)
+    if weak := [p.id for p, determined in pairs if not determined]:
         yield (
             f"this plan hardly determines {', '.join(weak[:6])}{' ..' * (len(weak) > 6)}. Do not "
             f"identify them from it, or plan with criterion A or D in place of {design.criterion}"
@@ -90,8 +89,7 @@ def _outside(design: Design) -> Iterator[str]:
     if design.problem.request.fixed is not None:
         given["the plan to extend"] = design.problem.request.fixed.q
     for name, q in given.items():
-        count = int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum())
-        if count:
+        if count := int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum()):
             yield f"{name}: {count} poses are outside the joint limits"
 
 
@@ -128,15 +126,14 @@ def _checked(design: Design) -> Iterator[str]:
 def _coefficients(design: Design) -> Iterator[str]:
     """Where levels were chosen for the coefficients to stand at, and where the others stand."""
     problem, levels = design.problem, design.levels
+    cell, at = problem.cell, None if levels is None else problem.cell.robot.joints[levels.joint]
     if levels is not None and levels.proved is not None:
         yield (
             f"levels chosen among {levels.among}, at least {levels.proved:.3f} of the best choice for "
             "a model with even knots; the efficiency is for the levels as chosen."
         )
     for effect in problem.model.effects:
-        if not isinstance(effect, StiffnessVsAngle) or effect.where in problem.cell.knots:
-            continue
-        if levels is None or problem.cell.robot.joints[levels.joint] != effect.where:
+        if isinstance(effect, StiffnessVsAngle) and effect.where not in (at, *cell.knots):
             angles = ", ".join(f"{np.degrees(knot):.6g}" for knot in effect.knots)
             yield (
                 f"stiffness_vs_angle:{effect.where} has its coefficients at {angles} deg. Write "
@@ -146,12 +143,5 @@ def _coefficients(design: Design) -> Iterator[str]:
 
 
 _NOTES = (
-    _odd_limits,
-    _reapproaches,
-    _unplanned,
-    _weak,
-    _outside,
-    _unmoved,
-    _checked,
-    _coefficients,
-)
+    _odd_limits, _repeat_visits, _unplanned, _weak, _outside, _unmoved, _checked, _coefficients,
+)  # fmt: skip

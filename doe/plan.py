@@ -10,10 +10,10 @@ from calib.arrays import Array
 from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
-from doe.day import PlannedDay
+from doe.levels import AngleLevels
+from doe.order import PlannedDay
 from doe.problem import Problem
-from doe.problem.levels import AngleLevels
-from doe.visiting import Reapproaches
+from doe.repeats import Reapproaches
 
 
 @dataclass(frozen=True, eq=False)

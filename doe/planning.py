@@ -16,14 +16,14 @@ from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
 from doe.assess import assess
 from doe.curve import accuracy_curve
-from doe.day import day_of, quickest_order
+from doe.levels import AngleLevels, steer_the_model, with_even_knots
 from doe.notes import granted_by, notes_of
+from doe.order import day_of, quickest_order
 from doe.plan import Candidates, Design, Rival, named
 from doe.problem import Problem, problem_of
-from doe.problem.levels import AngleLevels, steer_the_model, with_even_knots
-from doe.problem.request import CANDIDATES, CannotIdentify, Request, request_of
+from doe.repeats import Reapproaches, with_reapproaches
+from doe.request import CANDIDATES, CannotIdentify, Request, request_of
 from doe.solve import certified, choose, polished
-from doe.visiting import Reapproaches, with_reapproaches
 
 
 def design(
@@ -54,8 +54,8 @@ def design(
     curve : also the best plans of fewer and of more poses
 
     The cell's [design] says whether a candidate may be used more than once (repeats), and how many of
-    the poses are visited again after the others, to show the arm's repeatability (reapproaches). Where
-    it is silent and the repeatability is not known, these are a tenth of ``poses``.
+    the poses are visited again, over the day and from the other side, to show the arm's repeatability
+    (reapproaches). Where it is silent and that is not known, these are a tenth of ``poses``.
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
@@ -91,18 +91,16 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
     if request.polish and isinstance(request.candidates, int):
         pool, final = polished(problem, pool, chosen)
         clock.lap("polish")
-    poses, again = _visited(problem, pool.q[final.plan])
-    second = poses.q[len(final.plan) :]
+    poses, again, second = _visited(problem, pool.q[final.plan])
     certificate = certified(problem, pool, chosen, final, second)
     left = problem.posed(pool).survivors(final.relaxed.G, final.value)
-    tried = offered.feasible
     result = Design(
         problem=problem,
         poses=poses,
         levels=_settled(problem, poses.q),
         assessment=assess(problem, poses.q),
         certificate=certificate,
-        candidates=Candidates(tried.drawn, len(offered), tried.removed, len(left)),
+        candidates=Candidates(offered.drawn, len(offered), offered.removed, len(left)),
         rivals={
             name: _judged(problem, plan.q, certificate.bound) for name, plan in against.items()
         },
@@ -134,13 +132,15 @@ def _settled(problem: Problem, q: Array) -> AngleLevels | None:
     return levels.only(np.unique(q[:, levels.joint]))
 
 
-def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None]:
-    """The poses in the order of a day, then those that are read again."""
+def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None, Array]:
+    """The poses in the order of a day, which of them are read again, and these (k, dof)."""
     again: Reapproaches | None = None
     poses = named(q[quickest_order(problem.cell, q)])
     if problem.request.reapproaches:
         poses, again = with_reapproaches(problem, poses, problem.request.reapproaches)
-    return replace(poses, order=np.arange(float(len(poses)))), again
+    second = [again is not None and name in again.again for name in poses.names]
+    order = np.arange(float(len(poses)))
+    return replace(poses, order=order), again, poses.q[np.array(second, dtype=bool)]
 
 
 def _judged(problem: Problem, q: Array, bound: float) -> Rival:

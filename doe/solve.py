@@ -8,21 +8,19 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.assess import open_parameters
+from doe.candidates import Pool, movable, rounded
 from doe.constraints import scene_of
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.optimal.selection import Selection
 from doe.plan import Certificate
 from doe.problem import Problem
-from doe.problem.pool import Pool, movable, rounded
-from doe.problem.request import CannotIdentify
+from doe.request import CannotIdentify
 
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
-_TRIES = 24  # neighbours of each pose in one round
-_ROUNDS = 30
-_WIDEST = 0.12  # of the joint range, shrinking to a two-hundredth of it
-_NARROWEST = 6e-4
+_TRIES, _ROUNDS = 32, 36  # neighbours of each pose in one round
+_WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 
 
 def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
@@ -95,7 +93,7 @@ def polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, Who
     plan = np.arange(len(pool), len(pool) + len(q))
     pool = pool.plus(problem.regressor, problem.request.levels, q)
     posed = problem.posed(pool)
-    relaxed = relax(posed, start=np.concatenate([chosen.relaxed.index, plan]))
+    relaxed = relax(posed, start=np.concatenate([chosen.relaxed.support, plan]))
     return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
 
 
@@ -105,19 +103,18 @@ def _polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     q : ndarray, shape (N, dof); M : ndarray, shape (p, p), information of the plan
     Returns as many poses; the criterion is never lower than before.
     """
-    rng = np.random.default_rng(seed)
-    blocks = problem.information(q)
+    rng, blocks = np.random.default_rng(seed), problem.information(q)
     value = float(problem.criterion.value(M))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
         tries, owner = _neighbours(problem, q, width, rng)
-        found, q = problem.information(tries), q.copy()
+        brought, q = problem.information(tries), q.copy()
         for slot in range(len(q)):
             own = np.flatnonzero(owner == slot)
             base = M - blocks[slot]
-            values = problem.criterion.value(base + found[own])
+            values = problem.criterion.value(base + brought[own])
             if len(own) and values.max() > value:
                 best = own[values.argmax()]
-                value, q[slot], blocks[slot] = float(values.max()), tries[best], found[best]
+                value, q[slot], blocks[slot] = float(values.max()), tries[best], brought[best]
                 M = base + blocks[slot]
     return q
 
@@ -131,11 +128,12 @@ def _neighbours(
     """
     robot, levels = problem.cell.robot, problem.request.levels
     low, high = robot.sample_limits().T
-    free, each = movable(problem.cell, levels), (len(q), _TRIES)
-    steps = rng.normal(size=(*each, robot.dof)) * width * (high - low) * free
+    steps = rng.normal(size=(len(q), _TRIES, robot.dof)) * width * (high - low)
+    steps *= movable(problem.cell, levels)
     # Half of the tries move one joint alone: most gains lie along single axes.
-    lone = np.eye(robot.dof)[rng.integers(robot.dof, size=(len(q), _TRIES // 2))]
-    steps[:, : _TRIES // 2] *= lone
+    steps[:, : _TRIES // 2] *= np.eye(robot.dof)[
+        rng.integers(robot.dof, size=(len(q), _TRIES // 2))
+    ]
     tries = rounded(problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof))
     owner = np.repeat(np.arange(len(q)), _TRIES)
     if levels is not None:

@@ -8,10 +8,10 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell.cell import Cell
-from calib.cell.views import NUMBERS, looking
 from calib.poses import Poses, poses_at
 from doe.constraints.scene import scene_of
 from doe.constraints.sight import visible
+from doe.views import NUMBERS, looking
 
 ARM = ("0 1 0", "1 0 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0")
 AWAY = ("0 {} 0.2", "0 0 0", "0.02 0 -0.3", "0 0 0", "0 0 -0.28", "0.01 0 0")

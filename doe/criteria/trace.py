@@ -50,13 +50,12 @@ class Trace(Criterion):
         return Conic(-cp.matrix_frac(F, M))
 
     def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
-        scale = 1.0 / self.variance(M)
+        scale, (q, p, _) = 1.0 / self.variance(M), columns.shape
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))
         half = L_inverse @ self.F  # the cost is |half|^2, scaled to one here
-        P = L_inverse @ columns @ L_inverse.T
-        moved = P @ half
-        slope = -scale * np.einsum("qpr,pr->q", moved, half)
-        return 1.0, slope, np.sqrt(2.0 * scale) * moved.reshape(len(P), -1)
+        moved = (columns.reshape(q * p, p) @ (L_inverse.T @ half)).reshape(q, p, -1)
+        rows = (L_inverse @ moved).reshape(q, -1)
+        return 1.0, -scale * rows @ half.ravel(), np.sqrt(2.0 * scale) * rows
 
 
 @dataclass(frozen=True, eq=False)

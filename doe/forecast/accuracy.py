@@ -24,12 +24,11 @@ from calib.scatter import Variances
 from calib.solver import triangle
 from doe.criteria.trace import Task
 from doe.forecast.unseen import PredictionError, at_ends, at_held_out
+from doe.information import Linearisation, TargetErrors
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.exchange import greedy
 from doe.optimal.selection import Selection
-from doe.problem.linearisation import Linearisation
-from doe.problem.target_errors import TargetErrors
 
 _PART = 0.5  # of what the model seems to lack, that must be more than chance
 _SURE = 0.95

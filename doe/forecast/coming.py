@@ -12,10 +12,10 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
+from doe.candidates import Pool, drawn
 from doe.constraints import constraints_of, scene_of, visible
-from doe.problem.levels import levels_of
-from doe.problem.linearisation import Linearisation, by_visit
-from doe.problem.pool import Feasible, drawn
+from doe.information import Linearisation, by_visit
+from doe.levels import levels_of
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5
@@ -100,7 +100,7 @@ def feasible(cell: Cell, data: Measurements, count: int, seed: int) -> Array:
     if levels is not None and (levels.of(data.poses.q) < 0).any():
         levels = None
     for q in drawn(cell, _DRAWN, levels, seed):
-        found.append(Feasible.of(cell, constraints_of(cell), levels, q).q)
+        found.append(Pool.feasible(cell, constraints_of(cell), levels, q).q)
         if sum(map(len, found)) >= count:
             break
     return np.concatenate(found)[:count]

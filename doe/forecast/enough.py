@@ -29,8 +29,8 @@ from doe.forecast.accuracy import (
     most_useful_first,
 )
 from doe.forecast.coming import Match, feasible, match, rows_of, whole_day
+from doe.information import Linearisation, moved_rows, nominal
 from doe.plan import named
-from doe.problem.linearisation import Linearisation, moved_rows, nominal
 
 _CANDIDATES = 1000
 _MOST_FRESH = 30

@@ -36,7 +36,7 @@ from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.forecast.coming import readings_of
 from doe.forecast.likeness import Likeness, likeness, plausible
-from doe.problem.linearisation import Linearisation, soft
+from doe.information import Linearisation, soft
 
 _AT_ONCE = 1.05  # times the smallest size: who is told apart by then never looks alike
 

@@ -42,9 +42,7 @@ class Allowed:
     @property
     def size(self) -> int:
         """Number of poses of a plan."""
-        return (
-            int(self.counts.sum()) if not self.chooses_levels else int(self.counts[0]) * self.used
-        )
+        return int(self.counts[0] * self.used if self.chooses_levels else self.counts.sum())
 
     @property
     def chooses_levels(self) -> bool:
@@ -64,7 +62,7 @@ class Allowed:
 
     def best(self, scores: Array) -> tuple[float, IntArray]:
         """Largest sum of scores of a plan, and its candidates, shape (size,)."""
-        tops = [self._top(scores, level) for level in range(len(self.positions))]
+        tops = self._tops(scores)
         short = np.array([len(top) for top in tops]) < self.counts
         totals = np.where(short, -np.inf, [scores[top].sum() for top in tops])
         used = self._best_levels(totals)
@@ -72,12 +70,9 @@ class Allowed:
 
     def leading(self, scores: Array, counts: IntArray) -> IntArray:
         """So many of the best candidates of each level (L,), all where there are fewer."""
-        found = []
-        for members, count in zip(self.members, counts.tolist(), strict=True):
-            rest = len(members) - count
-            order = np.argpartition(scores[members], rest)[rest:] if count and rest > 0 else None
-            found.append(members[:count] if order is None else members[order])
-        return np.concatenate(found)
+        return np.concatenate(
+            [_largest(m, scores, k) for m, k in zip(self.members, counts.tolist(), strict=True)]
+        )
 
     def again(self, scores: Array, count: int) -> IntArray:
         """Candidates whose second visits have the largest sum of scores, shape (count,)."""
@@ -85,15 +80,17 @@ class Allowed:
             return np.full(count, scores.argmax())
         return np.argsort(-scores)[:count]
 
-    def _top(self, scores: Array, level: int) -> IntArray:
-        """Best candidates of a level, none where it has too few."""
-        members, k = self.members[level], int(self.counts[level])
-        if k == 0 or len(members) < (1 if self.repeats else k):
-            return members[:0]
-        own = scores[members]
-        if self.repeats:
-            return np.repeat(members[own.argmax()], k)
-        return members[np.argpartition(own, len(own) - k)[len(own) - k :]]
+    def _tops(self, scores: Array) -> list[IntArray]:
+        """Best candidates of each level, none where it has too few."""
+        found = []
+        for members, k in zip(self.members, self.counts.tolist(), strict=True):
+            if k == 0 or len(members) < (1 if self.repeats else k):
+                found.append(members[:0])
+            elif self.repeats:
+                found.append(np.repeat(members[scores[members].argmax()], k))
+            else:
+                found.append(_largest(members, scores, k))
+        return found
 
     def _best_levels(self, totals: Array) -> IntArray:
         """Levels of the largest sum that keep their distance: dynamic programming along the joint."""
@@ -106,11 +103,10 @@ class Allowed:
         best = np.full((self.used + 1, L + 1), -np.inf)
         best[0] = 0.0
         taken = np.zeros((self.used + 1, L + 1), dtype=bool)
-        for count in range(1, self.used + 1):
-            for level in range(L):
-                with_it = totals[level] + best[count - 1, far[level]]
-                best[count, level + 1] = max(best[count, level], with_it)
-                taken[count, level + 1] = with_it > best[count, level]
+        for count, level in itertools.product(range(1, self.used + 1), range(L)):
+            with_it = totals[level] + best[count - 1, far[level]]
+            best[count, level + 1] = max(best[count, level], with_it)
+            taken[count, level + 1] = with_it > best[count, level]
         used, level = [], L
         for count in range(self.used, 0, -1):
             while level > 0 and not taken[count, level]:
@@ -130,11 +126,17 @@ class Allowed:
 
     def thresholds(self, scores: Array) -> Array:
         """Score that a candidate of each level must reach to enter the best plan, shape (L,)."""
-        tops = [self._top(scores, level) for level in range(len(self.positions))]
-        return np.array([scores[top].min() if len(top) else np.inf for top in tops])
+        return np.array([scores[t].min() if len(t) else np.inf for t in self._tops(scores)])
 
     def forced(self, scores: Array) -> Array:
         """Upper bound on the sum of scores of a plan that contains each candidate, shape (n,)."""
-        total, _ = self.best(scores)
         below = np.maximum(self.thresholds(scores)[self.group] - scores, 0.0)
-        return np.asarray(total - below)
+        return np.asarray(self.best(scores)[0] - below)
+
+
+def _largest(members: IntArray, scores: Array, count: int) -> IntArray:
+    """So many of some candidates with the largest scores, all where there are fewer."""
+    rest = len(members) - count
+    if count == 0 or rest <= 0:
+        return members[:count]
+    return members[np.argpartition(scores[members], rest)[rest:]]

@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 
 _ROUNDING = 1e-14
-_TOLD = 6  # rows of a candidate by which it is ranked
+_AXES = 6  # rows of a candidate by which it is ranked
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,26 +57,24 @@ class Blocks:
         what is left first, whose entries are unpacked as they are needed.
         """
         p, n = len(self.fixed), np.arange(len(self))
-        where = unpack(np.arange(1.0, self.packed.shape[1] + 1.0) * pack(np.ones((p, p))))
-        entry = where.round().astype(int) - 1
-        scale = np.where(np.eye(p, dtype=bool), 1.0, np.sqrt(0.5))
+        entry, scale = _places(p), np.where(np.eye(p, dtype=bool), 1.0, np.sqrt(0.5))
         left = self.packed[:, np.diag(entry)].copy()
         enough = 1e-14 * left.max(axis=1)
-        found = np.zeros((self.rank, len(self), p))
+        factors = np.zeros((self.rank, len(self), p))
         for k in range(self.rank):
             pivot = left.argmax(axis=1)
             height = left[n, pivot]
             if (height <= enough).all():
-                found = found[:k]
+                factors = factors[:k]
                 break
             row = self.packed[n[:, None], entry[pivot]] * scale[pivot]
-            row -= np.einsum("ln,lnp->np", found[:k, n, pivot], found[:k])
+            row -= np.einsum("ln,lnp->np", factors[:k, n, pivot], factors[:k])
             row[height <= enough] = 0.0
-            found[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
-            left = np.maximum(left - found[k] ** 2, 0.0)
-        factors = np.ascontiguousarray(found.swapaxes(0, 1))
-        axes = np.linalg.eigh(factors @ factors.swapaxes(1, 2))[1][..., -_TOLD:]
-        return np.asarray(axes.swapaxes(1, 2) @ factors)
+            factors[k] = row / np.sqrt(np.maximum(height, enough + 1e-300))[:, None]
+            left = np.maximum(left - factors[k] ** 2, 0.0)
+        half = np.ascontiguousarray(factors.swapaxes(0, 1))
+        axes = np.linalg.eigh(half @ half.swapaxes(1, 2))[1][..., -_AXES:]
+        return np.asarray(axes.swapaxes(1, 2) @ half)
 
     def scores(self, G: Array) -> Array:
         """``<G, M_i>`` of every candidate, shape (n,)."""
@@ -84,10 +82,10 @@ class Blocks:
 
     def plus(self, more: Array) -> Blocks:
         """The same candidates where more is known in any case, ndarray of shape (p, p)."""
-        found = replace(self, fixed=self.fixed + more)
+        helped = replace(self, fixed=self.fixed + more)
         # Those of the candidates do not depend on what is known in any case.
-        found.__dict__["rows"] = self.rows
-        return found
+        helped.__dict__["rows"] = self.rows
+        return helped
 
     def take(self, index: IntArray) -> Blocks:
         """The blocks of some candidates."""
@@ -104,9 +102,9 @@ def _entries(p: int) -> tuple[IntArray, IntArray, Array]:
 def _places(p: int) -> IntArray:
     """Where each entry of a matrix (p, p) stands among the packed ones."""
     rows, columns, _ = _entries(p)
-    found = np.zeros((p, p), dtype=int)
-    found[rows, columns] = found[columns, rows] = np.arange(len(rows))
-    return found
+    places = np.zeros((p, p), dtype=int)
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    return places
 
 
 def packed_size(p: int) -> int:
@@ -127,15 +125,12 @@ def unpack(packed: Array) -> Array:
 
 
 def lessened(cov: Array, out: Array, share: float) -> Array:
-    """Covariance with a share of what a pose tells taken away.
-
-    All of it may well leave the information singular.
+    """Covariance with a share of what a pose tells taken away: all may leave the information singular.
 
     cov : ndarray, shape (p, p); out : ndarray, shape (r, p), the pose's rows; share : float, < 1
     """
     U = out @ cov
-    S = np.eye(len(out)) / share - U @ out.T
-    return np.asarray(cov + U.T @ np.linalg.solve(S, U))
+    return np.asarray(cov + U.T @ np.linalg.solve(np.eye(len(out)) / share - U @ out.T, U))
 
 
 def fall(cov: Array, G: Array, into: Array) -> Array:
@@ -161,8 +156,8 @@ def _turned(forms: tuple[Array, ...], into: Array) -> Array:
     """``A G A'`` of each pose by each of k matrices G, shape (k, r, r, n)."""
     n, r, p = into.shape
     own = into.reshape(n * r, p) @ np.concatenate(forms, axis=1)
-    found = own.reshape(n, -1, p) @ np.swapaxes(into, 1, 2)
-    return np.ascontiguousarray(found.reshape(n, r, -1, r).transpose(2, 1, 3, 0))
+    products = own.reshape(n, -1, p) @ np.swapaxes(into, 1, 2)
+    return np.ascontiguousarray(products.reshape(n, r, -1, r).transpose(2, 1, 3, 0))
 
 
 def _trace(S: Array, N: Array) -> Array:

@@ -16,9 +16,10 @@ from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import lessened
 from doe.optimal.selection import Selection
 
-_JUDGED = 4  # candidates in place of a pose that are judged exactly, where their rank is exact
-_DOUBTED = 24  # and where it is not
-_MANY, _RANKED = 20, 300  # poses of a plan from which on the likely ones have a large price
+CHEAP = 15_000
+"""Poses of a plan times entries of a matrix up to which an exchange takes no time."""
+_JUDGED, _DOUBTED = 3, 24  # judged exactly in place of a pose, where their rank is exact or not
+_RANKED = 100  # candidates of the largest price, or a quarter of all, that are ranked where it does
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _WORTH = 1e-7  # relative gain below which an exchange is rounding
@@ -77,8 +78,9 @@ def _likely(
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:
         return live
-    if len(plan) >= _MANY and len(live) > _RANKED:
-        live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
+    ranked = max(_RANKED, len(here) // 4)
+    if len(plan) * cov.size > CHEAP and len(live) > ranked:
+        live = live[np.argpartition(-prices[live], ranked)[:ranked]]
     rest = lessened(cov, rows[plan[slot]], _NEARLY)
     brought = criterion.brought(rest, rows[live])
     best: IntArray = live[np.argpartition(-brought, judged)[:judged]]
@@ -91,12 +93,10 @@ def greedy(posed: Selection) -> IntArray:
     Levels that are to be chosen are settled first, by the plan that is best to first order.
     """
     criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
-    counts = allowed.counts
+    counts, M, chosen = allowed.counts, blocks.fixed, list[int]()
     if allowed.chooses_levels:
         _, first = allowed.best(blocks.scores(criterion.gradient(blocks.fixed + blocks.mean)))
         counts = np.bincount(allowed.group[first], minlength=len(counts))
-    chosen: list[int] = []
-    M = blocks.fixed
     while len(chosen) < counts.sum():
         taken = np.bincount(allowed.group[chosen], minlength=len(counts)) if chosen else 0 * counts
         free = (taken < counts)[allowed.group]
@@ -104,9 +104,8 @@ def greedy(posed: Selection) -> IntArray:
             free[chosen] = False
         candidates = np.flatnonzero(free)
         values = criterion.value(M + blocks.matrices(candidates))
-        best = int(candidates[values.argmax()])
-        chosen.append(best)
-        M = M + blocks.matrices(np.array([best]))[0]
+        chosen.append(int(candidates[values.argmax()]))
+        M = M + blocks.matrices(np.array(chosen[-1:]))[0]
     return np.array(chosen)
 
 
@@ -116,10 +115,7 @@ def rounded_weights(allowed: Allowed, weights: Array, rng: np.random.Generator |
     The draw divides the weights by exponential noise, so a sort is a draw without replacement.
     """
     keys = weights + 1e-9
-    if rng is not None:
-        keys = keys / rng.exponential(size=len(keys))
-    _, chosen = allowed.best(keys)
-    return chosen
+    return allowed.best(keys if rng is None else keys / rng.exponential(size=len(keys)))[1]
 
 
 def _move_level(posed: Selection, plan: IntArray, value: float) -> IntArray | None:
@@ -133,13 +129,12 @@ def _move_level(posed: Selection, plan: IntArray, value: float) -> IntArray | No
         gaps = np.abs(allowed.positions[:, None] - others)
         near = (gaps < max(allowed.separation - 1e-12, 1e-12)).any(axis=1)
         for new in np.flatnonzero(~near):
-            members, count = allowed.members[new], allowed.counts[new : new + 1]
-            if new == old or len(members) < count[0]:
+            members, count = allowed.members[new], int(allowed.counts[new])
+            if new == old or len(members) < count:
                 continue
             promising = members[np.argsort(-scores[members])[:_PROMISING]]
             part = replace(blocks.take(promising), fixed=blocks.total(rest))
-            any_of = Allowed.any_of(len(promising), int(count[0]))
-            added = greedy(Selection(criterion, part, any_of))
+            added = greedy(Selection(criterion, part, Allowed.any_of(len(promising), count)))
             moved = np.concatenate([rest, promising[added]])
             if posed.value(moved) > value * (1.0 + _WORTH):
                 return moved

@@ -22,10 +22,9 @@ from doe.optimal.selection import Selection
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
-_MOST_ROUNDS = 40
-_WARM_ROUNDS = 6
-_NEAR = 0.9  # share of the score that enters a plan, below which a candidate without weight leaves
-_IDLE = 1e-6  # weight that is none
+_MOST_ROUNDS, _WARM_ROUNDS = 40, 3
+_NEAR = 0.96  # share of the score that enters a plan, below which a candidate without weight leaves
+_IDLE = 5e-3  # weight that is none: an interior point leaves a little everywhere
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
@@ -51,6 +50,11 @@ class Relaxation:
     rounds: int
 
     @property
+    def support(self) -> IntArray:
+        """Candidates with weight."""
+        return self.index[self.weights > _IDLE]
+
+    @property
     def gap(self) -> float:
         """Bound over value, less one."""
         return self.bound / self.value - 1.0
@@ -63,12 +67,10 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
         them
     It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
     """
-    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
+    criterion, allowed = posed.criterion, posed.allowed
     active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
-    if start is not None:
-        active = np.union1d(active, start)
-    met, precision = [M], _DIGITS
-    weights, best, G_best, stalled = np.zeros(0), np.inf, np.zeros_like(M), 0
+    active = active if start is None else np.union1d(active, start)
+    met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part = posed.take(active)
         weights, witness = _master(part, np.array(met[-_MEMORY:]), precision)
@@ -76,16 +78,15 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
         met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
-        bounds = [posed.bound(G) for G in proofs]
-        tightest = int(np.argmin(bounds))
-        stalled = 0 if bounds[tightest] < best * (1.0 - 0.1 * GAP) else stalled + 1
-        if bounds[tightest] < best:
-            best, G_best = bounds[tightest], proofs[tightest]
+        bound, G = min(((posed.bound(G), G) for G in proofs), key=lambda proof: proof[0])
+        stalled = 0 if bound < best * (1.0 - 0.1 * GAP) else stalled + 1
+        if bound < best:
+            best, G_best = bound, G
         if best <= value * (1.0 + GAP):
             break
         # No more digits of the master than its candidates deserve.
         precision = max(GAP / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
-        scores = blocks.scores(proofs[tightest])
+        scores = posed.blocks.scores(G)
         entering = _entering(scores, allowed)
         if np.isin(entering, active).all() and stalled >= _PATIENCE:
             break
@@ -104,8 +105,7 @@ def bounded(posed: Selection, relaxed: Relaxation) -> Relaxation:
     at_hand = replace(relaxed, G=G, value=value, bound=posed.bound(G))
     if at_hand.gap <= 2.0 * max(relaxed.gap, GAP):
         return at_hand
-    own = relax(posed, start=relaxed.index)
-    return own if own.bound < at_hand.bound else at_hand
+    return min(relax(posed, start=relaxed.support), at_hand, key=lambda one: one.bound)
 
 
 def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array | None]:
@@ -123,10 +123,8 @@ def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array
 
 def _warm_start(posed: Selection, rounds: int) -> tuple[IntArray, Array]:
     """Candidates and information of so many Frank-Wolfe steps from uniform weights."""
-    blocks, allowed = posed.blocks, posed.allowed
-    uniform = np.full(len(blocks), allowed.size / len(blocks))
-    M = blocks.total(np.arange(len(blocks)), uniform)
-    active: IntArray = np.zeros(0, dtype=int)
+    blocks, allowed, active = posed.blocks, posed.allowed, np.zeros(0, dtype=int)
+    M = blocks.fixed + allowed.size * blocks.mean
     for step in range(rounds):
         scores = blocks.scores(posed.criterion.gradient(M))
         _, chosen = allowed.best(scores)
@@ -163,9 +161,7 @@ def newton_weights(posed: Selection, precision: float) -> Array:
         _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
         gap = float(w @ lower_dual + slack @ upper_dual)
         residual = slope + sums.T @ y - lower_dual + upper_dual
-        loose = (
-            np.abs(residual).max() * target.sum()
-        )  # what the bound, a sum over a plan, may lose by it
+        loose = np.abs(residual).max() * target.sum()  # what the bound may lose by it
         if max(gap, loose) < precision * abs(slope @ w):
             break
         centre = _CENTRING * gap / (2.0 * q)
@@ -195,9 +191,7 @@ def _solve(H: Array, right: Array) -> Array:
 def _longest(x: Array, dx: Array) -> float:
     """Step that stays inside x > 0."""
     falling = dx < 0.0
-    if not falling.any():
-        return 1.0
-    return min(1.0, _TO_BOUNDARY * float((-x[falling] / dx[falling]).min()))
+    return min(1.0, _TO_BOUNDARY * float((-x[falling] / dx[falling]).min(initial=np.inf)))
 
 
 def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | None:
@@ -226,12 +220,10 @@ def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | N
         return None
     if w.value is None or not np.isfinite(w.value).all():
         return None
-    witness = None
-    if program.witness is not None:
-        try:
-            witness = program.witness()
-        except (TypeError, ValueError):  # no duals
-            witness = None
+    try:
+        witness = None if program.witness is None else program.witness()
+    except (TypeError, ValueError):  # no duals
+        witness = None
     return np.maximum(w.value, 0.0), witness
 
 
@@ -244,14 +236,8 @@ def _polytope(w: Any, allowed: Allowed) -> list[Any]:
     if not allowed.chooses_levels:
         bounds = [w >= 0, sums @ w == allowed.counts]
         return bounds if allowed.repeats else [*bounds, w <= 1]
-    z = cp.Variable(levels)
-    close = np.array(
-        [
-            (allowed.positions >= a) & (allowed.positions < a + allowed.separation - 1e-12)
-            for a in allowed.positions
-        ],
-        dtype=float,
-    )
+    z, away = cp.Variable(levels), allowed.positions - allowed.positions[:, None]
+    close = (away >= 0.0) & (away < allowed.separation - 1e-12)
     constraints = [w >= 0, z >= 0, z <= 1, cp.sum(z) == allowed.used]
     constraints.append(sums @ w == cp.multiply(allowed.counts, z))
     constraints.append(np.maximum(close, np.eye(levels)) @ z <= 1)

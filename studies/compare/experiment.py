@@ -40,7 +40,7 @@ from calib.poses.moves import visits
 from calib.scatter import Scatter, Variances, scatter_of
 from calib.simulation import approached, draw, whitening
 from doe.constraints import scene_of, visible
-from doe.problem.request import refuse_unplaced
+from doe.request import refuse_unplaced
 
 _PLAUSIBLE_M = 1e-3  # what an assumed error moves the markers by at most
 

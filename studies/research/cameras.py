@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from calib import Cell
 from calib.arrays import Array
-from calib.cell.views import NUMBERS, looking, views_of
 from doe.constraints import scene_of, visible
+from doe.views import NUMBERS, looking, views_of
 
 _AT_ONCE = 250  # candidates
 

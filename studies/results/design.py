@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from doe import Design, plan
     from doe.assess import Assessment
-    from doe.day import PlannedDay
+    from doe.order import PlannedDay
     from doe.plan import Rival
-    from doe.visiting import Reapproaches
+    from doe.repeats import Reapproaches
 
 
 class BeforePolish(Entry):
@@ -245,7 +245,7 @@ class DesignResult(Result, PlanAccuracy):
         """A design."""
         from doe.constraints.self_collision import unchecked
         from doe.curve import poses_that_match, stops_paying
-        from doe.day import travel
+        from doe.order import travel
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed

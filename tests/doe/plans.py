@@ -9,7 +9,7 @@ from typing import Any
 import doe
 from calib import Cell, Poses
 from doe.planning import planned
-from doe.problem.request import request_of
+from doe.request import request_of
 
 
 def unpolished(cell: Cell, against: Mapping[str, Poses] | None = None, **asked: Any) -> doe.Design:

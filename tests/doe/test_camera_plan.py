@@ -11,10 +11,10 @@ import pytest
 from calib import load_cell
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.cell.views import looking, views_of
 from doe import design
+from doe.candidates import drawn
 from doe.constraints import hidden_by, scene_of, visible
-from doe.problem.pool import drawn
+from doe.views import looking, views_of
 from studies.command.explain import page
 from studies.research.cameras import corners, pixels
 from tests.camera_cells import kr270_cell

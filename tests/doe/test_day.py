@@ -14,7 +14,7 @@ from calib.cell import Load
 from calib.cell.planned import Pace
 from calib.poses import poses_at
 from doe.constraints import broken_at
-from doe.day import day_of, durations, quickest_order
+from doe.order import day_of, durations, quickest_order
 from tests.doe.constraints.arms import LINK, planar
 from tests.helpers import designed
 

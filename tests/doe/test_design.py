@@ -26,7 +26,7 @@ from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
 from doe.planning import planned
-from doe.problem.request import request_of
+from doe.request import request_of
 from tests.doe.plans import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 

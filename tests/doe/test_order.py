@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import Array
-from doe.day import shortest_order
+from doe.order import shortest_order
 
 
 def costs(n: int, seed: int) -> Array:

@@ -24,9 +24,10 @@ from calib.poses import poses_at
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
+from doe.order import durations, quickest_order
 from doe.plan import named
-from doe.problem.request import request_of
-from doe.visiting import with_reapproaches
+from doe.repeats import over_the_day, with_reapproaches
+from doe.request import request_of
 from studies.results.design import DesignResult
 from tests.doe.plans import unpolished, visiting_again
 from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
@@ -48,9 +49,9 @@ def plain(cell: Cell) -> doe.Design:
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
-def test_second_visits_come_later_and_never_at_once(plain: doe.Design, count: int) -> None:
+def test_second_visits_are_over_the_day_and_never_at_once(plain: doe.Design, count: int) -> None:
     poses, found = with_reapproaches(plain.problem, plain.poses, count)
-    assert poses.names == (*plain.poses.names, *found.again)
+    assert sorted(poses.names) == sorted((*plain.poses.names, *found.again))
     assert found.again == tuple(f"{name}_again" for name in found.poses)
     assert list(found.poses) == sorted(set(found.poses))
     for name, again in zip(found.poses, found.again, strict=True):
@@ -58,6 +59,38 @@ def test_second_visits_come_later_and_never_at_once(plain: doe.Design, count: in
         np.testing.assert_array_equal(poses.q[first], poses.q[second])
         assert second > first + 1
     assert len(np.unique(visits(poses))) == 9 + count
+
+
+def test_second_visits_lie_in_every_part_of_the_day_and_come_from_the_other_side(
+    cell: Cell,
+) -> None:
+    """More joints than in visits at the end of the day, for little way."""
+
+    def other_side(day: list[int]) -> float:
+        side = np.sign(np.diff(q[day], axis=0, prepend=q[day][:1]))
+        pairs = [np.flatnonzero(np.array(day) == pose) for pose in chosen]
+        return float(np.mean([side[a] * side[b] < 0.0 for a, b in pairs]))
+
+    figures = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(*cell.robot.sample_limits().T, (24, 6))
+        q = q[quickest_order(cell, q)]
+        chosen = np.sort(rng.choice(23, 4, replace=False)).tolist()
+        at_end, spread = [*range(24), *chosen], over_the_day(cell, q, chosen)
+        assert sorted(spread) == sorted(at_end)
+        assert all(pose in chosen for pose in spread if spread.count(pose) == 2)
+        ways = [durations(cell, np.diff(q[day], axis=0)).sum() for day in (spread, at_end)]
+        figures.append((other_side(spread), other_side(at_end), ways[0] / ways[1]))
+        added, expected = [], 0
+        for k, pose in enumerate(spread):
+            added += [k] if pose != expected else []
+            expected += pose == expected
+        assert len({4 * k // len(spread) for k in added}) >= 3
+    spread_side, end_side, longer = np.mean(figures, axis=0)
+    assert spread_side > 0.45
+    assert spread_side > 1.4 * end_side
+    assert longer < 1.1
 
 
 def test_they_are_spread(plain: doe.Design) -> None:
@@ -80,7 +113,8 @@ def test_they_are_spread(plain: doe.Design) -> None:
 def test_they_count_as_what_they_are(cell: Cell) -> None:
     known = replace(cell, repeatability=ARM)
     plan = unpolished(visiting_again(known, 4), poses=9, **QUICK)
-    alone = assess(plan.problem, plan.poses.q[:9])
+    once = [k for k, name in enumerate(plan.poses.names) if not name.endswith("_again")]
+    alone = assess(plan.problem, plan.poses.q[once])
     assert (plan.assessment.std < alone.std).all()
     assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
     assert alone.value < plan.value == pytest.approx(plan.assessment.value)
@@ -140,7 +174,7 @@ def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     assert fields["reapproaches"]["dof"] == pytest.approx(18.0)
     assert len(fields["poses"]) == 18
     plan = calib.load_plan(load_cell(path), tmp_path / "best.csv")
-    assert list(plan.names[-3:]) == fields["reapproaches"]["again"]
+    assert set(fields["reapproaches"]["again"]) < set(plan.names)
 
 
 def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:

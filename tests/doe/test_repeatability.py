@@ -18,9 +18,9 @@ from calib.cell import Load, Repeatability
 from calib.cell.planned import Planned
 from calib.model import Model
 from calib.poses import poses_at
+from doe.information import Regressor
 from doe.problem import problem_of
-from doe.problem.linearisation import Regressor
-from doe.problem.request import Request
+from doe.request import Request
 from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.results.compare import compared
 from tests.doe.plans import unpolished, visiting_again

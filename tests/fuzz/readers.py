@@ -19,9 +19,9 @@ from calib.files.urdf import load_urdf
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
-from doe.problem.levels import levels_of, parse_levels
-from doe.problem.parameters import interest_of, with_rivals
-from doe.problem.request import Request
+from doe.levels import levels_of, parse_levels
+from doe.parameters import interest_of, with_rivals
+from doe.request import Request
 from studies.command.design import candidates_of, two_effects
 from studies.command.session import held_out
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated

@@ -46,7 +46,7 @@ from calib.prediction.estimate import estimate_of
 from doe.assess import assess
 from doe.forecast.enough import enough
 from doe.problem import problem_of
-from doe.problem.request import Request
+from doe.request import Request
 from studies.render import markdown
 from studies.research.bench import Output, Row, bench, each, rms_3d, several, table
 from studies.research.benchmarks.day import ARMS, Day, Floor, Setting, draw_day, write_day

@@ -19,11 +19,11 @@ import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
+from doe.candidates import Pool, drawn, pool_of
+from doe.levels import levels_of, parse_levels
 from doe.optimal.blocks import Blocks, pack
 from doe.problem import RIDGE, Problem, problem_of
-from doe.problem.levels import levels_of, parse_levels
-from doe.problem.pool import Pool, drawn, pool_of
-from doe.problem.request import Request
+from doe.request import Request
 from studies.demo.embedded import embedded_cell
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ from dataclasses import replace
 from calib import Cell, Poses
 from doe.curve import poses_that_match
 from doe.planning import planned
-from doe.problem.request import request_of
+from doe.request import request_of
 from studies.demo.embedded import embedded_plan
 from studies.research.bench import Output, Row, bench, count, each, table
 from studies.research.benchmarks.design import CASES, LEVELS, cell_of

@@ -25,7 +25,7 @@ from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.prediction.commands import Goal, reach, tip_of
-from doe.problem.pool import drawn
+from doe.candidates import drawn
 from studies.command.program import program_text
 from tests.helpers import all_seen, cell_of, random_robot
 from tests.trees import Joint, placed

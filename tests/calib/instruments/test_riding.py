@@ -19,8 +19,8 @@ from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter.poses import Variances, scatter_of
+from doe.candidates import drawn
 from doe.constraints import scene_of, visible
-from doe.problem.pool import drawn
 from tests.calib.arm.test_trees import SEEDS, Tree
 from tests.helpers import all_seen, central_difference
 from tests.two_arms import COMMON, EYE, PLATE, in_view, written

@@ -9,7 +9,7 @@ from calib.arrays import Array
 from calib.inference.evidence import visible_directions
 from doe.forecast.accuracy import most_useful_first
 from doe.forecast.likeness import SURE, likeness, plausible
-from doe.problem.target_errors import TargetErrors
+from doe.information import TargetErrors
 
 ROWS = 400
 RNG = np.random.default_rng(3)

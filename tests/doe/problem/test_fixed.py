@@ -13,10 +13,10 @@ from calib.cell.planned import Planned
 from calib.inference.widths import SizePrior
 from calib.model.build import build
 from calib.poses import poses_at
+from doe.candidates import Pool, chunked, pool_of
 from doe.constraints import constraints_of
-from doe.problem.pool import Pool, chunked, pool_of
-from doe.problem.problem import RIDGE, Problem, problem_of
-from doe.problem.request import CannotIdentify, Request
+from doe.problem import RIDGE, Problem, problem_of
+from doe.request import CannotIdentify, Request
 from doe.solve import choose
 from studies.demo.embedded import embedded_cell
 

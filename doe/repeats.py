@@ -1,6 +1,4 @@
-"""Which poses of a plan are visited again.
-
-Poses that are visited a second time, late and from elsewhere, alone tell how well the arm comes back.
+"""Poses of a plan that are visited again: they alone tell how well the arm comes back.
 
 Two visits of one pose differ by what both approaches were off by, and by the instrument: with H the
 levers of the tip on the whitened readings, times the repeatability of each of its coordinates, the
@@ -8,22 +6,29 @@ differences have the covariance ``2 (I + H H^T)``. So with ``K = H^T H (I + H^T 
 brings the Fisher information ``2 |K_ab|^2`` on the logarithms of the repeatabilities a and b, of
 translation and rotation, and ``2 |K|^2`` on a factor that is common to both: two for each coordinate
 that is read well beyond the instrument's noise, of which three markers show six and one shows three.
+
+The visits are spread over the day, so that its drift is no part of one time alone, and come from the
+other side: what differs between two sides is no scatter.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise, product
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.cell import Cell
 from calib.errors import CalibError
 from calib.poses import Poses
 from doe.constraints import scene_of, visible
+from doe.order import durations
 from doe.problem import Problem
 
 _SEEN = 1e-6  # of the largest lever: a direction that moves the markers less is not read
 _NO_DIFFERENCE = 0.5  # coordinates
+_DETOUR = 0.25  # what the time of a mean way weighs beside all joints from the other side
 
 
 @dataclass(frozen=True)
@@ -51,22 +56,60 @@ class Reapproaches:
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:
-    """The poses, then some of them once more in the same order.
+    """The poses, some of them once more, over the whole day and from the other side.
 
-    So a second visit comes late and from elsewhere, and the way between them stays short. The last
-    pose is never among them: nothing would lie between its visits.
+    The later one of two visits is named ``_again``. The last pose is never among them.
 
     Raises CalibError where the plan has too few poses.
     """
     chosen = _spread(problem, poses, count)
-    names = tuple(poses.names[i] for i in chosen)
-    again = tuple(f"{name}_again" for name in names)
-    order = np.concatenate([np.arange(len(poses)), chosen])
-    visited = replace(poses.take(order), names=(*poses.names, *again), time=None, order=None)
+    day = over_the_day(problem.cell, poses.q, chosen.tolist())
+    later = [i in day[:k] for k, i in enumerate(day)]
+    own = [poses.names[i] for i in day]
+    names = [f"{n}_again" if second else n for n, second in zip(own, later, strict=True)]
+    visited = replace(poses.take(np.array(day)), names=tuple(names), time=None, order=None)
     K = shares(problem, poses.q[chosen])
     alone = _alone(K) if (np.linalg.matrix_rank(K, tol=_SEEN) == 6).any() else (np.nan, np.nan)
+    again = tuple(poses.names[i] for i in chosen)
     dof, asked = float((K**2).sum()), problem.request.asked
-    return visited, Reapproaches(names, again, dof, *alone, asked)
+    return visited, Reapproaches(again, tuple(f"{n}_again" for n in again), dof, *alone, asked)
+
+
+def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:
+    """The order of poses (m, dof) with second visits of those chosen, in parts of the day alike.
+
+    Each part, the last one first, takes that of them which comes from the other side with most joints
+    and at little detour; two visits of a pose have another one between them.
+    """
+    day, left, ways = list(range(len(q))), list(chosen), durations(cell, q - q[:, None])
+    ends = np.linspace(1, len(q) + 1, len(chosen) + 1).round().astype(int).tolist()
+    for first, end in reversed(list(pairwise(ends))):
+        offers = _offers(q, ways, day, left, range(first, end))
+        if not offers:  # a part as short as the way round its poses
+            offers = _offers(q, ways, day, left, range(1, len(day) + 1))
+        _, at, pose = min(offers)
+        day.insert(at, pose)
+        left.remove(pose)
+    return day
+
+
+def _offers(
+    q: Array, ways: Array, day: list[int], left: list[int], places: range
+) -> list[tuple[float, int, int]]:
+    """Cost, place and pose of every second visit that may stand there."""
+    mean, offers = float(ways.mean()) or 1.0, []
+    for at, pose in product(places, left):
+        before, after = day[at - 1], day[at] if at < len(day) else None
+        if pose in (before, after):
+            continue
+        k = day.index(pose)
+        side = np.sign(q[pose] - q[day[k - 1]]) if k else np.zeros(q.shape[1])
+        other = float((side * np.sign(q[pose] - q[before]) < 0.0).mean())
+        detour = ways[before, pose]
+        if after is not None:
+            detour += ways[pose, after] - ways[before, after]
+        offers.append((_DETOUR * float(detour) / mean - other, at, pose))
+    return offers
 
 
 def shares(problem: Problem, q: Array) -> Array:
@@ -88,10 +131,9 @@ def shares(problem: Problem, q: Array) -> Array:
 def _alone(K: Array) -> tuple[float, float]:
     """Relative standard deviations of translation and rotation; NaN for one that is none."""
     information = 2.0 * (K.reshape(-1, 2, 3, 2, 3) ** 2).sum(axis=(0, 2, 4))
-    found = np.full(2, np.nan)
-    some = np.diag(information) > 0.0
-    found[some] = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(some, some)])))
-    return float(found[0]), float(found[1])
+    std, some = np.full(2, np.nan), np.diag(information) > 0.0
+    std[some] = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(some, some)])))
+    return float(std[0]), float(std[1])
 
 
 def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
@@ -116,5 +158,4 @@ def _spread(problem: Problem, poses: Poses, count: int) -> IntArray:
         free = free[shown[free] >= shown[free].max() - _NO_DIFFERENCE]
         away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
         chosen.append(int(free[away.argmax()]))
-    found: IntArray = may[np.sort(chosen)]
-    return found
+    return np.asarray(may[np.sort(chosen)])

@@ -7,21 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
+from calib.api import readings
 from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects import Effect, catalogue
 from calib.effects.protocol import ElasticEffect
 from calib.errors import CalibError
+from calib.identification.checks import outnumbered
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
-from calib.poses import poses_at
-from doe.problem.linearisation import Regressor
-from doe.problem.request import CannotIdentify, Request
+from calib.poses import Measurements, Poses, poses_at
+from doe.information import Regressor
+from doe.request import CannotIdentify, Request
 
 _LARGEST_FACTOR = 1e9  # of one parameter in a combination, for values in their units
 _NAMED = 8  # parameters of one reason that a refusal names
@@ -164,37 +167,55 @@ def without_idle(
     return tuple(e for e in effects if e not in idle), left
 
 
+def check_count(regressor: Regressor, request: Request, probe: Poses) -> None:
+    """Refuse a number of poses of which no choice determines all. Raises CannotIdentify.
+
+    A reading fixes no more than the rigid coordinates of its markers: known before any search.
+
+    probe : Poses, feasible ones
+    """
+    extra, cell = 0 if request.fixed is None else len(request.fixed), regressor.cell
+
+    def too_few(poses: int) -> bool:
+        read = readings(cell, probe.take(np.arange(poses + extra) % len(probe)))
+        seen = np.ones((len(read), len(cell.channels)), dtype=bool)
+        blank = np.zeros((*seen.shape, cell.channels.width))
+        data = Measurements(read, blank, seen, np.full(seen.shape, np.nan))
+        return outnumbered(regressor.model, data)
+
+    if not len(regressor.known) and too_few(request.poses):
+        least = next(n for n in count(request.poses + 1) if not too_few(n))
+        raise _few(request, len(regressor.T), least)
+
+
+def _few(request: Request, parameters: int, least: int) -> CannotIdentify:
+    return CannotIdentify(
+        (),
+        f"{request.poses} poses give too few equations for {parameters} parameters; "
+        f"ask for at least {least} poses, or take effects out of [model] effects",
+    )
+
+
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
-    cell, model, p = regressor.cell, regressor.model, rows.shape[2]
-    extra = 0 if request.fixed is None else len(request.fixed)
+    extra, missing = 0 if request.fixed is None else len(request.fixed), rows.shape[2]
+    missing -= len(regressor.known)
     # Free of load a pose may tell nothing.
-    each, held = int(rows.any(axis=(0, 2)).sum()), regressor.known
-    equations = (request.poses + extra) * each + len(held)
-    if equations < p:
-        least = -(-(p - len(held)) // each) - extra
-        raise CannotIdentify(
-            (),
-            f"{request.poses} poses give {equations} equations for {p} parameters; "
-            f"ask for at least {least} poses, or take effects out of [model] effects",
-        )
-    found = _undetermined(regressor, rows, request)
-    if not found:
+    least = -(-missing // int(rows.any(axis=(0, 2)).sum())) - extra
+    if request.poses < least:
+        raise _few(request, rows.shape[2], least)
+    lost = _undetermined(regressor, rows, request)
+    if not lost:
         return
-    lost = [name for entry in found for name in entry.names]
-    rivals = request.rivals or ()
-    if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in lost):
-        raise CannotIdentify(
-            tuple(lost),
-            f"no plan tells {' from '.join(rivals)}: {found[0].reason} ({', '.join(lost)}); "
-            "name others",
-        )
-    raise CannotIdentify(
-        tuple(lost), f"no plan determines {by_reason(found)}; {_help(cell, model, lost)}"
-    )
+    names, rivals = tuple(name for entry in lost for name in entry.names), request.rivals or ()
+    if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in names):
+        apart = f"no plan tells {' from '.join(rivals)}: {lost[0].reason} ({', '.join(names)})"
+        raise CannotIdentify(names, f"{apart}; name others")
+    remedy = _help(regressor.cell, regressor.model, names)
+    raise CannotIdentify(names, f"no plan determines {by_reason(lost)}; {remedy}")
 
 
 def by_reason(lost: Sequence[Unidentifiable]) -> str:

@@ -1,4 +1,4 @@
-"""What readings tell to first order: the rows of those in hand, of those to come, of candidates.
+"""What readings tell to first order: rows of those in hand, to come, of candidates, and at the targets.
 
 The readings of one visit share what its approach was off by. So their rows are those of
 ``V^-1/2 J`` with ``V = s^2 I + H U H^T``, H the levers of joints and tip, U the arm's variances, s the
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -22,7 +23,8 @@ from calib.instruments import Tracker
 from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.common_errors import common_displacements
+from calib.model.common_errors import by_gravity, common_displacements
+from calib.model.covariance import at_points_read, at_tip, working_points
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
 
@@ -44,10 +46,7 @@ class Linearisation:
     arm: Variances
 
     def of(self, data: Measurements, kept: Mask | None = None) -> LinearProblem:
-        """Rows of readings, of which some count, shape (m,), and what is known beside them.
-
-        Beams end at their points.
-        """
+        """Rows of readings, of which some count, shape (m,), and what is known beside them."""
         off, held = self.model.prior_residuals(self.values)
         rows = self._rows(data.poses, lambda _: self.weights(data, kept), None)
         return replace(rows, off=off, held=held)
@@ -71,10 +70,10 @@ class Linearisation:
 
     def scatter(self, poses: Poses, visit: Stays | None = None) -> Scatter:
         """How readings err together; visit : as above, as the poses say without it."""
-        found = scatter_of(self.model, self.values, poses, self.arm)
+        scatter = scatter_of(self.model, self.values, poses, self.arm)
         if visit is None:
-            return found
-        return replace(found, approach=visit[0], configuration=visit[1])
+            return scatter
+        return replace(scatter, approach=visit[0], configuration=visit[1])
 
     def _rows(
         self, poses: Poses, weights: Callable[[Array], Array], visit: Stays | None
@@ -160,9 +159,8 @@ class Regressor(Linearisation):
     @property
     def rank(self) -> int:
         """Rows that one configuration brings, or the number of parameters if that is less."""
-        readings_each = 1 if self.cell.load is None else 2
         numbers = int(self.model.readout.channels.rows.sum())
-        return int(min(numbers * readings_each, len(self.T)))
+        return int(min(numbers * (1 if self.cell.load is None else 2), len(self.T)))
 
     def rows(self, q: Array, visible: Mask | None = None) -> Array:
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
@@ -173,8 +171,7 @@ class Regressor(Linearisation):
         poses, visit = self._readings(q)
         seen = None if visible is None else visible[visit]
         rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
-        turned = stacked(rows) @ self.T
-        return by_visit(turned.reshape(-1, *rows.shape[1:]), len(q))
+        return by_visit((stacked(rows) @ self.T).reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
@@ -182,8 +179,7 @@ class Regressor(Linearisation):
         q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, M)
         """
         poses, visit = self._readings(q)
-        points = self.model.predict(self.values, poses)
-        W = self.foreseen(poses, points, visible[visit], np.nan)
+        W = self.foreseen(poses, self.model.predict(self.values, poses), visible[visit], np.nan)
         own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
         return by_visit(own, len(q))
 
@@ -211,16 +207,15 @@ class Regressor(Linearisation):
     def information(self, q: Array, visible: Mask | None = None) -> Array:
         """Information matrix of each visit, shape (m, p, p)."""
         p, each = len(self.T), self.model.readout.channels.rows.sum() * len(self.T)
-        found = np.empty((len(q), p, p))
+        blocks = np.empty((len(q), p, p))
         for own in in_parts(len(q), int(each)):
             rows = self.rows(q[own], None if visible is None else visible[own])
-            np.matmul(np.swapaxes(rows, -1, -2), rows, out=found[own])
-        return found
+            np.matmul(np.swapaxes(rows, -1, -2), rows, out=blocks[own])
+        return blocks
 
     def whitened(self, mean: Array) -> Regressor:
         """The same in coordinates in which ``mean`` (p, p), in the present ones, is the identity."""
-        L = np.linalg.cholesky(mean)
-        return replace(self, T=self.T @ np.linalg.inv(L).T)
+        return replace(self, T=self.T @ np.linalg.inv(np.linalg.cholesky(mean)).T)
 
 
 def by_visit(rows: Array, visits: int) -> Array:
@@ -240,11 +235,68 @@ def moved_rows(
     if not moved:
         return LinearProblem.of_rows(like.J[..., :0], like.mixing)
     rows = weighted(weights, np.concatenate(moved, axis=-1))
-    scale = 1.0 if at.arm.any else at.arm.scale
-    return LinearProblem.of_rows(rows / scale, like.mixing)
+    return LinearProblem.of_rows(rows / (1.0 if at.arm.any else at.arm.scale), like.mixing)
 
 
 def errors_of(model: Model) -> tuple[CommonError, ...]:
     """The common errors of a model's instruments, in the order of :func:`moved_rows`."""
     blocks = model.readout.channels.blocks
     return tuple(e for i, _ in blocks if isinstance(i, Tracker) for e in i.common)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetErrors:
+    """Position errors at K target poses to first order, the mean over the points in the rows.
+
+    rows : ndarray, shape (K, r, p), m per unit of the parameters
+    weights : ndarray, shape (K,), summing to one
+    shifts : ndarray, shape (K, r, b), m, how predictions follow one standard uncertainty of each error
+        that is common to all readings
+    """
+
+    rows: Array
+    weights: Array
+    shifts: Array
+
+    @classmethod
+    def of(
+        cls, model: Model, values: Array, targets: Poses, weights: Array,
+        at_markers: bool | None = None,
+    ) -> Self:  # fmt: skip
+        """Per SI unit about values (p,), for the readings of a model.
+
+        at_markers : whether errors count at the markers, else at the tip's origin; None: where the
+            markers are unknowns
+        """
+        points = working_points if at_markers is None else at_points_read if at_markers else at_tip
+        counts = points(model)
+        # A model of its own: the last linearisation that a model remembers is no use to others.
+        _, J = replace(counts).jacobian_at_rest(values, targets)
+        rows = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1])
+        shifts = _shifts(model, counts, values, targets)
+        return cls(np.asarray(rows), weights / weights.sum(), shifts)
+
+    def per(self, T: Array) -> TargetErrors:
+        """The same for parameters y with ``theta = T y``, shape (p, p), or (p,) for its diagonal."""
+        return replace(self, rows=self.rows * T if T.ndim == 1 else self.rows @ T)
+
+    def missed(self, response: Array) -> Array:
+        """What common errors cause that shift the estimate by ``response`` (p, b), (K, r, b), m."""
+        return np.asarray(self.rows @ response - self.shifts)
+
+
+def _shifts(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
+    """How predictions at targets follow common errors themselves, (K, r, b), m.
+
+    model : that readings are of; counts : Model, with the points at which errors count
+    """
+    K, points, r = counts.predict(values, targets).shape
+    shifts = [np.zeros((K, points, r, 0))]
+    for error in errors_of(model):
+        columns = error.kind.columns
+        if columns is None:
+            shifts.append(by_gravity(counts, values, targets) * error.std)
+        else:
+            shifts.append(np.zeros((K, points, r, columns(np.ones((1, 3))).shape[-1])))
+    moved = np.concatenate(shifts, axis=-1)
+    return np.asarray(moved.reshape(K, points * r, moved.shape[-1]) / np.sqrt(points))

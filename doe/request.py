@@ -15,7 +15,7 @@ from calib.files.tables import holds_points, load_measurements, load_plan
 from calib.poses import Measurements, Poses
 from calib.poses.moves import visits
 from doe.criteria import UNASKED, catalogue
-from doe.problem.levels import AngleLevels, levels_of, parse_levels
+from doe.levels import AngleLevels, levels_of, parse_levels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
@@ -38,7 +38,7 @@ class Request:
     criterion : str, a key of ``doe.criteria.catalogue()``
     of : effects or parameters that matter; rivals : two effects to tell apart, or None
     fixed : Poses measured in any case, or None
-    reapproaches : how many of the poses are visited again after the others; asked : whether somebody
+    reapproaches : how many of the poses are visited again; asked : whether somebody
         said so, else these are as many poses fewer than were asked for
     at_markers : whether errors at the targets count at the markers, else at the tip's origin; None:
         where the markers are unknowns of the model
@@ -160,19 +160,18 @@ def _usual_reapproaches(cell: Cell, request: Request) -> int:
 
 def refuse_unplaced(cell: Cell) -> None:
     """Raise CalibError where an instrument reads nothing that can be foreseen."""
-    for instrument in cell.instruments:
-        if instrument.unforeseen:
+    for one in cell.instruments:
+        if one.unforeseen:
             raise CalibError(
-                f"what {instrument.kind} {instrument.name!r} would read cannot be foreseen: "
-                f"{instrument.unforeseen}"
+                f"what {one.kind} {one.name!r} would read cannot be foreseen: {one.unforeseen}"
             )
 
 
 def refuse_touching(cell: Cell) -> None:
     """Raise CalibError where an instrument is touched: no candidate is brought to it."""
-    for instrument in cell.instruments:
-        if instrument.touches:
+    for one in cell.instruments:
+        if one.touches:
             raise CalibError(
-                f"poses that touch {instrument.kind} {instrument.name!r} are not planned for; choose "
-                "them by hand, and judge them with posecal compare"
+                f"poses that touch {one.kind} {one.name!r} are not planned for; choose them by hand, "
+                "and judge them with posecal compare"
             )

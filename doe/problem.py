@@ -17,25 +17,9 @@ from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import Unidentifiable
 from calib.poses import Poses, poses_at
-from doe.constraints import Constraint, constraints_of, scene_of, visible
-from doe.criteria import Criterion, Question, catalogue
-from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
-from doe.optimal.selection import Selection
-from doe.problem.levels import at_level
-from doe.problem.linearisation import Regressor, nominal
-from doe.problem.parameters import (
-    check_identifiable,
-    interest_of,
-    rival_rows,
-    with_rivals,
-    without_idle,
-    without_unplanned,
-)
-from doe.problem.pool import (
+from doe.candidates import (
     MOST_PROBED,
     PROBE,
-    Feasible,
     Pool,
     chunked,
     drawn,
@@ -43,8 +27,23 @@ from doe.problem.pool import (
     probe_of,
     rounded,
 )
-from doe.problem.request import CannotIdentify, Request, refuse_touching, refuse_unplaced
-from doe.problem.target_errors import TargetErrors
+from doe.constraints import Constraint, constraints_of, scene_of, visible
+from doe.criteria import Criterion, Question, catalogue
+from doe.information import Regressor, TargetErrors, nominal
+from doe.levels import at_level
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks
+from doe.optimal.selection import Selection
+from doe.parameters import (
+    check_count,
+    check_identifiable,
+    interest_of,
+    rival_rows,
+    with_rivals,
+    without_idle,
+    without_unplanned,
+)
+from doe.request import CannotIdentify, Request, refuse_touching, refuse_unplaced
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -135,20 +134,22 @@ class Problem:
         pool = pool_of(self.regressor, self.constraints, levels, chunks, count)
         if request.fixed is not None and not request.repeats:
             pool = pool.without(request.fixed.q)
+        self._check_enough(pool)
+        return pool
+
+    def _check_enough(self, pool: Pool) -> None:
         if not len(pool):
-            raise CalibError(pool.feasible.too_few())
+            raise pool.too_few()
         rules = self.rules(pool.level)
         if rules.chooses_levels:
             if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
-                where = f" for each of {rules.used} levels far enough apart"
-                raise CalibError(pool.feasible.too_few(where))
-            return pool
+                raise pool.too_few(f" for each of {rules.used} levels far enough apart")
+            return
         for level, (members, count) in enumerate(zip(rules.members, rules.counts, strict=True)):
             needed = 1 if rules.repeats else int(count)
             if len(members) < needed:
-                where = at_level(self.cell, levels, level)
-                raise CalibError(pool.feasible.too_few(where, len(members), needed))
-        return pool
+                where = at_level(self.cell, self.request.levels, level)
+                raise pool.too_few(where, len(members), needed)
 
 
 def _check_rows(cell: Cell, request: Request, table: Poses) -> None:
@@ -190,13 +191,15 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
+    if criterion.whole:
+        check_count(regressor, request, poses_at(probe.q))
     return Problem(
         cell, request, regressor, constraints, criterion, targets, at, left_out, unplanned
     )
 
 
 def _regressor(
-    cell: Cell, request: Request, model: Model, angles: Poses, probe: Feasible
+    cell: Cell, request: Request, model: Model, angles: Poses, probe: Pool
 ) -> tuple[Regressor, tuple[Unidentifiable, ...]]:
     """The model without what no plan could show, in the coordinates of the criteria, and that."""
     try:

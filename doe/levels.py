@@ -104,9 +104,9 @@ def levels_of(
             f"levels of {' and '.join(asked)}: one joint at a time; keep the one that matters"
         )
     ((joint, own),) = asked.items()
-    if given is not None and joint in cell.design.levels:
+    kept = cell.design.levels.get(joint)
+    if given is not None and kept is not None:
         # The cell's values where as many are asked for, and its separation.
-        kept = cell.design.levels[joint]
         if own.values is None and kept.values is not None and kept.count == own.count:
             own = replace(own, values=kept.values)
         own = replace(own, separation=own.separation or kept.separation)
@@ -130,11 +130,10 @@ def levels_of(
 
 
 def _index(cell: Cell, joint: str) -> int:
-    if joint not in cell.robot.joints:
-        raise CalibError(
-            f"levels of {joint}: no such joint; joints are {', '.join(cell.robot.joints)}"
-        )
-    robot, k = cell.robot, cell.robot.joints.index(joint)
+    robot = cell.robot
+    if joint not in robot.joints:
+        raise CalibError(f"levels of {joint}: no such joint; joints are {', '.join(robot.joints)}")
+    k = robot.joints.index(joint)
     if not robot.free[k]:
         lead = robot.joints[int(np.abs(robot.ties.matrix[k]).argmax())]
         raise CalibError(f"levels of {joint}: it moves with {lead}; give levels of {lead}")
@@ -186,10 +185,9 @@ def steer_the_model(cell: Cell, levels: AngleLevels | None) -> bool:
     if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
         return False
     joint = cell.robot.joints[levels.joint]
-    placed = map(parse_effect, cell.effects)
     return any(
         name == StiffnessVsAngle.kind and (where is None or joint in where)
-        for name, where in placed
+        for name, where in map(parse_effect, cell.effects)
     )
 
 
@@ -208,6 +206,6 @@ def at_level(cell: Cell, levels: AngleLevels | None, level: int) -> str:
     """Words for one level, none without levels."""
     if levels is None:
         return ""
-    shown = f"{levels.values[level] / _unit(cell, levels.joint):g}"
     unit = "mm" if cell.robot.prismatic[levels.joint] else "deg"
-    return f" at {cell.robot.joints[levels.joint]} = {shown} {unit}"
+    shown = f"{levels.values[level] / _unit(cell, levels.joint):g} {unit}"
+    return f" at {cell.robot.joints[levels.joint]} = {shown}"

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.cell.views import NUMBERS, looking, views_of
 from calib.errors import CalibError
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
+from doe.information import Regressor
+from doe.levels import AngleLevels, at_level
 from doe.optimal.blocks import pack, packed_size
-from doe.problem.levels import AngleLevels, at_level
-from doe.problem.linearisation import Regressor
+from doe.views import NUMBERS, looking, views_of
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
@@ -51,27 +51,22 @@ def drawn(cell: Cell, count: int, levels: AngleLevels | None, seed: int) -> Iter
     """
     low, high = cell.robot.sample_limits().T
     free = np.flatnonzero(movable(cell, levels))
-    rng = np.random.default_rng(seed)
-    views = NUMBERS if views_of(cell) else 0
-    sampler = Sobol(len(free) + views, rng)
+    sampler = Sobol(len(free) + (NUMBERS if views_of(cell) else 0), np.random.default_rng(seed))
     for start in range(0, count, CHUNK):
-        m = min(CHUNK, count - start)
-        q, points = np.tile(low, (m, 1)), sampler.random(m)
+        turn = np.arange(start, min(start + CHUNK, count))
+        q, points = np.tile(low, (len(turn), 1)), sampler.random(len(turn))
         q[:, free] += points[:, : len(free)] * (high - low)[free]
-        q = rounded(cell, q)
-        if levels is not None:
-            turn = np.arange(start, start + m) % len(levels.values)
-            q[:, levels.joint] = levels.values[turn]
-        yield looking_in_turn(cell, cell.robot.tied(q), points[:, len(free) :], levels, start)
+        q = cell.robot.tied(_levelled(rounded(cell, q), levels, turn))
+        yield _looking_in_turn(cell, q, points[:, len(free) :], levels, turn)
 
 
-def looking_in_turn(
-    cell: Cell, q: Array, even: Array, levels: AngleLevels | None, start: int = 0
+def _looking_in_turn(
+    cell: Cell, q: Array, even: Array, levels: AngleLevels | None, turn: IntArray
 ) -> Array:
     """Configurations (m, dof) for one camera's view after the other, and for all other instruments.
 
     even : ndarray, shape (m, 6), in [0, 1), how a board stands in a view; (m, 0) where there is none
-    start : int, how many went before
+    turn : ndarray of int, shape (m,), number of each
     """
     views = views_of(cell)
     if not views:
@@ -79,13 +74,18 @@ def looking_in_turn(
     seeing = {view.camera.name for view in views}
     others = int(any(i.name not in seeing for i in cell.instruments))
     count = 1 if levels is None else len(levels.values)
-    wanted = (np.arange(start, start + len(q)) // count) % (len(views) + others)
+    wanted = (turn // count) % (len(views) + others)
     viewing = wanted < len(views)
     seen = looking(cell, q, np.where(viewing, wanted, -1), even, movable(cell, levels))
     q = np.where(viewing[:, None], rounded(cell, seen), q)
+    return cell.robot.tied(_levelled(q, levels, turn))
+
+
+def _levelled(q: Array, levels: AngleLevels | None, turn: IntArray) -> Array:
+    """Configurations at one level after the other."""
     if levels is not None:
-        q[:, levels.joint] = levels.values[np.arange(start, start + len(q)) % count]
-    return cell.robot.tied(q)
+        q[:, levels.joint] = levels.values[turn % len(levels.values)]
+    return q
 
 
 def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
@@ -96,18 +96,18 @@ def movable(cell: Cell, levels: AngleLevels | None) -> Mask:
 
 def chunked(q: Array) -> Iterator[Array]:
     """Candidates in chunks."""
-    for start in range(0, len(q), CHUNK):
-        yield q[start : start + CHUNK]
+    return (q[start : start + CHUNK] for start in range(0, len(q), CHUNK))
 
 
 @dataclass(frozen=True, eq=False)
-class Feasible:
-    """Candidates that may be measured.
+class Pool:
+    """Candidates that may be measured, with their information.
 
     q : ndarray, shape (n, dof), rad or m; level : ndarray of int, shape (n,), zero without levels
     seen : ndarray of bool, shape (n, C), readings that can be had at each
     drawn : int, candidates before the constraints; removed : dict, what removed how many of them, each
         counted where it fell first
+    packed : ndarray, shape (n, p (p + 1) / 2), information of each, without columns until it is asked
     """
 
     q: Array
@@ -115,15 +115,19 @@ class Feasible:
     seen: Mask
     drawn: int
     removed: dict[str, int]
+    packed: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
 
     @classmethod
-    def of(
+    def feasible(
         cls,
         cell: Cell,
         constraints: tuple[Constraint, ...],
         levels: AngleLevels | None,
         q: Array,
-    ) -> Feasible:
+    ) -> Pool:
         """Those of configurations (m, dof) that stand at a level, keep the constraints and are seen."""
         drawn, removed = len(q), {constraint.name: 0 for constraint in constraints}
         if levels is not None and (lost := levels.of(q) < 0).any():
@@ -135,11 +139,11 @@ class Feasible:
         if not (read := seen.any(axis=1)).all():
             removed[OUT_OF_SIGHT], q, seen = int((~read).sum()), q[read], seen[read]
         level = np.zeros(len(q), dtype=int) if levels is None else levels.of(q)
-        return cls(q, level, seen, drawn, removed)
+        return cls(q, level, seen, drawn, removed, np.zeros((len(q), 0)))
 
     @classmethod
-    def together(cls, parts: Sequence[Feasible]) -> Feasible:
-        """Several as one."""
+    def together(cls, parts: Sequence[Pool], packed: Array | None = None) -> Pool:
+        """Several as one; packed : their information, where it stands together already."""
         names = dict.fromkeys(name for part in parts for name in part.removed)
         return cls(
             np.concatenate([part.q for part in parts]),
@@ -147,60 +151,45 @@ class Feasible:
             np.concatenate([part.seen for part in parts]),
             sum(part.drawn for part in parts),
             {name: sum(part.removed.get(name, 0) for part in parts) for name in names},
+            np.concatenate([part.packed for part in parts]) if packed is None else packed,
         )
 
-    def too_few(self, where: str = "", found: int = 0, needed: int = 1) -> str:
-        """Why nothing, or too little, is left to choose from."""
-        what = f"no feasible candidate{where}"
-        if found:
-            only = f"only {found} feasible candidate{'s' if found > 1 else ''}"
-            what = f"{only}{where}, and {needed} are needed"
-        causes = sorted(((n, name) for name, n in self.removed.items() if n), reverse=True)
-        if not causes:
-            return f"{what}; draw more, or allow repeats"
-        most, name = causes[0]
-        if most >= self.drawn and name.startswith("obstacle"):
-            return f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
-        said = ", ".join(f"{name} removed {n}" for n, name in causes)
-        return f"{what}: of {self.drawn}, {said}; relax what removed most"
-
-
-@dataclass(frozen=True, eq=False)
-class Pool:
-    """Candidates with their information.
-
-    feasible : Feasible, n of them; packed : ndarray, shape (n, p (p + 1) / 2), information of each
-    """
-
-    feasible: Feasible
-    packed: Array
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    @property
-    def q(self) -> Array:
-        """Shape (n, dof), rad or m."""
-        return self.feasible.q
-
-    @property
-    def level(self) -> IntArray:
-        """Level of each, shape (n,), zero without levels."""
-        return self.feasible.level
+    def informed(self, regressor: Regressor) -> Pool:
+        """The same with the information of each."""
+        if not len(self):
+            return replace(self, packed=np.zeros((0, packed_size(len(regressor.T)))))
+        seen = None if self.seen.all() else self.seen
+        return replace(self, packed=pack(regressor.information(self.q, seen)))
 
     def without(self, q: Array) -> Pool:
         """The candidates that are none of these configurations (m, dof)."""
-        known, every = {tuple(row) for row in np.round(q, 9)}, self.feasible
+        known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
-        removed = {**every.removed, "already measured": int((~fresh).sum())}
-        left = Feasible(every.q[fresh], every.level[fresh], every.seen[fresh], every.drawn, removed)
-        return Pool(left, self.packed[fresh])
+        removed = {**self.removed, "already measured": int((~fresh).sum())}
+        q, level, seen = self.q[fresh], self.level[fresh], self.seen[fresh]
+        return Pool(q, level, seen, self.drawn, removed, self.packed[fresh])
 
     def plus(self, regressor: Regressor, levels: AngleLevels | None, q: Array) -> Pool:
         """The candidates and further configurations (m, dof), which keep the constraints."""
-        more = Feasible.of(regressor.cell, (), levels, q)
-        both = np.concatenate([self.packed, _packed(regressor, more)])
-        return Pool(Feasible.together([self.feasible, more]), both)
+        more = Pool.feasible(regressor.cell, (), levels, q).informed(regressor)
+        return Pool.together([self, more])
+
+    def too_few(self, where: str = "", count: int = 0, needed: int = 1) -> CalibError:
+        """Why nothing, or too little, is left to choose from."""
+        what = f"no feasible candidate{where}"
+        if count:
+            only = f"only {count} feasible candidate{'s' if count > 1 else ''}"
+            what = f"{only}{where}, and {needed} are needed"
+        causes = sorted(((n, name) for name, n in self.removed.items() if n), reverse=True)
+        if not causes:
+            return CalibError(f"{what}; draw more, or allow repeats")
+        most, name = causes[0]
+        if most >= self.drawn and name.startswith("obstacle"):
+            return CalibError(
+                f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
+            )
+        said = ", ".join(f"{name} removed {n}" for n, name in causes)
+        return CalibError(f"{what}: of {self.drawn}, {said}; relax what removed most")
 
 
 def pool_of(
@@ -221,23 +210,16 @@ def pool_of(
             f"{8e-9 * count * size:.0f} GB; ask for at most {int(_LARGEST / 8.0 / size)}"
         )
 
-    def judged(q: Array) -> tuple[Feasible, Array]:
-        part = Feasible.of(regressor.cell, constraints, levels, q)
-        return part, _packed(regressor, part)
+    def judged(q: Array) -> Pool:
+        return Pool.feasible(regressor.cell, constraints, levels, q).informed(regressor)
 
     packed, parts, start = np.empty((count, size)), [], 0
     with ThreadPoolExecutor(_WORKERS) as executor:
-        for part, rows in executor.map(judged, chunks):
-            packed[start : start + len(rows)] = rows
-            parts.append(part)
-            start += len(rows)
-    return Pool(Feasible.together(parts), packed[:start])
-
-
-def _packed(regressor: Regressor, part: Feasible) -> Array:
-    if not len(part.q):
-        return np.zeros((0, packed_size(len(regressor.T))))
-    return pack(regressor.information(part.q, None if part.seen.all() else part.seen))
+        for part in executor.map(judged, chunks):
+            packed[start : start + len(part)] = part.packed
+            parts.append(replace(part, packed=part.packed[:0]))
+            start += len(part)
+    return Pool.together(parts, packed[:start])
 
 
 def probe_of(
@@ -245,21 +227,21 @@ def probe_of(
     constraints: tuple[Constraint, ...],
     levels: AngleLevels | None,
     chunks: Iterable[Array],
-) -> Feasible:
+) -> Pool:
     """What the cell is like: feasible candidates of every level, of as many chunks as it takes.
 
     Raises CalibError where a level has none.
     """
-    found: list[Feasible] = []
+    parts: list[Pool] = []
     each = np.zeros(1 if levels is None else len(levels.values), dtype=int)
     every = levels is not None and levels.chosen  # a level that is to be chosen may have none
     for q in chunks:
-        found.append(Feasible.of(cell, constraints, levels, q))
-        each += np.bincount(found[-1].level, minlength=len(each))
+        parts.append(Pool.feasible(cell, constraints, levels, q))
+        each += np.bincount(parts[-1].level, minlength=len(each))
         if each.sum() >= PROBE and (not every or each.min() >= _PER_LEVEL):
             break
-    probe = Feasible.together(found)
+    probe = Pool.together(parts)
     if not each.all() if every else not each.any():
-        where = at_level(cell, levels, int(each.argmin())) if every else ""
-        raise CalibError(probe.too_few(where if len(each) > 1 else ""))
+        where = at_level(cell, levels, int(each.argmin())) if every and len(each) > 1 else ""
+        raise probe.too_few(where)
     return probe

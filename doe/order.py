@@ -93,7 +93,7 @@ def shortest_order(cost: Array) -> IntArray:
         return np.arange(n)
     starts = np.unique(np.linspace(0, n - 1, _STARTS).astype(int))
     ways = [_improved(_nearest(int(start), cost), cost) for start in starts]
-    way = min(ways, key=lambda own: float(cost[own[:-1], own[1:]].sum()))
+    way = min(ways, key=lambda way: float(cost[way[:-1], way[1:]].sum()))
     # Of a way and its reverse, which are equally long, the one that begins with the earlier place.
     return np.asarray(way if way[0] < way[-1] else way[::-1])
 

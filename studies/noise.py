@@ -9,7 +9,7 @@ from studies.document import FOUR, MM, mm
 from studies.record import Entry, MaybePositive, NotNegative, Owner, Positive
 
 if TYPE_CHECKING:
-    from calib.identification.noise_level import NoiseLevel
+    from calib.identification.noise import NoiseLevel
     from calib.model import Model
     from calib.scatter import Scatter, VarianceEstimate
 

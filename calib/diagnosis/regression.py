@@ -16,7 +16,7 @@ from calib.diagnosis.compressed import CompressedColumns
 from calib.diagnosis.stage import Stage
 from calib.effects.protocol import ElasticEffect
 from calib.effects.tuned import Tuned
-from calib.identification.components import (
+from calib.identification.estimate import (
     LEAST_INSTRUMENT,
     arm_effects,
     as_variances,

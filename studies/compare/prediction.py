@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array
-from calib.identification.estimators import choose_directions
+from calib.identification.fit import choose_directions
 from calib.model.covariance import accuracy
 from calib.poses import Poses
 from studies.compare.experiment import FULL, POINTS, SimulatedExperiment, Way

@@ -18,7 +18,7 @@ from studies.command.options import (
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
-    from calib.identification.estimators import Method
+    from calib.identification.fit import Method
     from calib.observations import Approach, Weighting
 
 

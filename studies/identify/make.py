@@ -12,7 +12,7 @@ from calib.arm.se3 import so3_exp, so3_log
 from calib.arrays import Array
 from calib.identification import ADVICE
 from calib.identification.drift import drift_p
-from calib.identification.estimators import Method
+from calib.identification.fit import Method
 from calib.instruments import Pose as PoseInstrument
 from calib.observations import Approach, Weighting
 from calib.poses.moves import thinned

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calib.diagnosis.linear import linearised
 from scipy.stats import chi2
 
 import calib
 from calib import Cell, Poses
 from calib.arrays import Array
 from calib.cell import Load
-from calib.diagnosis.linear import linearised
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.observations import Points, PoseObservation

@@ -31,19 +31,13 @@ _TEXTS = {
         "the points are mirrored (a left-handed frame)",
         "turn the sign of one of x, y and z, or exchange two of them if they were mixed up",
     ),
-    "mirrored {a}": (
-        "the points are mirrored ({a} has the wrong sign)",
-        "turn the sign of {a}",
-    ),
+    "mirrored {a}": ("the points are mirrored ({a} has the wrong sign)", "turn the sign of {a}"),
     "negated": ("the points have the wrong sign", "turn the signs of x, y and z"),
     "points in {a} for {b}": (
         "the points are in {a}, not in {b}",
         "multiply x, y and z by {times}",
     ),
-    "slides in {a} for {b}": (
-        "{joints} is in {a}, not in {b}",
-        "multiply {joints} by {times}",
-    ),
+    "slides in {a} for {b}": ("{joints} is in {a}, not in {b}", "multiply {joints} by {times}"),
     "lengths in {a} for {b}": (
         "the points and {joints} are in {a}, not in {b}",
         "multiply x, y, z and {joints} by {times}",

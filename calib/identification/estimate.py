@@ -3,12 +3,9 @@
 Several instruments are weighed by the noise of their own; then come the variance components; what is
 known of the size of errors is weighed in last, by how noisy the readings turned out to be.
 
-A reading of approach a in configuration k errs by ``J_k (c_k + u_a) + e``: e is the instrument's and
-new at every point, u_a the arm's repeatability and new at every approach, c_k what no model follows
-from one configuration to the next. Every joint, and the tip, has a variance of each. None enters or
-leaves alone: restricted likelihood estimates all together, and data sheets say how large they are where
-the readings do not (:mod:`calib.inference.reml`). Whether the readings show scatter is asked of
-approaches and of configurations as a whole.
+Every joint, and the tip, has a variance by approaches and by configurations (:mod:`calib.scatter`).
+None enters or leaves alone: restricted likelihood estimates all together, and data sheets say how large
+they are where the readings do not (:mod:`calib.inference.reml`).
 """
 
 from __future__ import annotations

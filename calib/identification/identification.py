@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
+from calib.effects.protocol import Parameter
 from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
@@ -179,19 +180,19 @@ class Identification(Result, Estimation):
         return table
 
     @property
-    def systematic(self) -> Array:
+    def _systematic(self) -> Array:
         """What common errors add to the covariance of the values, shape (p, p), SI."""
         return sum((error.covariance for error in self.common), np.zeros_like(self.covariance))
 
     @property
     def knowledge(self) -> Array:
         """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
-        return self.covariance + self.ignorance + self.systematic
+        return self.covariance + self.ignorance + self._systematic
 
     @cached_property
     def correlation(self) -> Array:
         """Correlation matrix, shape (p, p)."""
-        return correlation(self.covariance + self.systematic)
+        return correlation(self.covariance + self._systematic)
 
     @property
     def std(self) -> Array:
@@ -242,7 +243,7 @@ class Identification(Result, Estimation):
         """Robot parameters whose standard deviation exceeds the size that such errors have."""
         return tuple(
             p.id
-            for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True)
+            for p, value, std in self._estimates
             if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
         )
 
@@ -270,14 +271,13 @@ class Identification(Result, Estimation):
         return tuple(self._warned())
 
     def _warned(self) -> Iterator[str]:
-        parameters = self.model.parameters
         nominal = (self.rms("nominal") or 0.0) * self.footprint
         if nominal > _FAR * self.model.robot.reach:
             yield (
                 f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
                 "of the joints, the order of the rows, and the units of URDF and points"
             )
-        if self.model.scaleless and any(p.effect == "geometry" for p in parameters):
+        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
             yield (
                 "no length is measured, so the size of the arm is not identifiable and stays "
                 "nominal. Give [[known_distances]] between sockets"
@@ -285,7 +285,7 @@ class Identification(Result, Estimation):
         if names := self.undecided:
             shown = ", ".join(names[:_SHOWN]) + (" .." if names[_SHOWN:] else "")
             yield f"the fits do not agree whether to reject {shown}: check the readings there"
-        for p, value, std in zip(parameters, self.values, self.std, strict=True):
+        for p, value, std in self._estimates:
             if p.name.startswith("compliance") and value < -5.0 * std:
                 torque = p.effect == "measured_torque"
                 signs = "columns <joint>_Nm" if torque else "wrench and of gravity"
@@ -314,11 +314,16 @@ class Identification(Result, Estimation):
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        estimates = zip(self.model.parameters, self.values.tolist(), self.std.tolist(), strict=True)
         return [
             {"parameter": p.id, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
-            for p, value, std in estimates
+            for p, value, std in self._estimates
         ]
+
+    @property
+    def _estimates(self) -> list[tuple[Parameter, float, float]]:
+        """Each parameter with its value and standard deviation, SI."""
+        both = self.values.tolist(), self.std.tolist()
+        return list(zip(self.model.parameters, *both, strict=True))
 
 
 def _rms(lengths: Array) -> float:

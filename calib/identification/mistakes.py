@@ -22,9 +22,8 @@ from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 
+# Of the arm's reach: no pose of a healthy day is missed by as much; the worst real one, by 1.2 %.
 _FAR = 0.015
-"""Of the arm's reach: no pose of a healthy day is missed by as much. The worst real pose at hand, of an
-IRB 120, is missed by 1.2 %."""
 _ARM = 0.01  # of the arm's reach: what a mended day may err by
 _SHARE = 0.1  # of the spread of the points: what hardly moves is missed by little whatever is done
 _TIMES = 10.0  # by which the misfit must fall
@@ -185,13 +184,11 @@ def _undone(
     first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     # The arm then errs as arms do, and did not before.
-    fitting = [
-        (table[i], fit)
-        for i in closest
-        if (fit := _placed(*tried[i])).fits(
-            min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES), _MOST
-        )
-    ]
+    fitting, near = [], _ARM * model.robot.reach
+    for i in closest:
+        fit = _placed(*tried[i])
+        if fit.fits(min(near, _rms(missed[fit.kept]) / _TIMES), _MOST):
+            fitting.append((table[i], fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
@@ -235,16 +232,12 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
         if not fits or as_moved[run][held].mean() < _MOST_SHIFTED:
             continue
         run = run[held & as_moved[run]]
-        names, where = tuple(data.poses.names[i] for i in run), ""
-        if some := bool((as_read & ~as_moved).any()):  # poses fit as they are
-            where = f" from {names[0]} to {names[-1]}"
+        some = bool((as_read & ~as_moved).any())  # poses fit as they are
+        names = tuple(data.poses.names[i] for i in run) if some else ()
+        where = f" from {names[0]} to {names[-1]}" if some else ""
         said = f"the points are shifted by one pose against the joints{where}: they fit the {pose}"
-        remedy, lengths = (
-            f"move their columns {way} by one pose",
-            (_rms(before[run]), _rms(after[run])),
-        )
-        concerned = names if some else ()
-        yield len(run), Mistake((f"shifted by {by}",), (said,), (remedy,), *lengths, concerned)
+        texts = (f"shifted by {by}",), (said,), (f"move their columns {way} by one pose",)
+        yield len(run), Mistake(*texts, _rms(before[run]), _rms(after[run]), names)
 
 
 def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> Iterator[Array]:

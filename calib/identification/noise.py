@@ -171,8 +171,7 @@ def noise_scales(points: Points, scatter: Scatter, r: Array, J: Array) -> Mappin
     """Actual over stated noise of those of several instruments that err by more or less than stated.
 
     scatter : Scatter, of the same poses: how rows follow the tip
-    r, J : ndarrays, shapes (m, R) and (m, R, k), whitened residuals, zero for what does not count, and
-        what was fitted
+    r, J : ndarrays, shapes (m, R) and (m, R, k), whitened residuals, and what was fitted
 
     The tip scatters beside them at every pose: what the arm does, or its model lacks, moves all that
     rides on it as one. An instrument is judged where its rows have ten degrees of freedom.

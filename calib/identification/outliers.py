@@ -71,12 +71,9 @@ def fit_statistics(r: Array, J: Array, fitted: Mask, cov: Array) -> tuple[Array,
     columns of J scatters as it does by itself; of few rows nothing does.
     """
     parts = in_parts(len(J), math.prod(J.shape[1:]))
-    found = [_fit_statistics(r[part], J[part], fitted[part], cov) for part in parts]
-    statistics, counted = (np.concatenate(part) for part in zip(*found, strict=True))
-    return statistics, counted
-
-
-def _fit_statistics(r: Array, J: Array, fitted: Mask, cov: Array) -> tuple[Array, Array]:
+    if len(parts) > 1:
+        each = [fit_statistics(r[part], J[part], fitted[part], cov) for part in parts]
+        return np.concatenate([s for s, _ in each]), np.concatenate([n for _, n in each])
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)
     rows, columns = J.shape[-2:]
@@ -91,9 +88,6 @@ def _fit_statistics(r: Array, J: Array, fitted: Mask, cov: Array) -> tuple[Array
     counted = used.sum(axis=-1) - (~informative).sum(axis=-1)
     squares = (across**2).sum(axis=-1) + terms.sum(axis=-1)
     return squares / np.maximum(counted, 1), counted
-
-
-# -- many poses ------------------------------------------------------------------------------------
 
 
 def threshold(statistics: Array, rows: int) -> float:
@@ -123,9 +117,6 @@ def judge(statistics: Array, limit: float) -> Mask:
     return out & (statistics > limit)
 
 
-# -- few poses -------------------------------------------------------------------------------------
-
-
 def changed_pose(
     statistics: Array, rows: Array, kept: Mask, cost: float, dof: int, share: float = 1.0
 ) -> int | None:
@@ -134,10 +125,9 @@ def changed_pose(
     One that was left out and agrees with the fit without it comes back first; else the worst of the
     kept goes, if the fit without it says so. Of a pose without rows nothing says that it agrees.
 
-    statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
-        :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
-    kept : ndarray of bool, shape (m,), the poses that were fitted
-    cost, dof : sum of squares of the kept poses and its degrees of freedom
+    statistics, rows : ndarray, shape (m,), as of :func:`pose_statistics`: the product is what the cost
+        falls by when a pose is left out
+    kept : ndarray of bool, shape (m,); cost, dof : sum of their squares and its degrees of freedom
     share : of the numbers that err by themselves
     """
     from scipy.special import fdtrc

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -84,49 +83,38 @@ class Residuals:
     def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
         """Instrument, unit and lengths (n,) of its visible errors in that unit, of the same poses."""
         for instrument, part in self.channels.blocks:
-            seen, shown = self._seen(poses)[:, part], self._shown(instrument, part)
+            seen = self._seen(poses)[:, part]
             for name in instrument.names:
                 here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
                 for unit in dict.fromkeys(n.unit for n in instrument.numbers):
-                    at = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
-                    scale = instrument.numbers[at[0]].scale
-                    yield name, unit, np.linalg.norm(shown[here][..., at], axis=-1) / scale
+                    yield name, unit, self._off(instrument, part, unit)[here]
 
     def false_readings(self, pose: int) -> Iterator[FalseReadings]:
         """Single readings that spoil a pose: a corner that was taken for another, a wrong target.
 
         An arm, a lens or a board that is off moves many points of an image, a bad detection one or two.
         """
-        for (instrument, part), (off, usual) in zip(self.channels.blocks, self._off, strict=True):
-            seen = self.data.seen[pose, part]
-            false = seen & (off[pose] > _FALSE * usual)
-            others = off[pose, seen & ~false]
+        for instrument, part in self.channels.blocks:
+            unit = instrument.numbers[0].unit
+            off, right = self._off(instrument, part, unit), self._seen(~self.outlier)[:, part]
+            usual = float(np.sqrt((off[right] ** 2).sum() / max(int(right.sum()), 1)))
+            off, seen = off[pose], self.data.seen[pose, part]
+            false = seen & (off > _FALSE * usual)
+            others = off[seen & ~false]
             few = 0 < int(false.sum()) <= max(1.0, _FEW * int(seen.sum()))
             if few and len(others) and float(np.sqrt(np.mean(others**2))) < _RIGHT * usual:
-                here = np.flatnonzero(false)
-                at, worst = tuple((here + part.start).tolist()), float(off[pose, here].max())
-                yield FalseReadings(instrument.name, at, worst, instrument.numbers[0].unit)
-
-    @cached_property
-    def _off(self) -> list[tuple[Array, float]]:
-        """By how much the readings of each instrument are off, (m, c), and usually, in its unit."""
-        found = []
-        for instrument, part in self.channels.blocks:
-            number = instrument.numbers[0]
-            same = [k for k, n in enumerate(instrument.numbers) if n.unit == number.unit]
-            off = np.linalg.norm(self._shown(instrument, part)[..., same], axis=-1) / number.scale
-            right = self._seen(~self.outlier)[:, part]
-            squares = (off[right] ** 2).sum() / max(int(right.sum()), 1)
-            found.append((off, float(np.sqrt(squares))))
-        return found
+                at = tuple((np.flatnonzero(false) + part.start).tolist())
+                yield FalseReadings(instrument.name, at, float(off[false].max()), unit)
 
     def _seen(self, poses: Mask | None) -> Mask:
         return self.data.seen if poses is None else self.data.seen & poses[:, None]
 
-    def _shown(self, instrument: Instrument, part: slice) -> Array:
-        """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""
+    def _off(self, instrument: Instrument, part: slice, unit: str) -> Array:
+        """By how much an instrument's readings are off as people read them, (m, c), in the unit."""
         measured = self.data.readings[:, part, : instrument.rows]
-        return instrument.shown(measured, self.vectors[:, part, : instrument.rows])
+        shown = instrument.shown(measured, self.vectors[:, part, : instrument.rows])
+        at = [i for i, number in enumerate(instrument.numbers) if number.unit == unit]
+        return np.asarray(np.linalg.norm(shown[..., at], axis=-1)) / instrument.numbers[at[0]].scale
 
 
 # -- poses that took no part -----------------------------------------------------------------------

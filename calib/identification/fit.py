@@ -48,21 +48,32 @@ class Directions:
     among: Array
     span: Array
     choice: Identifiable
-    diverged: tuple[Unidentifiable, ...] = ()
+    diverged: tuple[Unidentifiable, ...]
+
+    @classmethod
+    def at(
+        cls,
+        observation: Observation,
+        values: Array,
+        among: Array | None = None,
+        diverged: tuple[Unidentifiable, ...] = (),
+    ) -> Directions:
+        """What the data determine at some values."""
+        among = observation.span() if among is None else among
+        chosen = choose_directions(observation, values, among)
+        choice = replace(chosen, unidentifiable=(*chosen.unidentifiable, *diverged))
+        return cls(among, among[:, chosen.kept], choice, diverged)
 
     def anew(self, observation: Observation, values: Array) -> Directions:
         """The choice linearised at other values."""
-        chosen = choose_directions(observation, values, self.among)
-        lost = (*chosen.unidentifiable, *self.diverged)
-        span = self.among[:, chosen.kept]
-        return replace(self, span=span, choice=replace(chosen, unidentifiable=lost))
+        return self.at(observation, values, self.among, self.diverged)
 
     def without(self, observation: Observation, values: Array, out: Mask) -> Directions:
         """The choice without values (p,) whose estimates diverged."""
         names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(out))
         among = self.among[:, np.abs(self.among[out]).sum(axis=0) == 0.0]
         diverged = (*self.diverged, Unidentifiable(names, _DIVERGED))
-        return replace(self, among=among, diverged=diverged).anew(observation, values)
+        return self.at(observation, values, among, diverged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +138,7 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
     alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
     """
     fitted = partial(_fitted, method, observation, start)
-    directions = _directions(observation, start)
+    directions = Directions.at(observation, start)
     if kept is None:
         kept = _rigidly_kept(method, observation, start, directions.span)
     fit = fitted(kept, start, directions)
@@ -136,7 +147,7 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
         kept = fit.judgement.kept
         if np.array_equal(kept, fit.kept):
             break
-        fit = fitted(kept, fit.values, _directions(observation.only(kept), start))
+        fit = fitted(kept, fit.values, Directions.at(observation.only(kept), start))
     if first is None:
         first = _minimum(method, observation, fit.values, fit.span, _FEW_DIGITS)
     regular = False
@@ -148,13 +159,6 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
         # The start was where more is told: a marker on an axis tells less than one beside it.
         fit = fitted(fit.kept, start, at_end)
     return replace(fit, first=first, regular=regular)
-
-
-def _directions(observation: Observation, values: Array) -> Directions:
-    """What the data determine at some values."""
-    among = observation.span()
-    none = Identifiable(np.zeros(0, dtype=int), 0, ())
-    return Directions(among, among, none).anew(observation, values)
 
 
 def _fitted(

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
@@ -107,18 +108,14 @@ class Identification(Result, Estimation):
     @property
     def unused(self) -> tuple[str, ...]:
         """Poses whose markers were measured and are too few for approach pose."""
-        return self._named(self._seen & ~np.asarray(self.weights.any(axis=(1, 2, 3))))
+        return self._named(self.fit.data.seen.any(axis=1) & ~self.weights.any(axis=(1, 2, 3)))
 
     @property
     def waiting(self) -> tuple[str, ...]:
         """Readings left out because nothing tells from which side the joints came."""
-        return self._named(~self._seen)
+        return self._named(np.logical_not(self.fit.data.seen.any(axis=1)))
 
-    @property
-    def _seen(self) -> Mask:
-        return np.asarray(self.fit.data.seen.any(axis=1))
-
-    def _named(self, poses: Mask) -> tuple[str, ...]:
+    def _named(self, poses: ArrayLike) -> tuple[str, ...]:
         return tuple(self.fit.data.poses.names[i] for i in np.flatnonzero(poses))
 
     @property

@@ -83,11 +83,14 @@ class Residuals:
     def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
         """Instrument, unit and lengths (n,) of its visible errors in that unit, of the same poses."""
         for instrument, part in self.channels.blocks:
-            seen = self._seen(poses)[:, part]
+            seen, units = (
+                self._seen(poses)[:, part],
+                dict.fromkeys(n.unit for n in instrument.numbers),
+            )
+            off = {unit: self._off(instrument, part, unit) for unit in units}
             for name in instrument.names:
                 here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
-                for unit in dict.fromkeys(n.unit for n in instrument.numbers):
-                    yield name, unit, self._off(instrument, part, unit)[here]
+                yield from ((name, unit, off[unit][here]) for unit in units)
 
     def false_readings(self, pose: int) -> Iterator[FalseReadings]:
         """Single readings that spoil a pose: a corner that was taken for another, a wrong target.

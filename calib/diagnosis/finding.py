@@ -15,7 +15,7 @@ from calib.diagnosis.gate import unsupported
 from calib.diagnosis.refused import Refused, Why
 from calib.diagnosis.search import Search
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import NoiseLevel, noise_level, of_levels
+from calib.identification.noise import NoiseLevel, noise_level, of_levels
 from calib.noise import counted
 from calib.poses import Measurements
 from calib.result import fields_of

@@ -19,7 +19,7 @@ from calib.arrays import Array
 from calib.diagnosis.finding import Finding
 from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
-from calib.identification.noise_level import NoiseLevel
+from calib.identification.noise import NoiseLevel
 from calib.poses import Measurements
 from calib.scatter.owner import Owner
 

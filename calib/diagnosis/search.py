@@ -16,8 +16,7 @@ from calib.diagnosis.regression import RegressionProblem
 from calib.diagnosis.selection import selection
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.state import SelectionState
-from calib.identification.noise_level import replicate_factor
-from calib.identification.noise_scales import noise_scales
+from calib.identification.noise import noise_scales, replicate_factor
 
 _MOST_PASSES = 2  # selections beside outliers as the last one shows them
 

@@ -23,7 +23,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.drive import along_axis
 from calib.effects.protocol import Effect
-from calib.identification.noise_level import refuted
+from calib.identification.noise import refuted
 from calib.inference.evidence import VISIBLE, score_test, weighted_test
 from calib.inference.tails import f_tail
 from calib.linear import Complement, orthonormal

@@ -2,9 +2,8 @@
 
 Read in the order in which :mod:`~calib.identification.identify` calls them: ``checks`` refuses,
 ``start`` places instruments and markers, ``mistakes`` tries the entries of ``data_mistakes``,
-``tuning`` scans (``scan``), ``estimate`` fits (``fit``, with ``estimators`` and ``outliers``), finds
-variances (``noise_scales``, ``components``, ``noise_level``) and weighs sizes of errors in;
-``residuals`` and ``identification`` are the result.
+``tuning`` scans (``scan``), ``estimate`` fits (``fit``, with ``outliers``), weighs by the ``noise`` and
+finds variances and sizes of errors; ``residuals`` and ``identification`` are the result.
 """
 
 from calib.identification.identification import ADVICE, Identification

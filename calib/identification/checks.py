@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from calib.arrays import Array
@@ -43,52 +41,40 @@ def check_counts(model: Model, data: Measurements, share: float = 1.0) -> None:
     if (tracked := model.tracked(data)) is not None:
         refuse_unreachable(*tracked, _NO_UNIT)
     p, places = len(model.parameters), len(model.where(Base, Tool))
-    needed = places + share * (p - places)
-    found = _Equations.of(model, data)
-    if found.count < needed:
+    needed, (count, each, beside) = places + share * (p - places), _equations(model, data)
+    if count < needed:
         measured = int(data.seen.any(axis=1).sum())
-        more = int(np.ceil((needed - found.beside) / found.each))
-        raise TooFewPoses(measured, more, p, found.count)
+        raise TooFewPoses(measured, int(np.ceil((needed - beside) / each)), p, count)
 
 
 def outnumbered(model: Model, data: Measurements) -> bool:
     """Whether there are more parameters than any choice of so few poses could determine."""
-    return _Equations.of(model, data).count < len(model.parameters)
+    return _equations(model, data)[0] < len(model.parameters)
 
 
-@dataclass(frozen=True)
-class _Equations:
+def _equations(model: Model, data: Measurements) -> tuple[int, int, int]:
     """How many equations there are, at most how many of a pose, and how many beside the poses.
 
     A reading of M markers on a tip fixes at most 3, 5 or 6 rigid coordinates (M = 1, 2, more), that of
     a body 6; the shape of the set of markers and bodies is common to all readings.
     """
-
-    count: int
-    each: int
-    beside: int
-
-    @classmethod
-    def of(cls, model: Model, data: Measurements) -> _Equations:
-        bodies = [e for e in model.effects if isinstance(e, Body)]
-        channels, rigid, coordinates = model.readout.channels, 0, 0
-        read = np.concatenate([i.read_of(len(model.markers)) for i in channels.instruments])
-        for _, riding in model.by_tip:
-            markers = np.intersect1d(riding, read)
-            own = sum(body.marker in markers for body in bodies)
-            numbers = 3 * (len(markers) - 3 * own) + 6 * own
-            rigid += {3: 3, 6: 5}.get(numbers, 6) if len(markers) < 3 else 6
-            coordinates += numbers
-        shape = coordinates - rigid if len(model.where(Tool)) else 0
-        measured, numbers = data.seen.any(axis=1).sum(), (data.seen * channels.rows).sum()
-        placed = sum(
-            len(e.parameters)
-            for e in model.effects
-            if isinstance(e, Base) and not e.of.has_stations
-        )
-        known = model.prior_rows
-        count = min(int(numbers), rigid * int(measured) + shape + placed) + known
-        return cls(count, rigid, shape + known)
+    bodies = [e.marker for e in model.effects if isinstance(e, Body)]
+    channels, rigid, coordinates = model.readout.channels, 0, 0
+    read = np.concatenate([i.read_of(len(model.markers)) for i in channels.instruments])
+    for _, riding in model.by_tip:
+        markers = np.intersect1d(riding, read)
+        turned = sum(body in markers for body in bodies)
+        numbers = 3 * (len(markers) - 3 * turned) + 6 * turned
+        rigid += {3: 3, 6: 5}.get(numbers, 6) if len(markers) < 3 else 6
+        coordinates += numbers
+    shape = coordinates - rigid if len(model.where(Tool)) else 0
+    measured, numbers = int(data.seen.any(axis=1).sum()), int((data.seen * channels.rows).sum())
+    placed = sum(
+        len(e.parameters) for e in model.effects if isinstance(e, Base) and not e.of.has_stations
+    )
+    known = model.prior_rows
+    count = min(numbers, rigid * measured + shape + placed) + known
+    return count, rigid, shape + known
 
 
 def refuse_unreachable(model: Model, data: Measurements, lengths: float) -> None:

@@ -1,4 +1,4 @@
-"""The fit to readings: values, the directions that the readings determine, and the poses that belong.
+"""The fit to readings: directions that they determine, values along these, and poses that belong.
 
 A fit judges every pose, and what it rejects stays out of the next, until the judgement stands.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -16,22 +16,64 @@ from calib.arrays import Array, Mask
 from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
-from calib.identification.estimators import Directions, Method, alternate
 from calib.identification.outliers import Judgement, judged
-from calib.identification.start import placed, room
+from calib.identification.start import diverged
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.covariance import Identifiable
+from calib.model.covariance import Identifiable, Unidentifiable, identifiable
 from calib.observations import Observation, points_of
-from calib.poses import Measurements
-from calib.solver import Minimum, levenberg_marquardt
+from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
 
-# Of a fit that gross errors bend only the size of what it leaves is stated: five digits of it.
-_FEW_DIGITS = 30
 _ROUNDS = 12  # times that outliers are judged anew
 # A valley along which poses of narrow joint ranges tell little takes hundreds.
 _MOST_ITERATIONS = 400
-_ABSURD = 1e3  # plausible sizes
+# Of a fit that gross errors bend only the size of what it leaves is stated: five digits of it.
+_FEW_DIGITS = 30
+_STIFF = 0.03  # of the plausible size of a compliance: as the drives of a heavy arm yield
+_DIVERGED = "these poses tell so little of it that its estimate ran away"
+
+Method = Literal["joint", "two-step"]
+"""All parameters at once, or the paper's two steps in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """The directions in which values are estimated.
+
+    among : ndarray, shape (p, n), directions to choose from; span : ndarray, shape (p, k), those chosen
+    choice : Identifiable, what the data determine
+    diverged : tuple of Unidentifiable, that are not among them, for a fit lost them
+    """
+
+    among: Array
+    span: Array
+    choice: Identifiable
+    diverged: tuple[Unidentifiable, ...]
+
+    @classmethod
+    def at(
+        cls,
+        observation: Observation,
+        values: Array,
+        among: Array | None = None,
+        diverged: tuple[Unidentifiable, ...] = (),
+    ) -> Directions:
+        """What the data determine at some values."""
+        among = observation.span() if among is None else among
+        chosen = choose_directions(observation, values, among)
+        choice = replace(chosen, unidentifiable=(*chosen.unidentifiable, *diverged))
+        return cls(among, among[:, chosen.kept], choice, diverged)
+
+    def anew(self, observation: Observation, values: Array) -> Directions:
+        """The choice linearised at other values."""
+        return self.at(observation, values, self.among, self.diverged)
+
+    def without(self, observation: Observation, values: Array, out: Mask) -> Directions:
+        """The choice without values (p,) whose estimates diverged."""
+        names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(out))
+        among = self.among[:, np.abs(self.among[out]).sum(axis=0) == 0.0]
+        diverged = (*self.diverged, Unidentifiable(names, _DIVERGED))
+        return self.at(observation, values, among, diverged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +86,8 @@ class Fit:
     readings : LinearProblem, of all poses, by which they were judged
     left : what the kept poses leave of them, in the noise as stated, and its degrees of freedom. What
         is known beside the readings counts as they do, but for the sizes of errors
-    choice : Identifiable, what the readings determine; span : ndarray, shape (p, k), the directions
-        that were estimated: more of them where the sizes of errors hold what the readings leave open
+    directions : in which values were estimated: more than the readings determine where the sizes of
+        errors hold what those leave open
     regular : whether the kept poses still determine them where the search ended
     """
 
@@ -57,8 +99,7 @@ class Fit:
     judgement: Judgement
     readings: LinearProblem
     left: tuple[float, int]
-    choice: Identifiable
-    span: Array
+    directions: Directions
     regular: bool
 
     @property
@@ -70,6 +111,16 @@ class Fit:
     def values(self) -> Array:
         """The estimate, shape (p,), SI."""
         return self.best.values
+
+    @property
+    def span(self) -> Array:
+        """Directions that were estimated, shape (p, k)."""
+        return self.directions.span
+
+    @property
+    def choice(self) -> Identifiable:
+        """What the readings determine."""
+        return self.directions.choice
 
     @cached_property
     def counted(self) -> Observation:
@@ -86,108 +137,118 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
     With something elastic in the model, gross outliers are first looked for under the rigid part
     alone: a bent arm can follow a wrong point a long way. What only bent is taken back after.
     """
-    own = _Search(method, observation, start)
-    choice = Directions.at(observation, start)
-    now = own.round(own.rigidly_kept(choice.span) if kept is None else kept, start, choice)
-    first = now.best if now.kept.all() else None
+    fitted = partial(_fitted, method, observation, start)
+    directions = Directions.at(observation, start)
+    if kept is None:
+        kept = _rigidly_kept(method, observation, start, directions.span)
+    fit = fitted(kept, start, directions)
+    first = fit.best if fit.kept.all() else None
     for _ in range(_ROUNDS):
-        kept = now.judgement.kept
-        if np.array_equal(kept, now.kept):
+        kept = fit.judgement.kept
+        if np.array_equal(kept, fit.kept):
             break
-        choice = Directions.at(observation.only(kept), start)
-        now = own.round(kept, now.best.values, choice)
+        fit = fitted(kept, fit.values, Directions.at(observation.only(kept), start))
     if first is None:
-        span = now.choice.span
-        first = _minimum(method, observation, now.best.values, span, _FEW_DIGITS)
+        first = _minimum(method, observation, fit.values, fit.span, _FEW_DIGITS)
     regular = False
     for _ in range(_ROUNDS):
-        at_end = now.choice.anew(observation.only(now.kept), now.best.values)
-        regular = at_end.span.shape[1] >= now.choice.span.shape[1]
+        at_end = fit.directions.anew(fit.counted, fit.values)
+        regular = at_end.span.shape[1] >= fit.span.shape[1]
         if regular:
             break
         # The start was where more is told: a marker on an axis tells less than one beside it.
-        now = own.round(now.kept, start, at_end)
-    return Fit(
-        method,
-        observation,
-        first,
-        now.best,
-        now.kept,
-        now.judgement,
-        now.readings,
-        now.left,
-        now.choice.identifiable,
-        now.choice.span,
-        regular,
-    )
+        fit = fitted(fit.kept, start, at_end)
+    return replace(fit, first=first, regular=regular)
 
 
-class _Round(NamedTuple):
-    """One fit to the poses kept, and what it says of all; fields as of :class:`Fit`."""
-
-    kept: Mask
-    best: Minimum
-    choice: Directions
-    readings: LinearProblem
-    left: tuple[float, int]
-    judgement: Judgement
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """What all rounds of a search share; start : ndarray, shape (p,), SI."""
-
-    method: Method
-    observation: Observation
-    start: Array
-
-    def rigidly_kept(self, span: Array) -> Mask:
-        """Poses to keep by a fit in which nothing yields, all where nothing can."""
-        model, every = self.observation.model, np.ones(len(self.observation.data), dtype=bool)
-        soft = np.abs(span[model.where(ElasticEffect, LoadEffect)]).sum(axis=0) > 0.0
-        if soft.all() or not soft.any():
-            return every
-        stiff = _minimum(self.method, self.observation, self.start, span[:, ~soft])
-        return self.judged(stiff.values, every, span[:, ~soft])[-1].kept
-
-    def round(self, kept: Mask, values: Array, choice: Directions) -> _Round:
-        """The fit from ``values`` (p,) on; what diverges stays at the start, and is not estimated."""
-        counted = self.observation.only(kept)
-        away = partial(diverged, counted.model, counted.data, self.start)
-        best = _minimum(self.method, counted, values, choice.span)
-        while (out := away(best.values)).any():
-            choice = choice.without(counted, self.start, out)
-            best = _minimum(self.method, counted, self.start, choice.span, _FEW_DIGITS)
-            if not away(best.values).any():
-                best = _minimum(self.method, counted, best.values, choice.span)
-        return _Round(kept, best, choice, *self.judged(best.values, kept, choice.span))
-
-    def judged(
-        self, values: Array, kept: Mask, span: Array
-    ) -> tuple[LinearProblem, tuple[float, int], Judgement]:
-        """The readings to first order, what the fit leaves of those kept, and what it says of all."""
-        observation = self.observation
-        readings = _by_instrument(observation, values, span, kept)
-        own, rows = of_poses(readings, kept), math.prod(observation.weights.shape[-3:-1])
-        known = len(own.off) - observation.model.prior_rows
-        cost = float((own.r**2).sum()) + float((own.off[:known] ** 2).sum())
-        dof = _freedom(own, int(observation.only(kept).numbers.sum()), known)
-        return readings, (cost, dof), judged(observation.data, readings, kept, rows, dof)
+def _fitted(
+    method: Method,
+    observation: Observation,
+    start: Array,
+    kept: Mask,
+    values: Array,
+    directions: Directions,
+) -> Fit:
+    """One fit from ``values`` (p,) on; what diverges stays at the start, and is not estimated."""
+    counted = observation.only(kept)
+    away = partial(diverged, counted.model, counted.data, start)
+    best = _minimum(method, counted, values, directions.span)
+    while (out := away(best.values)).any():
+        directions = directions.without(counted, start, out)
+        best = _minimum(method, counted, start, directions.span, _FEW_DIGITS)
+        if not away(best.values).any():
+            best = _minimum(method, counted, best.values, directions.span)
+    judgement = _judged(observation, best.values, kept, directions.span)
+    return Fit(method, observation, best, best, kept, *judgement, directions, regular=False)
 
 
-def diverged(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
-    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
-    limits = _ABSURD * model.sizes
-    limits[placed(model)] = room(model, data)
-    return np.asarray(~(np.abs(values - start) <= limits))
+def _rigidly_kept(method: Method, observation: Observation, start: Array, span: Array) -> Mask:
+    """Poses to keep by a fit in which nothing yields, all where nothing can."""
+    every = np.ones(len(observation.data), dtype=bool)
+    soft = np.abs(span[observation.model.where(ElasticEffect, LoadEffect)]).sum(axis=0) > 0.0
+    if soft.all() or not soft.any():
+        return every
+    stiff = _minimum(method, observation, start, span[:, ~soft])
+    return _judged(observation, stiff.values, every, span[:, ~soft])[0].kept
+
+
+def _judged(
+    observation: Observation, values: Array, kept: Mask, span: Array
+) -> tuple[Judgement, LinearProblem, tuple[float, int]]:
+    """What a fit says of all poses, the readings, and what it leaves of those kept.
+
+    Poses are judged as if nothing but the instrument erred, at the minimum of the readings themselves,
+    from which another weighting keeps the estimate: elsewhere residuals are longer than their spread
+    says, and right poses would stand out.
+    """
+    points = replace(points_of(observation), scatter=None)
+    if not observation.efficient or observation.weighing is not None:
+        values = levenberg_marquardt(points.only(kept).flat, values, span).values
+    readings = points.linear(values, span)
+    fitted = of_poses(readings, kept)
+    known = len(fitted.off) - observation.model.prior_rows
+    cost = float((fitted.r**2).sum()) + float((fitted.off[:known] ** 2).sum())
+    dof = int(observation.only(kept).numbers.sum()) + known - int(span.shape[1])
+    if len(sizes := fitted.held[known:]):  # they count less what they determine of the values
+        dof += round(float(np.trace(sizes @ fitted.held_gains[known:].T)))
+    rows = math.prod(observation.weights.shape[-3:-1])
+    return judged(observation.data, readings, kept, rows, dof), readings, (cost, dof)
 
 
 def of_poses(readings: LinearProblem, kept: Mask) -> LinearProblem:
     """The readings of some poses (m,), the rows of others zero."""
     if kept.all():
         return readings
-    own = kept[:, None]
-    return replace(readings, r=readings.r * own, J=readings.J * own[..., None])
+    rows = kept[:, None]
+    return replace(readings, r=readings.r * rows, J=readings.J * rows[..., None])
+
+
+# -- what the readings determine -------------------------------------------------------------------
+
+
+def choose_directions(
+    observation: Observation, values: Array, span: Array | None = None
+) -> Identifiable:
+    """The subset of directions that the data determine, linearised at some values.
+
+    span : ndarray, shape (p, k), directions to choose from; the observation's by default
+    Elastic elements are taken as a little soft at least: a load effect shows through them only.
+    """
+    model = observation.model
+    probe = values.copy()
+    elastic = model.where(ElasticEffect)
+    probe[elastic] = np.maximum(probe[elastic], _STIFF * model.sizes[elastic])
+    _, J = observation.flat(probe)
+    span = observation.span() if span is None else span
+    sizes, names = [], []
+    for direction in span.T:
+        first, *others = np.flatnonzero(direction)
+        sizes.append(model.sizes[[first, *others]].max())
+        names.append("tool (as one body)" if others else model.parameters[first].id)
+    return identifiable(condensed(J) @ span, np.array(sizes), tuple(names))
+
+
+# -- values ----------------------------------------------------------------------------------------
 
 
 def _minimum(
@@ -201,33 +262,59 @@ def _minimum(
     if method == "joint":
         return levenberg_marquardt(observation.flat, start, span, most)
     placement = np.abs(span[observation.model.where(Base, Tool)]).sum(axis=0) > 0.0
-    return alternate(observation.flat, start, span[:, placement], span[:, ~placement])
+    return _alternate(observation.flat, start, span[:, placement], span[:, ~placement])
 
 
-def _by_instrument(
-    observation: Observation, values: Array, span: Array, kept: Mask
-) -> LinearProblem:
-    """The readings to first order, as if nothing but the instrument erred: poses are judged by them.
+# The paper's two steps hold to first order only when taken once, for they exchange R_base and R_robot;
+# here step 1 uses the exact derivative at the present base. Alternation is block coordinate descent:
+# many turns where base and tool correlate with joint offsets, so they are made on the normal equations,
+# and the model is linearised anew when they have settled. The minimum is that of the joint solver.
 
-    At the minimum of the readings themselves, from which another weighting keeps the estimate:
-    elsewhere residuals are longer than their spread says, and right poses would stand out.
-
-    values : ndarray, shape (p,), SI; span : ndarray, shape (p, k), directions that were estimated
-    kept : ndarray of bool, shape (m,), the poses that were fitted
-    """
-    points = replace(points_of(observation), scatter=None)
-    if not observation.efficient or observation.weighing is not None:
-        values = levenberg_marquardt(points.only(kept).flat, values, span).values
-    return points.linear(values, span)
+_SETTLED = 1e-6  # of the standard deviations of the estimate
+_SINGULAR = 1e-13  # of the largest eigenvalue
+_MOST_TURNS = 200_000
+_MOST_LINEARISATIONS = 60
 
 
-def _freedom(readings: LinearProblem, numbers: int, known: int) -> int:
-    """Degrees of freedom of the readings' residuals; negative where the readings do not suffice.
+def _alternate(linearise: Linearise, start: Array, placement: Array, rest: Array) -> Minimum:
+    """Minimise by turns over base and tool, directions (p, a), and all else, directions (p, b)."""
+    span = np.column_stack([placement, rest])
+    a = placement.shape[1]
+    blocks = [part for part in (slice(0, a), slice(a, span.shape[1])) if part.stop > part.start]
+    values, turns, converged = np.array(start, dtype=float), 0, False
+    for _ in range(_MOST_LINEARISATIONS):
+        r, J = linearise(values)
+        cost, g, A = normal_equations(r, J @ span)
+        step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
+        turns += used
+        values = values + span @ step
+        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1)):
+            converged = True
+            break
+    r, _ = linearise(values)
+    return Minimum(values, np.sum(r**2, axis=-1), np.array(converged), turns)
 
-    numbers : int, that count; known : int, first rows beside the readings that count as these do. The
-    others are of sizes, and count less what they determine of the values.
-    """
-    dof, sizes = numbers + known - int(readings.span.shape[1]), readings.held[known:]
-    if not len(sizes):
-        return dof
-    return dof + round(float(np.trace(sizes @ readings.held_gains[known:].T)))
+
+def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, int, bool]:
+    """Solve ``A step = g`` block by block in turn (Gauss-Seidel): step, turns, whether it settled."""
+    inverse = [_inverse(A[part, part]) for part in blocks]
+    step, gradient = np.zeros_like(g), g.copy()
+    for turn in range(1, most + 1):
+        before = step.copy()
+        for part, solve in zip(blocks, inverse, strict=True):
+            move = solve @ gradient[part]
+            step[part] += move
+            gradient = gradient - A[:, part] @ move
+        change = step - before
+        length, moved = float(step @ A @ step), float(change @ A @ change)
+        if len(blocks) == 1 or moved <= (1e-3 * _SETTLED) ** 2 * max(1.0, length):
+            return step, turn, True
+    return step, most, False
+
+
+def _inverse(A: Array) -> Array:
+    """Inverse of a symmetric matrix, columns scaled to one; what rounding alone tells stays put."""
+    scale = np.sqrt(np.diag(A))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    inner = np.linalg.pinv(A / np.outer(scale, scale), rcond=_SINGULAR, hermitian=True)
+    return np.asarray(inner / np.outer(scale, scale))

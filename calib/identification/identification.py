@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.arrays import Array, Mask
 from calib.effects.base import Base
-from calib.identification.components import Estimation
+from calib.effects.protocol import Parameter
+from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
 from calib.model.common_errors import Considered
@@ -24,13 +27,6 @@ from calib.scatter import Scatter, Undetected
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 
-_SHOWN = 6  # poses named in a warning
-_UNSEEN = (
-    "they move nothing that is read against the instrument that reads it, so no reading at any pose "
-    "tells them, and errors at targets are without theirs"
-)
-_FAR = 0.05  # of the arm's size: no nominal model is off by as much
-
 ADVICE: dict[Status, str] = {
     "converged": "every parameter of the model was estimated",
     "not_converged": "the search did not settle: the model or the data are far off; check joint "
@@ -38,6 +34,12 @@ ADVICE: dict[Status, str] = {
     "rank_deficient": "some parameters cannot be told from these poses and keep their nominal "
     "values; see what is unidentifiable, and measure poses that excite it",
 }
+_UNSEEN = (
+    "they move nothing that is read against the instrument that reads it, so no reading at any pose "
+    "tells them, and errors at targets are without theirs"
+)
+_SHOWN = 6  # poses named in a warning
+_FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -77,62 +79,9 @@ class Identification(Result, Estimation):
         return "rank_deficient" if self.choice.unidentifiable else "converged"
 
     @property
-    def undecided(self) -> tuple[str, ...]:
-        """Poses that are outliers by one fit and none by the next."""
-        return self._named(self.judgement.kept != self.kept)
-
-    @property
-    def unused(self) -> tuple[str, ...]:
-        """Poses whose markers were measured and are too few for approach pose."""
-        counted = self.observation.weights.any(axis=(1, 2, 3))
-        return self._named(np.asarray(self.fit.data.seen.any(axis=1) & ~counted))
-
-    @property
-    def waiting(self) -> tuple[str, ...]:
-        """Readings left out because nothing tells from which side the joints came."""
-        return self._named(np.logical_not(self.fit.data.seen.any(axis=1)))
-
-    def _named(self, poses: Mask) -> tuple[str, ...]:
-        return tuple(self.fit.data.poses.names[i] for i in np.flatnonzero(poses))
-
-    @cached_property
-    def _parts(self) -> dict[str, tuple[Residuals, Mask | None]]:
-        """Residuals whose lengths are stated, and the poses (m,) they are of, all where None."""
-        model, data = self.model, self.fit.data
-        parts: dict[str, tuple[Residuals, Mask | None]] = {
-            "nominal": (Residuals.of(model, data, self.nominal), None),
-            "fitted": (self.fit, self.kept),
-            "fitted_all": (Residuals.of(model, data, self.first.values), None),
-        }
-        if self.heldout is not None:
-            parts |= {
-                "heldout": (self.heldout, None),
-                "heldout_trimmed": (self.heldout, ~self.heldout.outlier),
-            }
-        return parts
-
-    @cached_property
-    def distances(self) -> dict[str, Array]:
-        """Distances between measured and predicted points, m, of each part.
-
-        Parts are "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed".
-        """
-        return {key: part.lengths(poses) for key, (part, poses) in self._parts.items()}
-
-    @cached_property
-    def by_instrument(self) -> dict[tuple[str, str], dict[str, float]]:
-        """RMS of the errors of each instrument in each of its units, by the same parts."""
-        found: dict[tuple[str, str], dict[str, float]] = {}
-        for key, (part, poses) in self._parts.items():
-            for name, unit, errors in part.errors(poses):
-                rms = {key: float(np.sqrt(np.mean(errors**2)))} if len(errors) else {}
-                found.setdefault((name, unit), {}).update(rms)
-        return found
-
-    @cached_property
-    def footprint(self) -> float:
-        """Metres to one unit of distances and noise: 1 unless no reading is a length."""
-        return self.model.footprint(self.values, self.fit.data)
+    def iterations(self) -> int:
+        """Of the last search."""
+        return self.best.iterations
 
     @property
     def dof(self) -> int:
@@ -147,14 +96,27 @@ class Identification(Result, Estimation):
     @property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:
         """Parameters that the poses, or the instruments at any poses, do not determine, and why."""
-        unseen = tuple(own.id for own in self.absorbed if not own.absorbed_by)
+        unseen = tuple(dropped.id for dropped in self.absorbed if not dropped.absorbed_by)
         lost = self.choice.unidentifiable
         return (*lost, Unidentifiable(unseen, _UNSEEN)) if unseen else lost
 
     @property
-    def iterations(self) -> int:
-        """Of the last search."""
-        return self.best.iterations
+    def undecided(self) -> tuple[str, ...]:
+        """Poses that are outliers by one fit and none by the next."""
+        return self._named(self.judgement.kept != self.kept)
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Poses whose markers were measured and are too few for approach pose."""
+        return self._named(self.fit.data.seen.any(axis=1) & ~self.weights.any(axis=(1, 2, 3)))
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Readings left out because nothing tells from which side the joints came."""
+        return self._named(np.logical_not(self.fit.data.seen.any(axis=1)))
+
+    def _named(self, poses: ArrayLike) -> tuple[str, ...]:
+        return tuple(self.fit.data.poses.names[i] for i in np.flatnonzero(poses))
 
     @property
     def weights(self) -> Array:
@@ -171,22 +133,69 @@ class Identification(Result, Estimation):
         """What is known beside the readings weighs so many times more, as they err so much more."""
         return self.observation.prior_weight
 
+    @cached_property
+    def footprint(self) -> float:
+        """Metres to one unit of distances and noise: 1 unless no reading is a length."""
+        return self.model.footprint(self.values, self.fit.data)
+
+    @cached_property
+    def _parts(self) -> dict[str, tuple[Residuals, Mask | None]]:
+        """Residuals whose lengths are stated, and the poses (m,) they are of, all where None."""
+        model, data = self.model, self.fit.data
+        parts: dict[str, tuple[Residuals, Mask | None]] = {
+            "nominal": (Residuals.of(model, data, self.nominal), None),
+            "fitted": (self.fit, self.kept),
+            "fitted_all": (Residuals.of(model, data, self.first.values), None),
+        }
+        if self.heldout is not None:
+            parts["heldout"] = self.heldout, None
+            parts["heldout_trimmed"] = self.heldout, ~self.heldout.outlier
+        return parts
+
+    @cached_property
+    def distances(self) -> dict[str, Array]:
+        """Distances between measured and predicted points, m, of each part.
+
+        Parts are "nominal", "fitted", "fitted_all", "heldout", "heldout_trimmed".
+        """
+        return {key: part.lengths(poses) for key, (part, poses) in self._parts.items()}
+
+    def rms(self, key: str) -> float | None:
+        """3-D root mean square per point [m] of an entry of ``distances``."""
+        lengths = self.distances.get(key, np.zeros(0))
+        return _rms(lengths) if len(lengths) else None
+
+    @cached_property
+    def by_instrument(self) -> dict[tuple[str, str], dict[str, float]]:
+        """RMS of the errors of each instrument in each of its units, by the same parts."""
+        table: dict[tuple[str, str], dict[str, float]] = {}
+        for key, (part, poses) in self._parts.items():
+            for name, unit, errors in part.errors(poses):
+                figures = table.setdefault((name, unit), {})
+                if len(errors):
+                    figures[key] = _rms(errors)
+        return table
+
+    @property
+    def _systematic(self) -> Array:
+        """What common errors add to the covariance of the values, shape (p, p), SI."""
+        return sum((error.covariance for error in self.common), np.zeros_like(self.covariance))
+
+    @property
+    def knowledge(self) -> Array:
+        """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
+        return self.covariance + self.ignorance + self._systematic
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Correlation matrix, shape (p, p)."""
+        return correlation(self.covariance + self._systematic)
+
     @property
     def std(self) -> Array:
         """Standard deviations, shape (p,), SI; NaN where nothing was estimated."""
-        variance = sum((own for own, _ in self._variances), np.zeros(len(self.values)))
+        variance = sum((part for part, _ in self._variances), np.zeros(len(self.values)))
         return np.sqrt(np.where(variance > 0.0, variance, np.nan))
-
-    @property
-    def _variances(self) -> list[tuple[Array, float]]:
-        """Parts of the variance of each value (p,), with their degrees of freedom."""
-        own, added, few = np.diag(self.covariance), np.zeros(len(self.values)), np.inf
-        if self.undetected is not None:
-            added, few = np.diag(self.undetected[0]), self.undetected[1].freedom
-            added = np.clip(added, 0.0, own)  # below nothing is rounding
-            own = own - added
-        common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
-        return [(own, self.freedom), (added, few), *common]
 
     @property
     def freedom(self) -> float:
@@ -207,15 +216,16 @@ class Identification(Result, Estimation):
         """Effective degrees of freedom of each standard deviation, shape (p,), infinite if known."""
         return np.broadcast_to(effective_freedom(self._variances), self.values.shape)
 
-    @cached_property
-    def correlation(self) -> Array:
-        """Correlation matrix, shape (p, p)."""
-        return correlation(self.covariance + self.systematic)
-
     @property
-    def systematic(self) -> Array:
-        """What common errors add to the covariance of the values, shape (p, p), SI."""
-        return sum((one.covariance for one in self.common), np.zeros_like(self.covariance))
+    def _variances(self) -> list[tuple[Array, float]]:
+        """Parts of the variance of each value (p,), with their degrees of freedom."""
+        rest, added, few = np.diag(self.covariance), np.zeros(len(self.values)), np.inf
+        if self.undetected is not None:
+            # Below nothing is rounding.
+            added = np.clip(np.diag(self.undetected[0]), 0.0, rest)
+            rest, few = rest - added, self.undetected[1].freedom
+        common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
+        return [(rest, self.freedom), (added, few), *common]
 
     def interval(self, level: float = LEVEL) -> Array:
         """Coverage interval of each parameter, shape (p, 2), SI.
@@ -225,87 +235,14 @@ class Identification(Result, Estimation):
         half = coverage_factor(self.freedoms, level=level) * self.std
         return np.column_stack([self.values - half, self.values + half])
 
-    def rms(self, key: str) -> float | None:
-        """3-D root mean square per point [m] of an entry of ``distances``."""
-        found = self.distances.get(key)
-        return None if found is None or not len(found) else float(np.sqrt(np.mean(found**2)))
-
     @property
     def weak(self) -> tuple[str, ...]:
         """Robot parameters whose standard deviation exceeds the size that such errors have."""
         return tuple(
             p.id
-            for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True)
+            for p, value, std in self._estimates
             if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
         )
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about data, model and result, a sentence each."""
-        found = []
-        nominal = (self.rms("nominal") or 0.0) * self.footprint
-        if nominal > _FAR * self.model.robot.reach:
-            found.append(
-                f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
-                "of the joints, the order of the rows, and the units of URDF and points"
-            )
-        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
-            found.append(
-                "no length is measured, so the size of the arm is not identifiable and stays "
-                "nominal. Give [[known_distances]] between sockets"
-            )
-        if self.undecided:
-            shown = ", ".join(self.undecided[:_SHOWN]) + (" .." if self.undecided[_SHOWN:] else "")
-            found.append(
-                f"the fits do not agree whether to reject {shown}: check the readings there"
-            )
-        for p, value, std in zip(self.model.parameters, self.values, self.std, strict=True):
-            if p.name.startswith("compliance") and value < -5.0 * std:
-                signs = (
-                    "columns <joint>_Nm"
-                    if p.effect == "measured_torque"
-                    else "wrench and of gravity"
-                )
-                found.append(f"{p.id} is negative: check the sign of the {signs}")
-        poses = self.fit.data.poses
-        uses = {name for effect in self.model.effects for name in effect.uses}
-        if "approach" in uses and poses.approach_derived:
-            order = "of the file" if poses.time is None else "in time"
-            left = f"; {', '.join(self.waiting)} skipped: direction unknown" if self.waiting else ""
-            found.append(
-                f"approach directions are derived from the order {order}{left}. If there were moves in "
-                "between, add columns approach_<joint>"
-            )
-        return tuple(found)
-
-    def sentences(self) -> list[str]:
-        errors = [
-            f"{key} {1e3 * error:.4g} mm"
-            for key in ("nominal", "fitted", "heldout")
-            if (error := self.rms(key)) is not None
-        ]
-        outliers = int(self.fit.outlier.sum())
-        fitted = len(self.fit.outlier) - outliers
-        return [
-            f"Identification: {self.rank} of {len(self.values)} parameters from {fitted} readings, "
-            f"{outliers} outliers",
-            f"RMS error of a point: {', '.join(errors)}" if errors else "no reading is a length",
-            f"{self.status}: {ADVICE[self.status]}",
-            *self.warnings,
-        ]
-
-    def rows(self) -> list[dict[str, object]]:
-        return [
-            {"parameter": p.id, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
-            for p, value, std in zip(
-                self.model.parameters, self.values.tolist(), self.std.tolist(), strict=True
-            )
-        ]
-
-    @property
-    def knowledge(self) -> Array:
-        """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
-        return self.covariance + self.ignorance + self.systematic
 
     def predict(self, poses: Poses) -> Array:
         """Readings at other poses, shape (m, C, r), by the model as fitted: the same knots."""
@@ -324,3 +261,67 @@ class Identification(Result, Estimation):
             for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about data, model and result, a sentence each."""
+        return tuple(self._warned())
+
+    def _warned(self) -> Iterator[str]:
+        nominal = (self.rms("nominal") or 0.0) * self.footprint
+        if nominal > _FAR * self.model.robot.reach:
+            yield (
+                f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
+                "of the joints, the order of the rows, and the units of URDF and points"
+            )
+        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
+            yield (
+                "no length is measured, so the size of the arm is not identifiable and stays "
+                "nominal. Give [[known_distances]] between sockets"
+            )
+        if names := self.undecided:
+            shown = ", ".join(names[:_SHOWN]) + (" .." if names[_SHOWN:] else "")
+            yield f"the fits do not agree whether to reject {shown}: check the readings there"
+        for p, value, std in self._estimates:
+            if p.name.startswith("compliance") and value < -5.0 * std:
+                torque = p.effect == "measured_torque"
+                signs = "columns <joint>_Nm" if torque else "wrench and of gravity"
+                yield f"{p.id} is negative: check the sign of the {signs}"
+        poses, waiting = self.fit.data.poses, self.waiting
+        if poses.approach_derived and any("approach" in e.uses for e in self.model.effects):
+            order = "of the file" if poses.time is None else "in time"
+            skipped = f"; {', '.join(waiting)} skipped: direction unknown" if waiting else ""
+            yield (
+                f"approach directions are derived from the order {order}{skipped}. If there were moves "
+                "in between, add columns approach_<joint>"
+            )
+
+    def sentences(self) -> list[str]:
+        errors = [
+            f"{key} {1e3 * error:.4g} mm"
+            for key in ("nominal", "fitted", "heldout")
+            if (error := self.rms(key)) is not None
+        ]
+        return [
+            f"Identification: {self.rank} of {len(self.values)} parameters from "
+            f"{int((~self.fit.outlier).sum())} readings, {int(self.fit.outlier.sum())} outliers",
+            f"RMS error of a point: {', '.join(errors)}" if errors else "no reading is a length",
+            f"{self.status}: {ADVICE[self.status]}",
+            *self.warnings,
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        return [
+            {"parameter": p.id, "value": value / p.scale, "std": std / p.scale, "unit": p.unit}
+            for p, value, std in self._estimates
+        ]
+
+    @property
+    def _estimates(self) -> list[tuple[Parameter, float, float]]:
+        """Each parameter with its value and standard deviation, SI."""
+        both = self.values.tolist(), self.std.tolist()
+        return list(zip(self.model.parameters, *both, strict=True))
+
+
+def _rms(lengths: Array) -> float:
+    return float(np.sqrt(np.mean(lengths**2)))

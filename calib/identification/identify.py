@@ -13,9 +13,8 @@ from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
-from calib.identification.components import Estimation
-from calib.identification.estimate import estimated
-from calib.identification.estimators import Method
+from calib.identification.estimate import Estimation, estimated
+from calib.identification.fit import Method
 from calib.identification.identification import Identification
 from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
@@ -25,7 +24,6 @@ from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.common_errors import considered
 from calib.model.covariance import ignorance
-from calib.model.reduction import Dropped
 from calib.model.sizes import elementary
 from calib.observations import (
     Approach,
@@ -70,9 +68,9 @@ def identify(
     """
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
-    asked = cell.size_prior == "estimated"
+    with_sizes = cell.size_prior == "estimated"
     check_options(length, approach=approach, method=method, weighting=weighting)
-    check_counts(model, data, _SHARE if asked else 1.0)
+    check_counts(model, data, _SHARE if with_sizes else 1.0)
     refuse_idle_effects(cell, model, data.poses)
     try:
         start = initial_values(model, data)
@@ -89,13 +87,30 @@ def identify(
         if approach == "pose":
             shape = points.model.marker_positions(start)
             observation = as_poses(points, shape, weighting, length)
-        errors = elementary(model, built.full) if asked else None
-        found = estimated(cell, method, observation, start, errors)
+        errors = elementary(model, built.full) if with_sizes else None
+        estimate = estimated(cell, method, observation, start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    held = None if heldout is None else predicted(cell, found, heldout)
-    nominal = _nominal(found.observation, start)
-    return _result(found, approach, built.dropped, held, nominal)
+    judgement, values, span = estimate.judgement, estimate.values, estimate.span
+    counted, fitted = estimate.counted, estimate.model
+    own = counted.covariance(values, span)
+    # Levels of noise hold what the arm adds; without, the residual widens all alike.
+    widened = own if counted.mixing is not None else own * estimate.noise.factor**2
+    undetected = _undetected(estimate, widened)
+    return Identification(
+        **fields_of(estimate),
+        covariance=widened if undetected is None else widened + undetected[0],
+        ignorance=ignorance(counted.flat(values)[1], span, fitted.sizes, np.diag(own) <= 0.0),
+        undetected=undetected,
+        common=considered(fitted, values, data, partial(counted.followed, values, span)),
+        approach=approach,
+        absorbed=built.dropped,
+        fit=Residuals.of(
+            fitted, data, values, ~estimate.kept, judgement.statistics, judgement.limit
+        ),
+        heldout=None if heldout is None else predicted(cell, estimate, heldout),
+        nominal=_nominal(estimate.observation, start),
+    )
 
 
 def uncounted(model: Model, poses: Poses) -> Mask:
@@ -113,6 +128,20 @@ def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 
+def _undetected(estimate: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
+    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
+
+    None where scatter shows or is stated, and where the residual has widened everything.
+    """
+    hidden = estimate.levels.undetected
+    if hidden is None or estimate.noise.source == "residual":
+        return None
+    hidden = replace(hidden, variances=replace(hidden.variances, scale=estimate.noise.divisor))
+    scatter = estimate.observation.scatter
+    counted = replace(estimate.counted, scatter=scatter and scatter.at(hidden.variances))
+    return counted.covariance(estimate.values, estimate.span) - covariance, hidden
+
+
 def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
@@ -124,46 +153,3 @@ def _nominal(observation: Observation, start: Array) -> Array:
     points = replace(points_of(observation), model=alone)
     nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal
-
-
-def _result(
-    found: Estimation,
-    approach: Approach,
-    absorbed: tuple[Dropped, ...],
-    heldout: Residuals | None,
-    nominal: Array,
-) -> Identification:
-    """The result of an estimate; its arguments as of :class:`Identification`."""
-    model, values, span = found.model, found.values, found.span
-    counted, data, said = found.counted, found.observation.data, found.judgement
-    stated = counted.covariance(values, span)
-    # Levels of noise hold what the arm adds; without, the residual widens all alike.
-    widened = stated if counted.mixing is not None else stated * found.noise.factor**2
-    hidden = _undetected(found, widened)
-    lost, by_values = np.diag(stated) <= 0.0, counted.flat(values)[1]
-    return Identification(
-        **fields_of(found),
-        covariance=widened if hidden is None else widened + hidden[0],
-        ignorance=ignorance(by_values, span, model.sizes, lost),
-        undetected=hidden,
-        common=considered(model, values, data, partial(counted.followed, values, span)),
-        approach=approach,
-        absorbed=absorbed,
-        fit=Residuals.of(model, data, values, ~found.kept, said.statistics, said.limit),
-        heldout=heldout,
-        nominal=nominal,
-    )
-
-
-def _undetected(found: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
-    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
-
-    None where scatter shows or is stated, and where the residual has widened everything.
-    """
-    own = found.levels.undetected
-    if own is None or found.noise.source == "residual":
-        return None
-    own = replace(own, variances=replace(own.variances, scale=found.noise.divisor))
-    scatter = found.observation.scatter
-    counted = replace(found.counted, scatter=scatter and scatter.at(own.variances))
-    return counted.covariance(found.values, found.span) - covariance, own

@@ -22,9 +22,8 @@ from calib.identification.start import initial_values
 from calib.model import Model
 from calib.poses import Measurements
 
+# Of the arm's reach: no pose of a healthy day is missed by as much; the worst real one, by 1.2 %.
 _FAR = 0.015
-"""Of the arm's reach: no pose of a healthy day is missed by as much. The worst real pose at hand, of an
-IRB 120, is missed by 1.2 %."""
 _ARM = 0.01  # of the arm's reach: what a mended day may err by
 _SHARE = 0.1  # of the spread of the points: what hardly moves is missed by little whatever is done
 _TIMES = 10.0  # by which the misfit must fall
@@ -33,13 +32,10 @@ _POSES, _EXCHANGE_POSES = 40, 60  # they tell as much as a thousand, in a hundre
 _MOST, _MOST_SHIFTED = 0.8, 0.9  # of the poses must fit once it is mended
 _CLOSEST = 8  # looked at again, without gross errors
 _UNREACHED = 100.0  # arm lengths between points, beyond which a unit is wrong
-_SHOWN = 6
+_SHOWN = 6  # poses named
 _GROSS, _ROUNDS = 10.0, 4  # times the median miss: a pose beyond it has an error of its own
 _RIGID = np.array([0, 3, 5, 6])  # coordinates of a body that 0, 1, 2 or more markers fix
-_PLACED, _SPARE = (
-    12,
-    12,
-)  # coordinates that base and tool take at most, and more that must fit as well
+_DECISIVE = 24  # coordinates: twelve that base and tool take at most, and as many that must fit
 _FEWEST = 5  # poses that only the shift explains: a few wrong readings are no shift
 _TURNS = 12  # of fit and exchange
 
@@ -63,15 +59,15 @@ class Mistake:
     @property
     def text(self) -> str:
         """One line: what is wrong, how that is known, what to do."""
-        fits = "the nominal arm fits there" if self.poses else "the nominal arm fits"
-        return (
-            f"{', or '.join(self.said)}: once corrected, {fits} to {_in_mm(self.mended)} instead of "
-            f"{_in_mm(self.nominal)}; {'; or '.join(self.remedies)}"
+        mended, nominal = (
+            f"{length * 1e3:.0f} mm" if length >= 0.01 else f"{length * 1e3:.2g} mm"
+            for length in (self.mended, self.nominal)
         )
-
-
-def _in_mm(length: float) -> str:
-    return f"{length * 1e3:.0f} mm" if length >= 0.01 else f"{length * 1e3:.2g} mm"
+        there = " there" if self.poses else ""
+        return (
+            f"{', or '.join(self.said)}: once corrected, the nominal arm fits{there} to {mended} "
+            f"instead of {nominal}; {'; or '.join(self.remedies)}"
+        )
 
 
 def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
@@ -85,9 +81,11 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
     if tracked is None:  # what people get wrong is known of points only
         return
     model, data = tracked
-    found = recognised(model, data, _missed_by(model, data, start))
-    if found is not None:
-        raise ImplausibleData(found.text, found.names, found.nominal, found.mended, found.poses)
+    mistake = recognised(model, data, _missed(model, data, start))
+    if mistake is not None:
+        raise ImplausibleData(
+            mistake.text, mistake.names, mistake.nominal, mistake.mended, mistake.poses
+        )
     refuse_unreachable(model, data, _UNREACHED)
 
 
@@ -104,24 +102,18 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
     sample = _some(here, _POSES)
     if not _decisive(sample):
         return None
-    nominal = _placed(model, sample)
-    everywhere = nominal.missed.max() > far
-    found = None
+    missed = _placed(model, sample).missed
+    everywhere = missed.max() > far
+    mistake = None
     for table in tables(model) if everywhere else ():
-        found = found or _undone(model, sample, nominal.missed, table)
-    found = found or _shifted(model, here) or _exchanged(model, data, far)
-    if found is None and everywhere:
-        found = _undone(model, sample, nominal.missed, two_zeros(model))
-    return found
+        mistake = mistake or _undone(model, sample, missed, table)
+    mistake = mistake or _shifted(model, here) or _exchanged(model, data, far)
+    if mistake is None and everywhere:
+        mistake = _undone(model, sample, missed, two_zeros(model))
+    return mistake
 
 
 # -- the nominal arm over some readings ------------------------------------------------------------
-
-
-def _missed_by(model: Model, data: Measurements, values: Array) -> Array:
-    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
-    off = model.off(values, data)
-    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,22 +131,30 @@ class _Placed:
     rms: float
     share: float
 
+    def fits(self, least: float, most: float) -> bool:
+        """Whether so many poses are missed by little, beside their motion as well."""
+        return bool(self.rms <= least and self.share <= _SHARE and self.kept.mean() >= most)
+
 
 def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
     """Fit base and markers, again without the poses that stand far out as long as those change."""
     kept = seen = np.asarray(data.seen.any(axis=1))
     for _ in range(rounds):
         values = initial_values(model, data.take(kept))
-        missed = _missed_by(model, data, values)
+        missed = _missed(model, data, values)
         near = seen & (missed <= _GROSS * np.median(missed[kept]))
         if np.array_equal(near, kept):
             break
         kept = near
-    rms, spread = (
-        _rms(missed[kept]),
-        float(np.sqrt(data.points[kept][data.seen[kept]].var(0).sum())),
-    )
+    rms = _rms(missed[kept])
+    spread = float(np.sqrt(data.points[kept][data.seen[kept]].var(0).sum()))
     return _Placed(values, missed, kept, rms, rms / spread if spread > 0.0 else np.inf)
+
+
+def _missed(model: Model, data: Measurements, values: Array) -> Array:
+    """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
+    off = model.off(values, data)
+    return np.asarray(np.sqrt((off**2).sum(axis=(1, 2)) / np.maximum(data.seen.sum(axis=1), 1)))
 
 
 def _some(data: Measurements, count: int) -> Measurements:
@@ -166,8 +166,7 @@ def _some(data: Measurements, count: int) -> Measurements:
 
 def _decisive(data: Measurements) -> bool:
     """Whether readings are so many that they do not fit a wrong idea by chance."""
-    markers = np.minimum(data.seen.sum(axis=1), 3)
-    return bool(_RIGID[markers].sum() >= _PLACED + _SPARE)
+    return bool(_RIGID[np.minimum(data.seen.sum(axis=1), 3)].sum() >= _DECISIVE)
 
 
 def _rms(lengths: Array) -> float:
@@ -181,26 +180,21 @@ def _undone(
     model: Model, sample: Measurements, missed: Array, table: tuple[DataMistake, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [(entry.freed(model, sample), entry.undone(sample)) for entry in table]
+    tried = [(entry.freed(model, sample), entry.undone(model.robot, sample)) for entry in table]
     first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
-    fitting = []
-    for entry, fit in [(table[i], _placed(*tried[i])) for i in closest]:
-        # The arm then errs as arms do, beside its motion as well, and did not before.
-        least = min(_ARM * model.robot.reach, _rms(missed[fit.kept]) / _TIMES)
-        if fit.rms <= least and fit.share <= _SHARE and fit.kept.mean() >= _MOST:
-            fitting.append((entry, fit))
+    # The arm then errs as arms do, and did not before.
+    fitting, near = [], _ARM * model.robot.reach
+    for i in closest:
+        fit = _placed(*tried[i])
+        if fit.fits(min(near, _rms(missed[fit.kept]) / _TIMES), _MOST):
+            fitting.append((table[i], fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
-    alike = [entry for entry, fit in fitting if fit.share <= _ALIKE * best.share]
-    return Mistake(
-        tuple(entry.name for entry in alike),
-        tuple(entry.said for entry in alike),
-        tuple(entry.remedy for entry in alike),
-        _rms(missed[best.kept]),
-        best.rms,
-    )
+    alike = [e for e, fit in fitting if fit.share <= _ALIKE * best.share]
+    names, said, remedies = zip(*((e.name, e.said, e.remedy) for e in alike), strict=True)
+    return Mistake(names, said, remedies, _rms(missed[best.kept]), best.rms)
 
 
 # -- points beside their joints --------------------------------------------------------------------
@@ -213,8 +207,8 @@ def _shifted(model: Model, data: Measurements) -> Mistake | None:
         return None
     data, order = data.take(np.argsort(order)), np.sort(order)
     runs = [run for by in (1, -1) for run in _runs(model, data, order, by)]
-    found = max(runs, key=lambda run: run[0], default=(0, None))[1]
-    return found if found and found.nominal >= _TIMES * found.mended else None
+    mistake = max(runs, key=lambda run: run[0], default=(0, None))[1]
+    return mistake if mistake and mistake.nominal >= _TIMES * mistake.mended else None
 
 
 def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[tuple[int, Mistake]]:
@@ -224,9 +218,10 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
     there[there] = order[beside[there]] - order[there] == by  # none between was held out
     rows = np.flatnonzero(there)
     moved = replace(data.take(rows), poses=data.poses.take(rows + by))
+    pose, way = ("next pose", "down") if by > 0 else ("pose before", "up")
     for values in _placings(model, (moved, data), near):
-        before, after = _missed_by(model, data, values), np.full(len(data), np.inf)
-        after[rows] = _missed_by(model, moved, values)
+        before, after = _missed(model, data, values), np.full(len(data), np.inf)
+        after[rows] = _missed(model, moved, values)
         as_read, as_moved = before <= near, after <= near
         only = np.flatnonzero(as_moved & ~as_read)
         if len(only) < _FEWEST:
@@ -234,36 +229,25 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
         run = np.arange(only[0], only[-1] + 1)
         held, outside = there[run], np.delete(as_read, run)
         fits = outside.mean() >= _MOST_SHIFTED if len(outside) > 2 else True
-        if fits and as_moved[run][held].mean() >= _MOST_SHIFTED:
-            run = run[held & as_moved[run]]
-            some = bool((as_read & ~as_moved).any())  # poses fit as they are
-            poses = tuple(data.poses.names[i] for i in run)
-            yield len(run), _shift(by, poses, some, _rms(before[run]), _rms(after[run]))
-
-
-def _shift(by: int, poses: tuple[str, ...], some: bool, nominal: float, mended: float) -> Mistake:
-    where = f" from {poses[0]} to {poses[-1]}" if some else ""
-    beside, down = ("next pose", "down") if by > 0 else ("pose before", "up")
-    return Mistake(
-        (f"shifted by {by}",),
-        (f"the points are shifted by one pose against the joints{where}: they fit the {beside}",),
-        (f"move their columns {down} by one pose",),
-        nominal,
-        mended,
-        poses if some else (),
-    )
+        if not fits or as_moved[run][held].mean() < _MOST_SHIFTED:
+            continue
+        run = run[held & as_moved[run]]
+        some = bool((as_read & ~as_moved).any())  # poses fit as they are
+        names = tuple(data.poses.names[i] for i in run) if some else ()
+        where = f" from {names[0]} to {names[-1]}" if some else ""
+        said = f"the points are shifted by one pose against the joints{where}: they fit the {pose}"
+        texts = (f"shifted by {by}",), (said,), (f"move their columns {way} by one pose",)
+        yield len(run), Mistake(*texts, _rms(before[run]), _rms(after[run]), names)
 
 
 def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> Iterator[Array]:
     """Base and markers from what fits of each half, as read and moved: a run leaves one half alone."""
-    for own in readings:
-        middle = len(own) // 2
+    for data in readings:
+        middle = len(data) // 2
         for half in (slice(None, middle), slice(middle, None)):
-            sample = _some(own.take(half), _POSES)
-            if _decisive(sample):
-                fit = _placed(model, sample)
-                if fit.rms <= near and fit.share <= _SHARE and fit.kept.mean() >= _MOST_SHIFTED:
-                    yield fit.values
+            sample = _some(data.take(half), _POSES)
+            if _decisive(sample) and (fit := _placed(model, sample)).fits(near, _MOST_SHIFTED):
+                yield fit.values
 
 
 # -- markers under each other's names --------------------------------------------------------------
@@ -282,23 +266,21 @@ def _exchanged(model: Model, data: Measurements, far: float) -> Mistake | None:
         values = _settled(model, own)
         if values is not None:
             order[here] = _best_order(model, own, values)
-            before[here] = _missed_by(model, own, values)
-            after[here] = _missed_by(model, reordered(own, order[here]), values)
+            before[here] = _missed(model, own, values)
+            after[here] = _missed(model, reordered(own, order[here]), values)
     limit = np.minimum(_ARM * model.robot.reach, before / _TIMES)
     wrong = np.flatnonzero((before > far) & (after <= limit))
     if not len(wrong):
         return None
-    poses, moved = tuple(data.poses.names[i] for i in wrong), order[wrong] != np.arange(M)
+    poses, moved = np.array(data.poses.names)[wrong], order[wrong] != np.arange(M)
     said = []
     for pair in np.unique(moved, axis=0):
         one, other = (model.marker_names[j] for j in np.flatnonzero(pair))
-        at = [name for name, own in zip(poses, moved, strict=True) if np.array_equal(own, pair)]
+        at = poses[(moved == pair).all(axis=1)].tolist()
         shown = ", ".join(at[:_SHOWN]) + (f" .. ({len(at)} in all)" if at[_SHOWN:] else "")
         said.append(f"markers {one} and {other} are exchanged at {shown}")
-    lengths = _rms(before[wrong]), _rms(after[wrong])
-    return Mistake(
-        ("exchanged",), ("; ".join(said),), ("exchange their names there",), *lengths, poses
-    )
+    texts = ("exchanged",), ("; ".join(said),), ("exchange their names there",)
+    return Mistake(*texts, _rms(before[wrong]), _rms(after[wrong]), tuple(poses.tolist()))
 
 
 def _settled(model: Model, data: Measurements) -> Array | None:

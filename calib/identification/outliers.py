@@ -1,12 +1,10 @@
 """Poses that do not belong, judged against what the other poses show.
 
-In small sets the worst pose is tested against the fit without it (F test), again and again; one that
-was left out and agrees with the fit to the others is taken back first.
-
-Each pose gets the squared length of its residual in units of its own predicted spread, leverage
-taken out. Where the model is incomplete these follow no chi-square of the instrument's sigma, so
-scale and degrees of freedom are taken from their own median and quartiles; a pose is an outlier
-when it lies beyond what the largest of m such draws would reach once in a thousand data sets.
+Each pose has the mean square of its residual over its own predicted variance, leverage taken out. Where
+the model is incomplete these follow no chi-square of the instrument's sigma, so scale and degrees of
+freedom are taken from their own median and quartiles: an outlier lies beyond what the largest of m such
+draws would reach once in a thousand data sets. In small sets the worst pose is tested against the fit
+without it (F test), and one that was left out and agrees with the others is taken back first.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, in_parts, stacked
+from calib.arrays import Array, Mask, in_parts, stacked
 from calib.linear import LinearProblem
 from calib.model.covariance import covariance
 from calib.poses import Measurements, Poses
@@ -27,7 +25,6 @@ _ALPHA = 1e-3
 _MOST = 0.12  # share of the poses that may be called outliers
 _FEWEST = 12  # poses below which a wrong one cannot be told from a right one
 _FEW = 30  # poses below which quartiles mean little and poses are tested one by one
-_ALONE = 0.15  # of the range of the others: how far beyond them a pose is extrapolated
 _SINGULAR = 0.02  # directions in which a pose is fitted through itself say nothing
 
 
@@ -51,11 +48,9 @@ def judged(data: Measurements, linear: LinearProblem, kept: Mask, rows: int, dof
         limit = threshold(statistics, rows)
         return Judgement(~judge(statistics, limit), statistics, limit)
     cost = float((linear.r[kept] ** 2).sum())
-    share = independent_share(data.in_place(linear.r).reshape(len(kept), -1), kept)
+    share = _independent_share(data.in_place(linear.r).reshape(len(kept), -1)[kept])
     one = changed_pose(statistics, counted, kept, cost, dof, share)
-    fresh = kept.copy()
-    if one is not None:
-        fresh[one] = not kept[one]
+    fresh = kept ^ (np.arange(len(kept)) == (-1 if one is None else one))
     return Judgement(fresh, statistics, float(statistics[fresh].max(initial=0.0)))
 
 
@@ -66,39 +61,30 @@ def pose_statistics(linear: LinearProblem, kept: Mask) -> tuple[Array, Array]:
     """
     J, held = linear.J, linear.prior_weight * linear.held
     rows = condensed(stacked(J if kept.all() else J[kept]))
-    cov = covariance(np.concatenate([rows, held]), linear.span)
-    return fit_statistics(linear.r, J, kept, cov)
+    return fit_statistics(linear.r, J, kept, covariance(np.concatenate([rows, held]), linear.span))
 
 
-def fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
-    """The same for a fit of weighted poses, and whatever else held it, with covariance (p, p).
+def fit_statistics(r: Array, J: Array, fitted: Mask, cov: Array) -> tuple[Array, Array]:
+    """The same for a fit with covariance (p, p) to the poses ``fitted``, shape (m,).
 
-    weight : ndarray, shape (m,), of their rows in the fit, one in full and zero for those without part
-
-    A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``, and one that counted
-    less by ``I + (1 - 2 weight^2) J cov J^T``: a little less than that, as the poses that weigh less
-    than their noise says owe less to it. What lies across the columns of J scatters as it does by
-    itself; of few rows nothing does.
+    A fitted pose scatters by ``I - J cov J^T``, another one by ``I + J cov J^T``. What lies across the
+    columns of J scatters as it does by itself; of few rows nothing does.
     """
     parts = in_parts(len(J), math.prod(J.shape[1:]))
-    found = [_fit_statistics(r[own], J[own], weight[own], cov) for own in parts]
-    statistics, counted = (np.concatenate(part) for part in zip(*found, strict=True))
-    return statistics, counted
-
-
-def _fit_statistics(r: Array, J: Array, weight: Array | Mask, cov: Array) -> tuple[Array, Array]:
-    sign = 1.0 - 2.0 * np.square(weight, dtype=float)
+    if len(parts) > 1:
+        each = [fit_statistics(r[part], J[part], fitted[part], cov) for part in parts]
+        return np.concatenate([s for s, _ in each]), np.concatenate([n for _, n in each])
     used = np.abs(J).sum(axis=-1) > 0.0
     r = np.where(used, r, 0.0)
     rows, columns = J.shape[-2:]
     Q, R = np.linalg.qr(J) if rows > columns else (np.eye(rows), J)
-    own = (np.swapaxes(Q, -1, -2) @ r[..., None])[..., 0]
-    shared = R @ cov @ np.swapaxes(R, -1, -2)
-    eigenvalues, vectors = np.linalg.eigh(np.eye(R.shape[-2]) + sign[:, None, None] * shared)
-    component = (np.swapaxes(vectors, -1, -2) @ own[..., None])[..., 0]
+    along = (np.swapaxes(Q, -1, -2) @ r[..., None])[..., 0]
+    across = r - (Q @ along[..., None])[..., 0]
+    shared = np.where(fitted, -1.0, 1.0)[:, None, None] * (R @ cov @ np.swapaxes(R, -1, -2))
+    eigenvalues, vectors = np.linalg.eigh(np.eye(R.shape[-2]) + shared)
+    component = (np.swapaxes(vectors, -1, -2) @ along[..., None])[..., 0]
     informative = eigenvalues > _SINGULAR
     terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
-    across = r - (Q @ own[..., None])[..., 0]
     counted = used.sum(axis=-1) - (~informative).sum(axis=-1)
     squares = (across**2).sum(axis=-1) + terms.sum(axis=-1)
     return squares / np.maximum(counted, 1), counted
@@ -126,26 +112,9 @@ def threshold(statistics: Array, rows: int) -> float:
 
 def judge(statistics: Array, limit: float) -> Mask:
     """Which poses are outliers, shape (m,): beyond the limit, and at most 12 per cent of them."""
-    most = int(_MOST * len(statistics))
-    order = np.argsort(-statistics)
     out = np.zeros(len(statistics), dtype=bool)
-    out[order[:most]] = True
+    out[np.argsort(-statistics)[: int(_MOST * len(statistics))]] = True
     return out & (statistics > limit)
-
-
-def independent_share(r: Array, kept: Mask) -> float:
-    """Share of a pose's numbers that err by themselves, by how they go together over the kept poses.
-
-    r : ndarray, shape (m, rows), residuals
-    A pose that errs as a whole has fewer errors than numbers, and as many degrees of freedom: those of
-    the sum of squares of normal numbers with covariance S, ``(tr S)^2 / tr(S^2)`` (Satterthwaite), S
-    from so few poses that 1 / m of its inverse is chance.
-    """
-    own = r[kept]
-    count = int(np.count_nonzero(own.any(axis=0)))
-    S = own.T @ own
-    together = float((S**2).sum()) / max(float(np.trace(S)) ** 2, 1e-300) - 1.0 / max(len(own), 1)
-    return min(1.0, 1.0 / max(together * max(count, 1), 1e-12))
 
 
 def changed_pose(
@@ -156,10 +125,9 @@ def changed_pose(
     One that was left out and agrees with the fit without it comes back first; else the worst of the
     kept goes, if the fit without it says so. Of a pose without rows nothing says that it agrees.
 
-    statistics, rows : ndarray, shape (m,), mean squares and numbers of rows of the poses, as of
-        :func:`pose_statistics`: their product is what the cost falls by when a pose is left out
-    kept : ndarray of bool, shape (m,), the poses that were fitted
-    cost, dof : sum of squares of the kept poses and its degrees of freedom
+    statistics, rows : ndarray, shape (m,), as of :func:`pose_statistics`: the product is what the cost
+        falls by when a pose is left out
+    kept : ndarray of bool, shape (m,); cost, dof : sum of their squares and its degrees of freedom
     share : of the numbers that err by themselves
     """
     from scipy.special import fdtrc
@@ -183,44 +151,29 @@ def changed_pose(
     return None if by_chance(drop[worst] / k, k, rest, left) else worst
 
 
+def _independent_share(r: Array) -> float:
+    """Share of a pose's numbers that err by themselves, by how they go together in residuals (m, R).
+
+    A pose that errs as a whole has fewer errors than numbers, and as many degrees of freedom: those of
+    the sum of squares of normal numbers with covariance S, ``(tr S)^2 / tr(S^2)`` (Satterthwaite), S
+    from so few poses that 1 / m of its inverse is chance.
+    """
+    count, S = int(np.count_nonzero(r.any(axis=0))), r.T @ r
+    together = float((S**2).sum()) / max(float(np.trace(S)) ** 2, 1e-300) - 1.0 / max(len(r), 1)
+    return min(1.0, 1.0 / max(together * max(count, 1), 1e-12))
+
+
 # -- poses that stand alone ----------------------------------------------------------------------
 
-# Beyond all other poses a model is extrapolated, and what it lacks counts for more than noise:
-# parameters took up the error of the others, and not that of the one. How much more the others tell
-# themselves. At either end of each joint the outermost pose is predicted by those alone that are as far
-# from it as the pose that stands alone is from all. Where poses are too few for so far, the error is
-# taken to grow in proportion to the distance, and its square with the square.
+# Beyond all other poses a model is extrapolated, and what it lacks counts for more than noise. How much
+# more the others tell: at either end of each joint the outermost pose is predicted by those alone that
+# are as far from it. Where poses are too few for so far, the error grows in proportion to the distance.
 
-_MOST_LEFT_OUT = 1.0 / 3.0  # of the configurations, that are left out at an end
+_ALONE = 0.15  # of the range of the others: how far beyond them a pose is extrapolated
 _WIDER = 1.5  # times the widest gap among the others
+_MOST_LEFT_OUT = 1.0 / 3.0  # of the configurations, that are left out at an end
 _FREE = 1e-3  # of a direction that the others must still tell
 _STANDS_OUT = 3.0  # times the mean square of a usual pose, below which none is an outlier
-
-
-@dataclass(frozen=True, eq=False)
-class _Others:
-    """A fit to some poses: residuals y (m, R), basis Q (m, R, k), of all poses, zero where they take no
-    part; rows (m,), how many numbers each has.
-    """
-
-    y: Array
-    Q: Array
-    rows: IntArray
-
-    def missed(self, one: Mask, out: Mask) -> float | None:
-        """Mean square over its variance of what the poses ``one`` miss by, fitted without ``out``.
-
-        None where the others do not tell them.
-        """
-        k = self.Q.shape[-1]
-        F, own = self.Q[out].reshape(-1, k), self.Q[one].reshape(-1, k)
-        rest = np.eye(k) - F.T @ F
-        if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
-            return None
-        off = self.y[one].ravel() + own @ np.linalg.solve(rest, F.T @ self.y[out].ravel())
-        told = own.T @ off  # by Woodbury: a pose may have been read ten thousand times
-        square = float(off @ off - told @ np.linalg.solve(rest + own.T @ own, told))
-        return square / max(1, int(self.rows[one].sum()))
 
 
 def extrapolation_factor(
@@ -228,26 +181,40 @@ def extrapolation_factor(
 ) -> Array:
     """How many times larger the mean square of a pose may be because it stands alone, shape (m,).
 
-    One for all that do not.
-
-    linear, kept : as of :func:`pose_statistics`
-    statistics : ndarray, shape (m,), of the same; only who stands out is asked
+    One for all that do not. Arguments as of :func:`pose_statistics`, with its statistics, shape (m,).
     """
-    found = np.ones(len(poses))
-    counted = linear.J.any(axis=(1, 2))
+    factor, counted = np.ones(len(poses)), linear.J.any(axis=(1, 2))
     typical = float(np.median(statistics[kept & counted]))
     for one, far in _alone(poses):
         others = kept & ~one & counted
         if others.sum() < 2 or statistics[one].max() <= _STANDS_OUT * typical or typical <= 0.0:
             continue
-        fit = _fitted(linear, others)
+        r, J = linear.r * others[:, None], linear.J * others[:, None, None]
+        fit = replace(linear, r=r, J=J, mixing=None, weighing=None).complement.at_readings
         more = [
-            max(0.0, square / typical - 1.0) * max(1.0, far / reached) ** 2
+            max(0.0, square / linear.J[end].any(axis=-1).sum() / typical - 1.0)
+            * max(1.0, far / reached) ** 2
             for end, out, reached in _ends(poses, others, far)
-            if (square := fit.missed(end, out)) is not None
+            if (square := _missed(*fit, end, out)) is not None
         ]
-        found[one] = 1.0 + (float(np.mean(more)) if more else np.inf)
-    return found
+        factor[one] = 1.0 + (float(np.mean(more)) if more else np.inf)
+    return factor
+
+
+def _missed(y: Array, Q: Array, one: Mask, out: Mask) -> float | None:
+    """Square over its variance of what the poses ``one`` miss by, fitted without ``out``, (m,) each.
+
+    y, Q : residuals (m, R) and basis (m, R, k) of a fit, zero of poses without part
+    None where the others do not tell them.
+    """
+    k = Q.shape[-1]
+    F, rows = Q[out].reshape(-1, k), Q[one].reshape(-1, k)
+    rest = np.eye(k) - F.T @ F
+    if np.linalg.eigvalsh(rest).min(initial=1.0) < _FREE:
+        return None
+    off = y[one].ravel() + rows @ np.linalg.solve(rest, F.T @ y[out].ravel())
+    along = rows.T @ off  # by Woodbury: a pose may have been read ten thousand times
+    return float(off @ off - along @ np.linalg.solve(rest + rows.T @ rows, along))
 
 
 def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
@@ -269,14 +236,8 @@ def _alone(poses: Poses) -> Iterator[tuple[Mask, float]]:
         yield poses.configuration == each[i], share
 
 
-def _fitted(linear: LinearProblem, others: Mask) -> _Others:
-    r, J = linear.r * others[:, None], linear.J * others[:, None, None]
-    fit = replace(linear, r=r, J=J, mixing=None, weighing=None).complement
-    return _Others(*fit.at_readings, linear.J.any(axis=-1).sum(axis=-1))
-
-
 def _ends(poses: Poses, others: Mask, far: float) -> Iterator[tuple[Mask, Mask, float]]:
-    """The outermost configuration at either end of each joint, what lies near it, and what does not.
+    """The outermost configuration at either end of each joint, what lies near it, and how far not.
 
     far : float, how near, in ranges of the joint. Yields two masks (m,), and how far the rest is.
     """

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -43,7 +42,6 @@ class FalseReadings:
 class Residuals:
     """Measured minus predicted readings.
 
-    channels : Channels; data : Measurements
     vectors : ndarray, shape (m, C, r), of a tracker m, zero where hidden
     outlier : ndarray of bool, shape (m,)
     statistic : ndarray, shape (m,), what outliers are judged by; limit : float
@@ -77,66 +75,52 @@ class Residuals:
         )
 
     def lengths(self, poses: Mask | None = None) -> Array:
-        """Lengths of the visible readings' residuals, shape (n,), m; of those that have one.
-
-        poses : ndarray of bool, shape (m,), whose points; all by default
-        """
+        """Lengths (n,), m, of the visible residuals that have one, of the poses (m,) or of all."""
         measured = self.channels.lengths
         distance = np.linalg.norm(np.where(measured, self.vectors, 0.0), axis=-1)
-        chosen = self.data.seen & measured.any(axis=-1)
-        return np.asarray(distance[chosen if poses is None else chosen & poses[:, None]])
+        return np.asarray(distance[self._seen(poses) & measured.any(axis=-1)])
 
     def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
-        """Instrument, unit and lengths (n,) of its errors in that unit, of the visible readings.
-
-        poses : ndarray of bool, shape (m,), whose readings; all by default
-        """
+        """Instrument, unit and lengths (n,) of its visible errors in that unit, of the same poses."""
         for instrument, part in self.channels.blocks:
-            seen = self.data.seen[:, part]
-            seen = seen if poses is None else seen & poses[:, None]
-            shown = self.shown(instrument, part)
+            seen, units = (
+                self._seen(poses)[:, part],
+                dict.fromkeys(n.unit for n in instrument.numbers),
+            )
+            off = {unit: self._off(instrument, part, unit) for unit in units}
             for name in instrument.names:
                 here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
-                for unit in dict.fromkeys(n.unit for n in instrument.numbers):
-                    own = [i for i, n in enumerate(instrument.numbers) if n.unit == unit]
-                    scale = instrument.numbers[own[0]].scale
-                    yield name, unit, np.linalg.norm(shown[here][..., own], axis=-1) / scale
+                yield from ((name, unit, off[unit][here]) for unit in units)
 
     def false_readings(self, pose: int) -> Iterator[FalseReadings]:
         """Single readings that spoil a pose: a corner that was taken for another, a wrong target.
 
         An arm, a lens or a board that is off moves many points of an image, a bad detection one or two.
         """
-        for (instrument, part), (off, usual) in zip(self.channels.blocks, self._off, strict=True):
-            seen = self.data.seen[pose, part]
-            false = seen & (off[pose] > _FALSE * usual)
-            others = off[pose, seen & ~false]
+        for instrument, part in self.channels.blocks:
+            unit = instrument.numbers[0].unit
+            off, right = self._off(instrument, part, unit), self._seen(~self.outlier)[:, part]
+            usual = float(np.sqrt((off[right] ** 2).sum() / max(int(right.sum()), 1)))
+            off, seen = off[pose], self.data.seen[pose, part]
+            false = seen & (off > _FALSE * usual)
+            others = off[seen & ~false]
             few = 0 < int(false.sum()) <= max(1.0, _FEW * int(seen.sum()))
             if few and len(others) and float(np.sqrt(np.mean(others**2))) < _RIGHT * usual:
-                here = np.flatnonzero(false)
-                at, worst = tuple((here + part.start).tolist()), float(off[pose, here].max())
-                yield FalseReadings(instrument.name, at, worst, instrument.numbers[0].unit)
+                at = tuple((np.flatnonzero(false) + part.start).tolist())
+                yield FalseReadings(instrument.name, at, float(off[false].max()), unit)
 
-    @cached_property
-    def _off(self) -> list[tuple[Array, float]]:
-        """By how much the readings of each instrument are off, (m, c), and usually, in its unit."""
-        found = []
-        for instrument, part in self.channels.blocks:
-            number = instrument.numbers[0]
-            same = [k for k, n in enumerate(instrument.numbers) if n.unit == number.unit]
-            off = np.linalg.norm(self.shown(instrument, part)[..., same], axis=-1) / number.scale
-            right = self.data.seen[:, part] & ~self.outlier[:, None]
-            squares = (off[right] ** 2).sum() / max(int(right.sum()), 1)
-            found.append((off, float(np.sqrt(squares))))
-        return found
+    def _seen(self, poses: Mask | None) -> Mask:
+        return self.data.seen if poses is None else self.data.seen & poses[:, None]
 
-    def shown(self, instrument: Instrument, part: slice) -> Array:
-        """Errors of an instrument's channels as people read them, shape (m, c, k), SI."""
+    def _off(self, instrument: Instrument, part: slice, unit: str) -> Array:
+        """By how much an instrument's readings are off as people read them, (m, c), in the unit."""
         measured = self.data.readings[:, part, : instrument.rows]
-        return instrument.shown(measured, self.vectors[:, part, : instrument.rows])
+        shown = instrument.shown(measured, self.vectors[:, part, : instrument.rows])
+        at = [i for i, number in enumerate(instrument.numbers) if number.unit == unit]
+        return np.asarray(np.linalg.norm(shown[..., at], axis=-1)) / instrument.numbers[at[0]].scale
 
 
-_REMEDIES = {"time": "add time_s to both tables, hold out a share of one table"}
+# -- poses that took no part -----------------------------------------------------------------------
 
 
 def predicted(cell: Cell, fit: Fit, heldout: Measurements) -> Residuals:
@@ -144,18 +128,18 @@ def predicted(cell: Cell, fit: Fit, heldout: Measurements) -> Residuals:
 
     Raises CalibError where they do not say what the model asks, or stood at a station of their own.
     """
-    model, values, observation = fit.model, fit.values, fit.observation
-    rows = math.prod(observation.weights.shape[-3:-1])
-    fitted = replace(points_of(observation), scatter=None).linear(values, fit.span)
-    limit = threshold(pose_statistics(fitted, fit.kept)[0], rows)
-    heldout = with_stations_of(observation.data, heldout)
-    _check_covariates(model, observation.data, heldout)
-    points = Points(model, heldout, whitening(cell, model, values, heldout))
-    cov = replace(fit.counted, scatter=None).covariance(values, fit.span)
-    r, J = points.linearise(values)
+    model, values, data = fit.model, fit.values, fit.observation.data
+    fitted = replace(points_of(fit.observation), scatter=None)
+    rows = math.prod(fitted.weights.shape[-3:-1])
+    limit = threshold(pose_statistics(fitted.linear(values, fit.span), fit.kept)[0], rows)
+    heldout = with_stations_of(data, heldout)
+    _check_covariates(model, data, heldout)
+    r, J = Points(model, heldout, whitening(cell, model, values, heldout)).linearise(values)
     if not np.isfinite(r).all():
         raise NoEquilibrium(" at the held-out poses")
-    statistics, _ = fit_statistics(r, J, np.zeros(len(r)), cov)
+    none = np.zeros(len(r), dtype=bool)
+    cov = replace(fit.counted, scatter=None).covariance(values, fit.span)
+    statistics, _ = fit_statistics(r, J, none, cov)
     return Residuals.of(model, heldout, values, statistics > limit, statistics, limit)
 
 
@@ -167,10 +151,12 @@ def _check_covariates(model: Model, data: Measurements, heldout: Measurements) -
     for effect in model.effects:
         for covariate in effect.uses:
             if covariate in missing:
+                remedy = "add its column to their table"
+                if covariate == "time":
+                    remedy = "add time_s to both tables, hold out a share of one table"
                 raise CalibError(
                     f"held-out poses have no {covariate}, which {effect.kind}:{effect.where} needs; "
-                    f"{_REMEDIES.get(covariate, 'add its column to their table')}, or leave these "
-                    "poses out"
+                    f"{remedy}, or leave these poses out"
                 )
 
 
@@ -179,21 +165,19 @@ def with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:
 
     Raises CalibError for a station that no fitted pose uses.
     """
-    known, own = data.poses.stations, heldout.poses.stations
-    for name in own:
+    known, stations = data.poses.stations, heldout.poses.stations
+    for name in stations:
         if name not in known:
             raise CalibError(
                 f"held-out poses were measured from station {name!r}, which no fitted pose uses; "
                 "its place is unknown, so leave these poses out"
             )
-    number = np.array([known.index(name) for name in own])
+    number = np.array([known.index(name) for name in stations])
     poses = replace(heldout.poses, station=number[heldout.poses.station], stations=known)
     return replace(heldout, poses=poses)
 
 
-# How far two measured points are from each other depends neither on where the instrument stands nor
-# on how it is turned: errors of these distances are the arm's and the marker's own.
-
+# -- distances between poses -----------------------------------------------------------------------
 
 _NEAR_M = 0.05  # pairs closer than this say little of the arm
 _MOST = 400_000
@@ -203,15 +187,17 @@ def pair_errors(data: Measurements, predicted: Array) -> Array:
     """Measured minus predicted distances of the pairs of poses, marker by marker, shape (n,), m.
 
     predicted : ndarray, shape (m, M, 3), m
-    Pairs within one station, 50 mm apart and more; of very many an even part.
+    They do not depend on where the instrument stands. Pairs within one station, 50 mm apart and more;
+    of very many an even part.
     """
     first, second = _pairs(data.poses.station, _MOST // data.seen.shape[1])
     found = []
     for j in range(data.seen.shape[1]):
         both = data.seen[first, j] & data.seen[second, j]
-        a, b = first[both], second[both]
-        measured = np.linalg.norm(data.points[a, j] - data.points[b, j], axis=-1)
-        expected = np.linalg.norm(predicted[a, j] - predicted[b, j], axis=-1)
+        measured, expected = (
+            np.linalg.norm(points[first[both], j] - points[second[both], j], axis=-1)
+            for points in (data.points, predicted)
+        )
         found.append((measured - expected)[measured >= _NEAR_M])
     return np.concatenate(found)
 
@@ -219,18 +205,17 @@ def pair_errors(data: Measurements, predicted: Array) -> Array:
 def _pairs(station: IntArray, most: int) -> tuple[IntArray, IntArray]:
     """Pairs (i, j), i < j, of poses of one station, each once: all, or an even choice of very many.
 
-    station : ndarray of int, shape (m,)
     Pair k of n poses numbered as (0,1), (0,2), (1,2), (0,3), .. is ``j = (1 + sqrt(1 + 8 k)) / 2``
     rounded down and ``i = k - j (j - 1) / 2``: no more of them are made than are taken.
     """
     members = [np.flatnonzero(station == s) for s in np.unique(station)]
-    counts = [len(own) * (len(own) - 1) // 2 for own in members]
+    counts = [len(poses) * (len(poses) - 1) // 2 for poses in members]
     step = max(1, -(-sum(counts) // most))
     first, second, before = [], [], 0
-    for own, count in zip(members, counts, strict=True):
+    for poses, count in zip(members, counts, strict=True):
         k = np.arange(-before % step, count, step)
         j = ((1.0 + np.sqrt(1.0 + 8.0 * k)) / 2.0).astype(int)
-        first.append(own[k - j * (j - 1) // 2])
-        second.append(own[j])
+        first.append(poses[k - j * (j - 1) // 2])
+        second.append(poses[j])
         before += count
     return np.concatenate(first), np.concatenate(second)

@@ -8,9 +8,8 @@ orthonormal basis of everything modelled and r the residual,
     z(t) = sum_p f_p(t) J_p^T (W^T r)_p ,   C(t) = sum_p f_p(t) J_p^T (W^T Q)_p ,
     S(t) = X^T X - C C^T ,   X^T X = sum_p f_p(t)^2 J_p^T J_p - sum_g (sum_p f_p(t) G_p^T J_p)^2 ,
 
-the last over groups g of poses whose readings err together, ``W^T W = I - sum_g G G^T``.
-
-The score ``z^T (S + L^-2)^-1 z``, L the largest believable amplitudes, is that of
+the last over groups g of poses whose readings err together, ``W^T W = I - sum_g G G^T``. The score
+``z^T (S + L^-2)^-1 z``, L the largest believable amplitudes, is that of
 :func:`calib.inference.evidence.score_test`: nothing is interpolated.
 """
 
@@ -31,33 +30,32 @@ _AT_ONCE = 400  # tunings: memory
 class Carried:
     """Products of a carrier's columns with residual and model, pose by pose.
 
-    g : ndarray, shape (m, b), its products with the residual; H : ndarray, shape (m, b, k), with the
-        basis of what is modelled
-    own : ndarray, shape (m, b, b), its products with itself
-    together : tuple of (poses (B, r), ndarray, shape (B, r, k, b)), of groups that err together: the
-        squares of their sums are taken off again
+    g : ndarray, shape (m, b), with the residual; H : ndarray, shape (m, b, k), with the model's basis
+    squares : ndarray, shape (m, b, b), with the carrier itself
+    groups : tuple of (poses (B, r), ndarray, shape (B, r, k, b)), that err together: the squares of
+        their sums are taken off again
     """
 
     g: Array
     H: Array
-    own: Array
-    together: tuple[tuple[IntArray, Array], ...]
+    squares: Array
+    groups: tuple[tuple[IntArray, Array], ...]
 
 
 def carried(beside: Complement, carrier: Array) -> Carried:
     """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
     back, mixing = np.swapaxes(carrier, -1, -2), beside.mixing
     g, H = beside.at_readings
-    own, together = back @ carrier, []
+    squares, groups = back @ carrier, []
     if mixing is not None:
-        own = own / mixing.scale**2
+        squares = squares / mixing.scale**2
         for index, G in mixing.taken:
-            told = np.swapaxes(G, -1, -2) @ carrier[index] / mixing.scale
+            shared = np.swapaxes(G, -1, -2) @ carrier[index] / mixing.scale
             if index.shape[1] == 1:
-                own[index] -= np.swapaxes(told, -1, -2) @ told
+                squares[index] -= np.swapaxes(shared, -1, -2) @ shared
             else:
-                together.append((index, told))
-    return Carried((back @ g[..., None])[..., 0], back @ H, own, tuple(together))
+                groups.append((index, shared))
+    return Carried((back @ g[..., None])[..., 0], back @ H, squares, tuple(groups))
 
 
 def times(carrier: Array, functions: Array) -> Array:
@@ -71,15 +69,15 @@ def falls(carried: Carried, functions: Array, limits: Array) -> Array:
 
     functions : ndarray, shape (C, m, f); limits : ndarray, shape (f b,), largest believable amplitudes
     """
-    found = np.zeros(len(functions))
+    score = np.zeros(len(functions))
     for start in range(0, len(functions), _AT_ONCE):
-        own = slice(start, start + _AT_ONCE)
-        F = np.ascontiguousarray(np.swapaxes(functions[own], -1, -2))
+        part = slice(start, start + _AT_ONCE)
+        F = np.ascontiguousarray(np.swapaxes(functions[part], -1, -2))
         z = _summed(F, carried.g[..., None])[..., 0]
         C, S = _summed(F, carried.H), _products(F, carried)
         lengths = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
-        found[own], _ = score_test(S - C @ np.swapaxes(C, -1, -2), z, lengths, limits)
-    return found
+        score[part], _ = score_test(S - C @ np.swapaxes(C, -1, -2), z, lengths, limits)
+    return score
 
 
 def _summed(F: Array, at_poses: Array) -> Array:
@@ -92,12 +90,12 @@ def _summed(F: Array, at_poses: Array) -> Array:
 def _products(F: Array, carried: Carried) -> Array:
     """``X^T X`` at every tuning, shape (C, f b, f b), of functions (C, f, m)."""
     (C, f, m), b = F.shape, carried.g.shape[1]
-    flat = (F[:, :, None] * F[:, None, :]).reshape(C * f * f, m) @ carried.own.reshape(m, b * b)
+    flat = (F[:, :, None] * F[:, None, :]).reshape(C * f * f, m) @ carried.squares.reshape(m, b * b)
     total = np.swapaxes(flat.reshape(C, f, f, b, b), 2, 3).reshape(C, f * b, f * b)
-    for index, told in carried.together:
-        B, r, k, _ = told.shape
+    for index, shared in carried.groups:
+        B, r, k, _ = shared.shape
         functions = np.moveaxis(F[..., index], 2, 0).reshape(B, C * f, r)
-        sums = (functions @ told.reshape(B, r, k * b)).reshape(B, C, f, k, b)
+        sums = (functions @ shared.reshape(B, r, k * b)).reshape(B, C, f, k, b)
         sums = np.moveaxis(sums, (0, 3), (1, 2)).reshape(C, B * k, f * b)
         total -= np.swapaxes(sums, -1, -2) @ sums
     return np.asarray(total)

@@ -18,6 +18,7 @@ from calib.observations.shape import free_components
 from calib.poses import Measurements
 
 _ROOM = 10.0  # reaches of the arm
+_ABSURD = 1e3  # plausible sizes
 
 
 def initial_values(model: Model, data: Measurements) -> Array:
@@ -26,11 +27,11 @@ def initial_values(model: Model, data: Measurements) -> Array:
     Each instrument, and a tracker at each of its stations, takes the markers as those before it found
     them. It is placed by the markers on one tip, those that it reads most, and then finds the others.
     """
-    values = model.initial
-    frames = forward(model.robot, data.poses.q)
+    values, frames = model.initial, forward(model.robot, data.poses.q)
     markers, free = model.markers.copy(), free_components(model)
     if not free.any() and not len(model.where(Base)):
         return values
+    placed, limit = _placed(model), _room(model, data)
     for instrument, part in model.readout.channels.blocks:
         bases = {
             e.where if instrument.sites else e.station: s
@@ -41,58 +42,24 @@ def initial_values(model: Model, data: Measurements) -> Array:
         on = model.marker_frames[read].reshape(-1, instrument.each)[:, 0]
         done = set[int | str | None]()
         for station, tip, here in _sessions(instrument, data, part, on):
-            own = data.take(here)
-            start = instrument.start(
-                own.readings[:, part, : instrument.rows],
-                own.seen[:, part] & (on == tip),
-                Nominal(
-                    *_tip_before(model, instrument, frames, tip, here),
-                    markers[read],
-                    free[read],
-                    not bases,
-                ),
-            )
-            told = placed(model)[bases[station]] if station in bases else np.zeros(0, dtype=bool)
-            moved = start.place[told] - values[bases[station]][told] if told.any() else start.place
-            lengths = np.abs([*moved, *(start.markers - markers[read]).ravel()])
-            if room(model, data) < np.nan_to_num(lengths, nan=np.inf).max(initial=0.0):
+            seat = _tip_before(model, instrument, frames, tip, here)
+            readings, seen = data.readings[here][:, part, : instrument.rows], data.seen[here, part]
+            nominal = Nominal(*seat, markers[read], free[read], not bases)
+            start = instrument.start(readings, seen & (on == tip), nominal)
+            at = bases.get(station, slice(0, 0))
+            moved = (start.place - values[at])[placed[at]] if station in bases else start.place
+            away = np.abs([*moved, *(start.markers - markers[read]).ravel()])
+            if limit < np.nan_to_num(away, nan=np.inf).max(initial=0.0):
                 continue  # readings that tell nothing leave the guess
             markers[read] = start.markers
             free[read] &= ~start.told
             if station in bases and station not in done:
-                values[bases[station]] = start.place
+                values[at] = start.place
             done.add(station)
     for effect, part in model.parts:
         if isinstance(effect, Tool):
             values[part] = effect.values_at((markers - model.markers)[effect.markers])
     return values
-
-
-def _tip_before(
-    model: Model, instrument: Instrument, frames: Frames, tip: int, here: Mask
-) -> tuple[Array, Array]:
-    """Axes (m, 3, 3) and origins (m, 3), m, of a tip, by the base or the link under an instrument."""
-    R, o = frames.R[here, tip], frames.o[here, tip]
-    if instrument.seat is None:
-        return R, o
-    under = model.marker_frames[instrument.seat.start]
-    back = np.swapaxes(frames.R[here, under], -1, -2)
-    return back @ R, rotate(back, o - frames.o[here, under])
-
-
-def room(model: Model, data: Measurements) -> float:
-    """How far from its guess anything may be, m."""
-    channels = model.readout.channels
-    read = np.abs(data.readings[data.seen[..., None] & channels.lengths])
-    return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
-
-
-def placed(model: Model) -> Mask:
-    """Which values (p,) say where things are, unlike those of a lens, which no room holds."""
-    found = np.zeros(len(model.parameters), dtype=bool)
-    own = model.where(Base, Tool)
-    found[own] = [model.parameters[i].unit in ("mm", "mrad") for i in own]
-    return found
 
 
 def _sessions(
@@ -108,13 +75,45 @@ def _sessions(
         places = [(name, data.poses.touching(name, sites)) for name in sites]
     elif instrument.has_stations:
         places = [(s, data.poses.station == s) for s in range(len(data.poses.stations))]
-    found = [
+    sessions = [
         (place, tip, here & seen[:, on == tip].any(axis=1))
         for place, here in places
         for tip in np.unique(on).tolist()
     ]
-    found.sort(key=lambda own: -int(own[2].sum()))
-    return [own for own in found if own[2].any()]
+    return sorted((s for s in sessions if s[2].any()), key=lambda s: -int(s[2].sum()))
+
+
+def _tip_before(
+    model: Model, instrument: Instrument, frames: Frames, tip: int, here: Mask
+) -> tuple[Array, Array]:
+    """Axes (m, 3, 3) and origins (m, 3), m, of a tip, by the base or the link under an instrument."""
+    R, o = frames.R[here, tip], frames.o[here, tip]
+    if instrument.seat is None:
+        return R, o
+    under = model.marker_frames[instrument.seat.start]
+    back = np.swapaxes(frames.R[here, under], -1, -2)
+    return back @ R, rotate(back, o - frames.o[here, under])
+
+
+def diverged(model: Model, data: Measurements, start: Array, values: Array) -> Mask:
+    """Which values (p,) ran away from ``start``: places out of the room, others to absurd sizes."""
+    limits = np.where(_placed(model), _room(model, data), _ABSURD * model.sizes)
+    return np.asarray(~(np.abs(values - start) <= limits))
+
+
+def _room(model: Model, data: Measurements) -> float:
+    """How far from its guess anything may be, m."""
+    channels = model.readout.channels
+    read = np.abs(data.readings[data.seen[..., None] & channels.lengths])
+    return _ROOM * model.robot.reach + (float(read.max(initial=0.0)) if channels.metric else 0.0)
+
+
+def _placed(model: Model) -> Mask:
+    """Which values (p,) say where things are, unlike those of a lens, which no room holds."""
+    places = np.zeros(len(model.parameters), dtype=bool)
+    at = model.where(Base, Tool)
+    places[at] = [model.parameters[i].unit in ("mm", "mrad") for i in at]
+    return places
 
 
 def whitening(cell: Cell, model: Model, values: Array, data: Measurements) -> Array:

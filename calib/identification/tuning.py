@@ -13,11 +13,10 @@ import numpy as np
 
 from calib.arrays import Array, stacked
 from calib.effects.tuned import Tuned
-from calib.identification.estimators import choose_directions
-from calib.identification.fit import diverged
+from calib.identification.fit import choose_directions
 from calib.identification.scan import carried, falls, times
+from calib.identification.start import diverged
 from calib.linear import LinearProblem, huber_weights, unit
-from calib.model import Model
 from calib.observations import Points
 from calib.poses import Poses
 from calib.solver import levenberg_marquardt
@@ -36,81 +35,28 @@ def with_tunings(points: Points, start: Array) -> tuple[Points, Array]:
     All else is fitted first; of a pose that stands out only so much counts as others leave, for one
     outlier is no jump. What diverges begins where it was.
     """
-    tuned = [e for e in points.model.effects if isinstance(e, Tuned)]
-    if not tuned:
+    model = points.model
+    old = [e for e in model.effects if isinstance(e, Tuned)]
+    if not old:
         return points, start
-    rest, known = points.model.without(tuned, start)
-    values, span, share = _fitted(replace(points, model=rest), known)
-    r, J, carriers = _linearised(replace(points, model=rest), values, tuned)
-    problem = LinearProblem(share[:, None] * r, J, span)
-    scans = [_Scan(*own, points.data.poses, problem) for own in zip(tuned, carriers, strict=True)]
-    found = _one_after_the_other(scans)
-    step = _step(problem, [scan.columns(e) for scan, e in zip(scans, found, strict=True)])
-    k = span.shape[1]
-    model, first = _together(points.model, tuned, found, values + span @ step[:k], step[k:])
-    away = diverged(model, points.data, start, first)
-    return replace(points, model=model), np.where(away, start, first)
-
-
-@dataclass(frozen=True, eq=False)
-class _Scan:
-    """One effect that is tuned: whitened rows (m, R, b) of its carrier, and the problem beside it."""
-
-    effect: Tuned
-    carrier: Array
-    poses: Poses
-    problem: LinearProblem
-
-    def columns(self, tuned: Tuned) -> Array:
-        """Whitened rows of the effect once it is tuned, shape (m, R, f b)."""
-        return times(self.carrier, tuned.functions(self.poses, np.array(tuned.tuning)))
-
-    def best(self, others: Sequence[Array]) -> tuple[float, float]:
-        """The tuning that lowers the cost most beside the columns of others, and by how much."""
-        grid, beside = self.effect.grid(self.poses), self.problem.complement
-        if not len(grid):
-            return self.effect.tuning, 0.0
-        if others:
-            beside = beside.without(beside.columns(np.concatenate(others, axis=-1)))
-        products = carried(beside, self.carrier)
-
-        def gains(tunings: Array) -> Array:
-            functions = self.effect.functions(self.poses, tunings)
-            sizes = np.array([p.size for p in self.effect.amplitudes])
-            return falls(products, functions, _ANY * sizes)
-
-        gain = gains(grid)
-        best = int(gain.argmax())
-        if self.effect.smooth and len(grid) > 1:
-            ends = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
-            grid = np.append(grid[best], np.linspace(*ends, 2 * _FINER + 1))
-            gain = gains(grid)
-            best = int(gain.argmax())
-        return float(grid[best]), float(gain[best])
-
-
-def _one_after_the_other(scans: Sequence[_Scan]) -> list[Tuned]:
-    """The effects tuned, the one that gains most first, and each once more beside the others."""
-    found: dict[int, Tuned] = {}
-
-    def tuned(i: int) -> Tuned:
-        others = [scans[j].columns(e) for j, e in found.items() if j != i]
-        return scans[i].effect.tuned(scans[i].best(others)[0])
-
-    alone = [scan.best(()) for scan in scans]
-    first, *others = sorted(range(len(scans)), key=lambda i: -alone[i][1])
-    found[first] = scans[first].effect.tuned(alone[first][0])
-    for i in (*others, first, *others) if others else ():
-        found[i] = tuned(i)
-    return [found[i] for i in range(len(scans))]
-
-
-def _step(problem: LinearProblem, columns: Sequence[Array]) -> Array:
-    """Least-squares change (k + n,) of the k directions of a problem and of n amplitudes."""
-    X = stacked(np.concatenate([problem.J @ problem.span, *columns], axis=-1))
+    model_of_rest, at_rest = model.without(old, start)
+    rest, span, share = _fitted(replace(points, model=model_of_rest), at_rest)
+    scans = _scans(replace(points, model=model_of_rest), rest, span, share, old)
+    new = _one_after_the_other(scans)
+    # The change of the directions, and the amplitudes, by least squares.
+    problem = scans[0].problem
+    columns = [scan.columns(effect) for scan, effect in zip(scans, new, strict=True)]
+    X = stacked(np.concatenate([problem.J @ span, *columns], axis=-1))
     size = np.linalg.norm(X, axis=0)
-    found = np.linalg.lstsq(unit(X), problem.r.ravel(), rcond=_NOTHING)[0]
-    return np.asarray(found / np.where(size > 0.0, size, 1.0))
+    step = np.linalg.lstsq(unit(X), problem.r.ravel(), rcond=_NOTHING)[0]
+    step = step / np.where(size > 0.0, size, 1.0)
+    by_old = {id(before): after for before, after in zip(old, new, strict=True)}
+    model = model.with_effects(tuple(by_old.get(id(e), e) for e in model.effects))
+    values, at = model.initial, model.where(Tuned)
+    values[np.setdiff1d(np.arange(len(values)), at)] = rest + span @ step[: span.shape[1]]
+    values[np.setdiff1d(at, model.tunings)] = step[span.shape[1] :]
+    away = diverged(model, points.data, start, values)
+    return replace(points, model=model), np.where(away, start, values)
 
 
 def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
@@ -128,24 +74,63 @@ def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
     return values, span, share
 
 
-def _linearised(
-    points: Points, values: Array, tuned: Sequence[Tuned]
-) -> tuple[Array, Array, list[Array]]:
-    """Residuals (m, rows), derivatives (m, rows, p), and the rows (m, rows, b) of each carrier."""
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """One effect that is tuned: whitened rows (m, R, b) of its carrier, and the problem beside it."""
+
+    effect: Tuned
+    carrier: Array
+    poses: Poses
+    problem: LinearProblem
+
+    def columns(self, tuned: Tuned) -> Array:
+        """Whitened rows of the effect once it is tuned, shape (m, R, f b)."""
+        return times(self.carrier, tuned.functions(self.poses, np.array(tuned.tuning)))
+
+    def best(self, others: Sequence[Array] = ()) -> tuple[float, float]:
+        """The tuning that lowers the cost most beside the columns of others, and by how much."""
+        grid, beside = self.effect.grid(self.poses), self.problem.complement
+        if not len(grid):
+            return self.effect.tuning, 0.0
+        if others:
+            beside = beside.without(beside.columns(np.concatenate(others, axis=-1)))
+        products = carried(beside, self.carrier)
+        limits = _ANY * np.array([p.size for p in self.effect.amplitudes])
+
+        def gains(tunings: Array) -> Array:
+            return falls(products, self.effect.functions(self.poses, tunings), limits)
+
+        gain = gains(grid)
+        best = int(gain.argmax())
+        if self.effect.smooth and len(grid) > 1:
+            ends = grid[max(0, best - 1)], grid[min(len(grid) - 1, best + 1)]
+            grid = np.append(grid[best], np.linspace(*ends, 2 * _FINER + 1))
+            gain = gains(grid)
+            best = int(gain.argmax())
+        return float(grid[best]), float(gain[best])
+
+
+def _scans(
+    points: Points, values: Array, span: Array, share: Array, tuned: Sequence[Tuned]
+) -> list[_Scan]:
+    """A scan of each effect beside the rest of the model, of which each pose keeps a share (m,)."""
     carriers = [effect.carrier for effect in tuned]
     whole, extended = points.model.extended(values, carriers)
     r, J = replace(points, model=whole).whitened(extended)
-    first = len(whole.effects) - len(carriers)
-    return r, J[..., : len(values)], [J[..., part] for part in whole.slices[first:]]
+    problem = LinearProblem(share[:, None] * r, J[..., : len(values)], span)
+    parts = whole.slices[len(whole.effects) - len(carriers) :]
+    return [
+        _Scan(effect, J[..., part], points.data.poses, problem)
+        for effect, part in zip(tuned, parts, strict=True)
+    ]
 
 
-def _together(
-    model: Model, old: Sequence[Tuned], new: Sequence[Tuned], rest: Array, amplitudes: Array
-) -> tuple[Model, Array]:
-    """The model with the new in place of the old, and its values."""
-    by_old = {id(before): after for before, after in zip(old, new, strict=True)}
-    model = model.with_effects(tuple(by_old.get(id(e), e) for e in model.effects))
-    values, own = model.initial, model.where(Tuned)
-    values[np.setdiff1d(np.arange(len(values)), own)] = rest
-    values[np.setdiff1d(own, model.tunings)] = amplitudes
-    return model, values
+def _one_after_the_other(scans: Sequence[_Scan]) -> list[Tuned]:
+    """The effects tuned, the one that gains most first, and each once more beside the others."""
+    alone = [scan.best() for scan in scans]
+    first, *others = sorted(range(len(scans)), key=lambda i: -alone[i][1])
+    tuned = {first: scans[first].effect.tuned(alone[first][0])}
+    for i in (*others, first, *others) if others else ():
+        beside = [scans[j].columns(e) for j, e in tuned.items() if j != i]
+        tuned[i] = scans[i].effect.tuned(scans[i].best(beside)[0])
+    return [tuned[i] for i in range(len(scans))]

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, stacked
-from calib.identification.noise_level import refuted
+from calib.identification.noise import refuted
 from calib.inference.leave_out import LeftOut, leave_groups_out
 from calib.linear import LinearProblem
 from calib.model import Model

@@ -12,7 +12,7 @@ from calib.arrays import Array, Mask, in_parts
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.readings import ReadingEffect
 from calib.identification.identification import Identification
-from calib.identification.noise_level import refuted
+from calib.identification.noise import refuted
 from calib.model import Model
 from calib.model.covariance import errors_at, ignorance, working_points
 from calib.poses import Poses

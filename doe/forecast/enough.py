@@ -12,7 +12,7 @@ from calib.cell import Cell
 from calib.errors import EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
-from calib.identification.noise_level import believed_sigma
+from calib.identification.noise import believed_sigma
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects

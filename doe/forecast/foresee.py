@@ -22,7 +22,7 @@ from calib.diagnosis.detection_limit import ALPHA, Detectable, detectable
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts
-from calib.identification.estimators import choose_directions
+from calib.identification.fit import choose_directions
 from calib.inference.evidence import visible_directions
 from calib.linear import LinearProblem, orthonormal
 from calib.model import Model

@@ -21,7 +21,7 @@ from studies.command.options import (
 from studies.command.session import held_out
 
 if TYPE_CHECKING:
-    from calib.identification.estimators import Method
+    from calib.identification.fit import Method
     from calib.observations import Approach, Weighting
 
 _MOST = 200_000  # readings of a table that are identified: they take 15 kB each

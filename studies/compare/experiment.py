@@ -20,7 +20,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool import Tool
 from calib.errors import CalibError
-from calib.identification.estimators import choose_directions
+from calib.identification.fit import choose_directions
 from calib.identification.identify import uncounted
 from calib.instruments import Tracker
 from calib.model import Model

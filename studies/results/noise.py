@@ -17,7 +17,7 @@ from studies.results.base import (
 )
 
 if TYPE_CHECKING:
-    from calib.identification.noise_level import NoiseLevel
+    from calib.identification.noise import NoiseLevel
     from calib.model import Model
     from calib.scatter import Scatter, VarianceEstimate
 

@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib import Cell, Measurements, Poses
 from calib.identification import fit
-from calib.identification.noise_level import replicate_factor
+from calib.identification.noise import replicate_factor
 from calib.identification.outliers import changed_pose
 from calib.model.build import build
 from calib.noise import Noise

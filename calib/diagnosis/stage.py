@@ -203,6 +203,14 @@ class Stage:
             variances,
         )
 
+    @property
+    def before(self) -> Fit:
+        """The user's model alone; where sizes of errors are known, by the variances that it shows."""
+        fit = self.fit()
+        if not self.model.prior_rows:
+            return fit
+        return self.fit(values=fit.values, variances=self.with_variances(fit).variances)
+
     def _under(self, observation: Points, variances: Variances) -> Points:
         """An observation under variances: what is known of sizes weighs as noisy rows do."""
         scatter, prior_weight = self.scatter.at(variances), 1.0

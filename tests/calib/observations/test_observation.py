@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calib.diagnosis.linear import linearised
 from scipy.stats import chi2
 
 import calib
@@ -76,9 +75,6 @@ def test_rows_are_those_of_what_was_read(one_sees_all: bool) -> None:
     np.testing.assert_array_equal(points.rows(packed), J)
     some = np.array([7, 2])
     np.testing.assert_array_equal(data.in_place(r[some], some), data.in_place(r)[some])
-    linear = linearised(model, values, poses, (), data.read)
-    np.testing.assert_allclose(Points(linear, data, weights).whitened(values)[0], r, atol=1e-9)
-    np.testing.assert_array_equal(Points(linear, data, weights).whitened(values)[1], J)
 
 
 def test_derivatives_in_parts_are_those_of_all_poses(

@@ -235,4 +235,4 @@ def test_a_diagnosis_asks_beside_it(tmp_path: Path) -> None:
     values, own = told(found)
     np.testing.assert_allclose((values - mean) / std, 0.0, atol=0.05)
     np.testing.assert_allclose(own, std, rtol=0.03)
-    assert found.linear.model.prior_rows == len(KEYS)
+    assert found.after.model.prior_rows == len(KEYS)

@@ -177,7 +177,7 @@ class Planned:
     repeats: Flag = False
     """whether a pose may be chosen twice"""
     reapproaches: Count | None = None
-    """number of repeat visits at the end (posecal explain design)"""
+    """number of repeat visits (posecal explain design)"""
     obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], tuple), key("obstacle")] = ()
     """bodies that the arm must not touch (posecal explain constraints)"""
     floor: Annotated[Annotated[Metres, BeforeValidator(_no_switch)] | None, key("floor_mm")] = None

@@ -92,7 +92,7 @@ def search(stage: Stage, suspects: Sequence[Candidate], waiting: Mask) -> Search
     stated, grids = stage.weights, tuning_grids(suspects, stage.data.poses)
     factor = replicate_factor(stage.data, stated)
     stage = replace(stage, weights=stated / factor)
-    asked = candidate_set(stage, stage.before, suspects, grids)
+    asked = candidate_set(stage, stage.fit(), suspects, grids)
     outcome = selected(stage, asked, thorough=False)
     stage, factor = _with_noise_scales(stage, outcome.fit, stated, factor)
     for again in range(_MOST_PASSES):

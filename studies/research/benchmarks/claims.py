@@ -343,11 +343,11 @@ KINDS: dict[str, Callable[[np.random.Generator, str], tuple[Truth, Floor | None]
 SENTENCES = {
     "design": "expected after measuring",
     "identify 95 %": "95 of 100 intervals hold the true value",
-    "identify": "the parameters' uncertainty leaves .. elsewhere",
+    "identify": "uncertainty at the targets",
     "enough now": "expected now",
     "enough most": "19 times in 20 the error is below",
     "enough end": "expected at the plan's end",
-    "compensate": "corrected commands are expected to miss by",
+    "compensate": "commands will miss by",
     "changes alarm": "nothing moved, where nothing did",
     "changes hidden": "what may hide in it is at most",
     "changes size": "something moved: .. (95 % interval)",

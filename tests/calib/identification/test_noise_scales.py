@@ -76,7 +76,7 @@ def test_what_is_off_is_off_by_its_deviation(tmp_path: Path) -> None:
 def test_it_is_told(tmp_path: Path) -> None:
     day(tmp_path, "kr270", Truth(OFF, scales={"cam": 2.0}))
     said = run("identify", tmp_path / "cell.toml", tmp_path / "measurements.csv").output
-    assert "noise of cam: 2.0 times as stated" in said
+    assert "Noise of cam: 2.0 times as stated" in said
     assert "0.0200 mm in each coordinate, as the cell states" in said
     assert "noise of tracker" not in said
 

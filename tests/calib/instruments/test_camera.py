@@ -291,7 +291,7 @@ def test_the_command_speaks_of_pixels(written: Callable[..., Path]) -> None:
     asked = ("--holdout", 0.3, "--json", path.parent / "r")
     done = run("identify", cell.path, path, *asked)
     assert done.exit_code == 0, done.output
-    assert re.search(r"fell from [\d.]+ px to [\d.]+ px", " ".join(done.output.split()))
+    assert re.search(r"fell from [\d.]+ to [\d.]+ px", " ".join(done.output.split()))
     fields = json.loads((path.parent / "r").read_text())
     (own,) = fields["instruments"]
     assert (own["instrument"], own["unit"]) == ("cam", "px")

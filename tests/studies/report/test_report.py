@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from studies.page import _evidence, _reported, _variables
+from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
 from tests.fuzz.report import check_harmless
@@ -53,7 +54,8 @@ def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
 
 def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folder: Path) -> None:
     text, identified = text_of(html), json.loads((demo_folder / "identify.json").read_text())
-    assert f"\N{RIGHTWARDS ARROW} {identified['rms_mm']['heldout']:.3g} mm" in text[:200]
+    after = short(identified["rms_mm"]["heldout"])
+    assert f"\N{RIGHTWARDS ARROW} {after} mm" in text[:200]
     assert text.index("What to do next") < text.index("Identification")
     assert html.index("What was identified") < html.index("<details>")
     drawn = re.findall(r"<svg [^>]*>", html)

@@ -43,7 +43,7 @@ class Finding(Search):
 
     named : tuple of Named, with what the data cannot tell from them; refused : tuple of Refused
     in_vain : dict, key -> why, of causes with which left-out poses are predicted no better
-    before, after : Fit, exact, of the user's model and with all that is believed
+    before, after : Fit, with its variances, of the user's model and with all that is believed
     noise : NoiseLevel, of the readings beside all that is believed
     scale : float, actual over the standard deviation that the stage weighs by
     """

@@ -47,7 +47,7 @@ class PredictionErrors:
 
     @property
     def earns(self) -> bool:
-        """Whether it predicts better than nothing does, and not by the luck of a few poses."""
+        """Whether left-out poses are predicted better with it, and not by the luck of a few poses."""
         return self.without - self.with_it > max(self.margin, _LEAST)
 
 
@@ -95,7 +95,7 @@ class CrossValidation:
         whole = of_folds.sum(axis=0) + _square(held) + _RIDGE * np.eye(len(lengths))
         return X, held, whole - of_folds
 
-    @property
+    @cached_property
     def _folds(self) -> list[IntArray]:
         return [np.flatnonzero(self.fold == f) for f in range(int(self.fold.max()) + 1)]
 
@@ -152,10 +152,10 @@ def crossed(
 def unsupported(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> dict[str, Why]:
     """Keys of the causes of a fit with which left-out poses are predicted no better, and why."""
     by_time = {c.depends_on in BY_TIME for c in active}
-    crossed = {way: CrossValidation.of(stage, fit, way) for way in by_time}
+    each = {way: CrossValidation.of(stage, fit, way) for way in by_time}
     found: dict[str, Why] = {}
     for c in active:
         timed = c.depends_on in BY_TIME
-        if not crossed[timed].errors([o.effect for o in with_curves(c, active)]).earns:
+        if not each[timed].errors([o.effect for o in with_curves(c, active)]).earns:
             found[c.key] = "time" if timed else "configurations"
     return found

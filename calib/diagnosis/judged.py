@@ -16,10 +16,7 @@ from calib.inference.tails import f_tail
 
 CLOSE = 30.0
 """Gain below the best at which a rival is none."""
-_FIRST, _MOST = (
-    12.0,
-    3,
-)  # rivals whose gain is found with variances anew: how near the best, how many
+_FIRST, _MOST = 12.0, 3  # rivals whose variances are found anew: how near the best, how many
 
 
 @dataclass(frozen=True, eq=False)

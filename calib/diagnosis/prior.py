@@ -8,7 +8,7 @@ is far larger still is, for the statement then costs more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -83,10 +83,12 @@ def prior_rows(model: Model, amplitudes: Amplitudes) -> Array:
 class CommonErrorEffect(ReadingEffect):
     """One common error of one tracker, in standard uncertainties.
 
+    by : beams (..., 3), m -> displacements (..., 3, b), m, by one unit of each of its components
     origins : ndarray, shape (S, 3), m, where its beams begin, in the axes of each station
     """
 
     error: CommonError
+    by: Callable[[Array], Array]
     origins: Array
     kind: ClassVar[str] = "common_error"
 
@@ -116,10 +118,7 @@ class CommonErrorEffect(ReadingEffect):
 
     def _columns(self, beams: Array) -> Array:
         """Displacements (..., 3, b), m, of points by one standard uncertainty of each component."""
-        by = self.error.kind.columns
-        if by is None:
-            raise NotImplementedError(f"{self.error.key} moves no reading")
-        return by(beams) * self.error.std
+        return self.by(beams) * self.error.std
 
 
 def common_errors(model: Model, values: Array, data: Measurements) -> Iterator[CommonErrorEffect]:
@@ -135,5 +134,5 @@ def common_errors(model: Model, values: Array, data: Measurements) -> Iterator[C
         origins = np.zeros((len(data.poses.stations), 3))
         origins[data.poses.station] = starts[:, 0]
         for error in instrument.common:
-            if error.kind.columns is not None:
-                yield CommonErrorEffect(instrument.name, error, origins)
+            if (by := error.kind.columns) is not None:
+                yield CommonErrorEffect(instrument.name, error, by, origins)

@@ -7,12 +7,11 @@ from typing import Literal
 
 from calib.diagnosis.candidates import Candidate
 
-Why = Literal["configurations", "time", "together", "nothing", "weak"]
+Why = Literal["configurations", "time", "nothing", "weak"]
 
 _REASONS: dict[Why, str] = {
     "configurations": "configurations that are left out are predicted no better with it",
     "time": "stretches of time that are left out are predicted no better with it",
-    "together": "all found together predict left-out configurations no better",
     "nothing": "in the fit in full it is smaller than its own standard deviation",
     "weak": "smaller than three of its own standard deviations: it is fitted, and not named",
 }

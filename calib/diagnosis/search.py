@@ -116,7 +116,7 @@ def selected(
     active : candidates to begin with; thorough : whether all moves are tried: what comes first need not
         be final
     """
-    before = stage.before
+    before = stage.without_causes()
     state = selection(RegressionProblem.of(stage, asked, before.span), active, thorough)
     return Outcome(before, fitted(stage, state, before), state)
 

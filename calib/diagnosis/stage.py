@@ -203,8 +203,7 @@ class Stage:
             variances,
         )
 
-    @property
-    def before(self) -> Fit:
+    def without_causes(self) -> Fit:
         """The user's model alone; where sizes of errors are known, by the variances that it shows."""
         fit = self.fit()
         if not self.model.prior_rows:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, get_args
@@ -13,7 +12,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import catalogue
-from calib.effects.protocol import Effect, Parameter
+from calib.effects.protocol import Effect
 from calib.effects.tuned import Tuned
 from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
@@ -144,26 +143,3 @@ def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:
         for file in (cell.path, *cell.robot_files)
         if file.is_file() and sha256(file) not in known
     ]
-
-
-def load_values(path: Path, parameters: Sequence[Parameter]) -> dict[str, float]:
-    """Values in SI by parameter id, from the JSON of ``posecal identify``.
-
-    parameters : of the model at hand; the result must know each of them, in the same unit
-
-    Raises InputError.
-    """
-    try:
-        rows = _json_object(path)["parameters"]
-        found = {row["id"]: (row["value"], row["unit"]) for row in rows}
-    except (TypeError, KeyError):
-        what = "is not a result of posecal identify"
-        raise InputError(path, "", what, "write one with identify --json") from None
-    values = {}
-    for p in parameters:
-        value, unit = found.get(p.id, (None, None))
-        if type(value) not in (int, float) or not abs(value) < _LARGEST_VALUE or unit != p.unit:
-            remedy = "identify with the same [model], knots included"
-            raise InputError(path, f"parameter {p.id}", f"has no value in {p.unit}", remedy)
-        values[p.id] = value * p.scale
-    return values

@@ -5,14 +5,12 @@ A reader takes a folder with the files of the demonstration and the bytes under 
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import calib
-from calib.files.estimate import load_values
 from calib.files.robot_out import corrected_urdf
 from calib.files.tables import holds_points, load_plan, load_targets
 from calib.files.urdf import load_urdf
@@ -60,10 +58,6 @@ def plan(folder: Path, content: bytes) -> object:
 
 def targets(folder: Path, content: bytes) -> object:
     return load_targets(CELL, put(folder, "targets.csv", content))
-
-
-def values(folder: Path, content: bytes) -> object:
-    return load_values(put(folder, "result.json", content), MODEL.parameters)
 
 
 def options(folder: Path, content: bytes) -> object:
@@ -228,7 +222,6 @@ READERS: dict[str, Reader] = {
     "targets": Reader(
         targets, (*_PLANS, _PLANS[1].replace("level", "weight").replace(",-90\n", ",2\n"))
     ),
-    "values": Reader(values, (_RESULT, json.dumps(json.loads(_RESULT)))),
     "options": Reader(options, _OPTIONS),
     "whole": Reader(whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
     "mjcf": Reader(mjcf, MJCF),

@@ -32,7 +32,7 @@ from calib.effects.tuned import Tuned
 _LEAD = 3.0  # gain by which a rival must lead to take a place
 _NEAR, _JUDGED = 50.0, 6  # rivals of a member: by how much they may trail before variances answer
 _LEADING = {True: 4, False: 2}  # causes by name, and curves, that are judged at the end
-_MUCH = 100.0  # gain of a newcomer before which nothing else is asked
+_MUCH = 100.0  # gain of a newcomer before which nothing else is asked, and of a member that stays
 _AT_MOST = 4.0  # times what a Newton step of the variances promises, by which they can answer
 _CURVES_TOO = 5.0  # times the best name's gain: a curve with less waits until no name pays
 _APART = 0.7  # of its gain that a further newcomer keeps beside the first
@@ -118,6 +118,8 @@ def _removed(state: SelectionState) -> frozenset[str]:
     for member in state.members:
         beside, _ = state.without(member)
         (alone, _), *_ = state.scores(beside, [member.own])
+        if alone > _MUCH:
+            continue  # no Newton step tells what variances make of so large a change
         gone = state.slope_without(member, beside)
         alone -= float(state.curvature.promised(gone[None])[0])
         worths.append((alone, member))

@@ -26,7 +26,7 @@ from calib.scatter.mixing import Mixing
 from calib.solver import levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size
-_MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
+_MOST_ITERATIONS = 12  # a model that needs more does not describe the arm
 
 
 @dataclass(frozen=True, eq=False)

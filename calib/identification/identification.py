@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
 from calib.effects.protocol import Parameter
+from calib.effects.tool_base import Base
 from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom

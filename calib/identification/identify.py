@@ -8,8 +8,7 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.effects.base import Base
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimate import Estimation, estimated

@@ -12,10 +12,10 @@ from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
-from calib.effects.base import sought
-from calib.effects.context import ARM
+from calib.effects.context import ARM, turning_joints
 from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
+from calib.effects.tool_base import sought
 from calib.effects.tuned import amid
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
@@ -117,21 +117,21 @@ def place_effect(
     Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
     effect needs is missing.
     """
-    kind = catalogue()[name]
-    robot = context.robot
+    kind, robot = catalogue()[name], context.robot
+    if parameters is not None:
+        context = replace(context, parameters=tuple(parameters))
     places = kind.places(context)
     on_joints = not places or any(place in robot.joints for place in places)
     if where in places or (on_joints and where in robot.joints):
         slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
-        if kind.turns and slides:
+        if slides and where not in places and places == turning_joints(context):
             raise EffectCannotAct(
                 f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
             )
-        effect = (
-            kind.at(context, where)
-            if parameters is None
-            else kind.named(context, where, parameters)
-        )
+        effect = kind.at(context, where)
+        if parameters is not None:
+            names = [p.name for p in effect.parameters]
+            effect = effect.only(tuple(names.index(name) for name in parameters if name in names))
         for covariate in kind.uses:
             if covariate in context.lacking:
                 raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])

@@ -23,7 +23,6 @@ from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, in_parts, room
-from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
     Displacement,
@@ -39,8 +38,8 @@ from calib.effects.protocol import (
     displaced,
 )
 from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
-from calib.effects.tool import Tool
-from calib.effects.tuned import Tuned
+from calib.effects.tool_base import Base, Tool
+from calib.effects.tuned import Tuned, at_rest
 from calib.errors import NoEquilibrium
 from calib.inference.widths import Key, SizePrior
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
@@ -235,7 +234,7 @@ class Model:
         moved = [
             own
             for e, part in chosen
-            if not e.rests(values[..., part])
+            if not at_rest(e, values[..., part])
             for own in e.displacements(poses, values[..., part])
         ]
         return self._summed(values, poses, moved) if moved else None
@@ -305,7 +304,7 @@ class Model:
         markers = self._fixed_on_tip(values, poses)
         for effect, part in self._bodies:
             own, by = effect.body, values[..., part]
-            if not effect.rests(by):
+            if not at_rest(effect, by):
                 markers[..., own, :] = effect.moved(poses, by, markers[..., own, :])[0]
         R, o = self.under_markers(frames)
         return rotate(R, markers) + o
@@ -349,7 +348,7 @@ class Model:
             placed, columns = effect.moved(poses, values[..., part], here)
             R = self._axes_under(frames, effect.body)[..., None, :, :]
             before = np.swapaxes(R, -1, -2) @ own[..., on_tip]
-            own[..., on_tip] = R @ effect.carried(poses, values[..., part], here, before)
+            own[..., on_tip] = R @ effect.carried(poses, values[..., part], before)
             markers[..., effect.body, :] = placed
             own[..., part] = R @ columns
 
@@ -417,8 +416,8 @@ class Model:
         """What is known of the values about zero beforehand, as rows of unit variance (k, p)."""
         found = [np.zeros((0, len(self.parameters)))]
         for effect, part in self.parts:
-            if np.isfinite(effect.believed).any():
-                own = effect.belief
+            if isinstance(effect, Base) and np.isfinite(effect.of.prior).any():
+                own = effect.of.belief
                 found.append(np.zeros((len(own), len(self.parameters))))
                 found[-1][:, part] = own
         return np.concatenate(found)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
 from calib.effects.readings import PartEffect, ReadingEffect
+from calib.effects.tool_base import Base
+from calib.effects.tuned import at_rest
 from calib.instruments import Channels, Instrument, Tracker
 from calib.instruments.protocol import Linear
 from calib.instruments.riding import moves_seen, seen_from
@@ -79,7 +80,7 @@ class Readout:
         given += [(own, -2) for own in self._apart(instrument, values, poses)[:1]]
         (rows,) = self._at_stands(instrument, values, poses, read, given, [-3])
         for effect, part in self._disturbing(instrument):
-            if not effect.rests(values[..., part]):
+            if not at_rest(effect, values[..., part]):
                 rows, _, _ = effect.linearise(values[..., part], poses, rows)
         return rows
 
@@ -120,7 +121,7 @@ class Readout:
         rows, J = self._at_stands(instrument, values, poses, linearise, given, [-3, -4])
         for effect, part in self._disturbing(instrument):
             rows, turn, by_effect = effect.linearise(values[..., part], poses, rows)
-            J = J if effect.rests(values[..., part]) else turn @ J
+            J = J if at_rest(effect, values[..., part]) else turn @ J
             J[..., part] = by_effect
         return rows, J
 

@@ -124,13 +124,17 @@ _COVARIATES = {
 
 def needs(kind: Any) -> Iterator[str]:
     """What data an effect needs beside joints and readings."""
+    import numpy as np
+
     from calib.effects.protocol import ElasticEffect, LoadEffect
 
     if issubclass(kind, ElasticEffect):
         yield "load: a wrench, a payload, or link masses"
     if issubclass(kind, LoadEffect):
         yield "an elastic joint (joint_compliance)"
-    if kind.turns:
+    context = contexts()[0]
+    sliding = replace(context.robot, prismatic=np.ones(context.robot.dof, dtype=bool))
+    if len(kind.places(replace(context, robot=sliding))) < len(kind.places(context)):
         yield "a joint that turns"
     covariates = kind.uses if "motion" not in kind.uses else ("motion",)
     yield from (_COVARIATES[name] for name in covariates)

@@ -146,8 +146,8 @@ class LensValue(Entry):
 
 def _lens_by_parameters(result: Identification, camera: Camera) -> Array:
     """Derivatives of a lens's values by the parameters, shape (n, p)."""
-    from calib.effects.base import Base
-    from calib.effects.lens import LensEffect
+    from calib.effects.camera import LensEffect
+    from calib.effects.tool_base import Base
 
     by = np.zeros((len(camera.lens.values), len(result.values)))
     for effect, part in result.model.parts:

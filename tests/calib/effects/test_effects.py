@@ -11,7 +11,7 @@ from calib.arm.kinematics import forward
 from calib.arm.se3 import displacement
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
-from calib.effects.drive import error_unit
+from calib.effects.joint import error_unit
 from calib.errors import EffectCannotAct
 from calib.model import Model
 from calib.poses import Poses

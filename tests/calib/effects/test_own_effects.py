@@ -12,7 +12,7 @@ import pytest
 import calib
 from calib import effects, plugins
 from calib.arrays import Array
-from calib.effects.drive import DriveError
+from calib.effects.joint import DriveError
 from calib.effects.protocol import Parameter
 from calib.errors import CalibError
 from calib.poses import Poses
@@ -28,7 +28,7 @@ class WarmEncoder(DriveError):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "slope", "urad/K", 1e-6, 1e-5),)
+        return (self.parameter("slope", "urad/K", 1e-5),)
 
     def shares(self, poses: Poses) -> Array:
         return poses.warming[:, None]

@@ -13,7 +13,7 @@ from calib.arm.se3 import displacement
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
-from calib.effects.gear_ripple import GearRipple
+from calib.effects.ripple import GearRipple
 from calib.effects.tuned import Tuned
 from calib.errors import InputError
 from calib.model import Model

@@ -58,7 +58,7 @@ class ThermalExpansion(PoseEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5, _LARGEST),)
+        return (self.parameter("growth", "um/(m K)", 1e-5, _LARGEST),)
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])

@@ -100,6 +100,8 @@ _STRUCK = {
     "model.prior": "state the sizes of errors by size_prior",
     "timing.temperature_degC": "give temperatures as a column of the measurements",
     "design.reference_every": "set reapproaches: poses that are visited again",
+    "dictionary": "leave it out: points are named by their number",
+    "tags": "write the corners of the tags as points_mm",
     "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
     "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",
     "instruments.intrinsics_covariance": "write intrinsics_std",

@@ -475,13 +475,13 @@ CAMERAS = [
     Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
           _seen("focal_px = 1200\n", "")),
     Fault("a board of two shapes", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12")),
-    Fault("tags without their size", _IDENTIFY, "cell.toml",
-          _seen("squares = [9, 6]\npitch_mm = 30", "tags = [5, 4]")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\npoints_mm = { p = [0, 0, 0] }")),
+    Fault("a board of tags", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]")),
     Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", 'pitch_mm = 30\nmarker_mm = 40\ndictionary = "5x5_100"')),
-    Fault("markers of no dictionary", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 22")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 40")),
+    Fault("a dictionary of markers", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", 'pitch_mm = 30\ndictionary = "5x5_100"')),
 ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from calib.arrays import Array, room
 from calib.effects.context import Context, Expectation, joint_index, needs, softer, turning_joints
 from calib.effects.joint import AlongJoint, along_axis, compliance_unit
-from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter, State, Twist
+from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter, State, Twist, Unknown
 from calib.errors import CalibError
 from calib.poses import Poses
 
@@ -148,15 +148,10 @@ class TiltingFrame(ElasticEffect):
     """A frame that tilts alike in all directions across an axis, under the moment across it."""
 
     axis: Array
-    largest: ClassVar[float]
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         return Expectation(allowance=softer(context))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("tilt", "urad/(N m)", _TILTS, self.largest),)
 
     def flexibilities(self, poses: Poses) -> Flexibilities:
         K = np.zeros((6, 6))
@@ -171,7 +166,7 @@ class BearingCompliance(TiltingFrame):
     kind: ClassVar[str] = "bearing_compliance"
     # rad/(N m): crossed roller bearings of small gears tilt by 5 to 20 urad/(N m) (makers' catalogues),
     # large ones by less than one.
-    largest: ClassVar[float] = 2e-4
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("tilt", "urad/(N m)", _TILTS, 2e-4),)
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -194,7 +189,7 @@ class BaseCompliance(TiltingFrame):
     kind: ClassVar[str] = "base_compliance"
     # rad/(N m): a robot on a table or a light pedestal has up to 10, one on a telescopic column 15 to
     # 25 (base of the Hilti construction robot on five kinds of ground)
-    largest: ClassVar[float] = 3e-5
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("tilt", "urad/(N m)", _TILTS, 3e-5),)
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -210,6 +205,10 @@ class ToolCompliance(ElasticEffect):
     """Elastic flange and tool: the tip frame moves in proportion to the wrench on it."""
 
     kind: ClassVar[str] = "tool_compliance"
+    unknowns: ClassVar[tuple[Unknown, ...]] = (
+        *((c, "nm/N", 1e-7) for c in "xyz"),
+        *((f"r{c}", "urad/(N m)", 1e-6, _SLENDER) for c in "xyz"),
+    )
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -218,12 +217,6 @@ class ToolCompliance(ElasticEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         return cls(where, context.robot.tip_frame)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        slide = [self.parameter(c, "nm/N", 1e-7) for c in "xyz"]
-        turn = [self.parameter(f"r{c}", "urad/(N m)", 1e-6, _SLENDER) for c in "xyz"]
-        return (*slide, *turn)
 
     def flexibilities(self, poses: Poses) -> Flexibilities:
         diagonal = np.zeros((1, 6, 6, 6))

@@ -14,7 +14,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, light, needs, turning_joints
-from calib.effects.protocol import Constant, Parameter, PoseEffect, Twist, TwistEffect
+from calib.effects.protocol import Constant, Parameter, PoseEffect, Twist, TwistEffect, Unknown
 from calib.poses import Poses
 
 _SERVO = 10.0  # 2 mrad become 20: geared servos have 4 to 6 when new (ROBOTIS, MX-28 and XM430)
@@ -79,10 +79,13 @@ class AlongJoint(TwistEffect):
         """Whether the joint is prismatic."""
         return bool(self.axis[:3].any())
 
-    @property
-    def unit(self) -> str:
-        """Unit of an error of the joint's variable."""
-        return error_unit(self.slides)
+    def parameter(
+        self, name: str, unit: str, size: float, largest: float | None = None
+    ) -> Parameter:
+        """The same. In a unit ``dq`` stands for that of the variable's error, ``q`` for its own."""
+        units = {"dq": error_unit(self.slides), "q": variable_unit(self.slides)}
+        shown = "/".join(units.get(part, part) for part in unit.split("/"))
+        return super().parameter(name, shown, size, largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +93,7 @@ class JointOffset(AlongJoint, Constant):
     """Zero error of a joint: ``q_true = q_read + offset``."""
 
     kind: ClassVar[str] = "joint_offset"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("offset", self.unit, 1e-3),)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("offset", "dq", 1e-3),)
 
     @property
     def columns(self) -> Array:
@@ -121,15 +121,12 @@ class TransmissionScale(DriveError):
     """Wrong gear ratio or encoder scale: ``dq = scale * q``, q as read."""
 
     kind: ClassVar[str] = "transmission_scale"
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("scale", "dq/q", 1e-4),)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         slides = context.robot.prismatic[joint_index(context, where)]
         return Expectation(odds=1.0 if slides else _TURNING)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("scale", f"{self.unit}/{variable_unit(self.slides)}", 1e-4),)
 
     def shares(self, poses: Poses) -> Array:
         return self.of_joint(poses.q, poses)
@@ -145,10 +142,9 @@ class TransmissionHarmonic(DriveError):
 
     kind: ClassVar[str] = "transmission_harmonic"
     turns: ClassVar[bool] = True
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(self.parameter(n, "urad", 2e-4) for n in ("cos_1", "sin_1", "cos_2", "sin_2"))
+    unknowns: ClassVar[tuple[Unknown, ...]] = tuple(
+        (name, "urad", 2e-4) for name in ("cos_1", "sin_1", "cos_2", "sin_2")
+    )
 
     def shares(self, poses: Poses) -> Array:
         q = poses.q[:, self.frame - 1]
@@ -185,7 +181,7 @@ class JointCoupling(DriveError):
     def parameters(self) -> tuple[Parameter, ...]:
         joints, slides = self.robot.joints, self.robot.prismatic.tolist()
         return tuple(
-            self.parameter(f"from_{joints[k]}", f"{self.unit}/{variable_unit(slides[k])}", 1e-4)
+            self.parameter(f"from_{joints[k]}", f"dq/{variable_unit(slides[k])}", 1e-4)
             for k in self.others
         )
 
@@ -210,14 +206,11 @@ class Backlash(DriveError):
 
     kind: ClassVar[str] = "backlash"
     uses: ClassVar[tuple[str, ...]] = ("approach",)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("half_width", "dq", 2e-4),)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         return Expectation(allowance=_SERVO if light(context) else 1.0)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("half_width", self.unit, 2e-4),)
 
     def shares(self, poses: Poses) -> Array:
         return self.of_joint(poses.approach, poses)
@@ -234,14 +227,10 @@ class Settling(DriveError):
 
     kind: ClassVar[str] = "settling"
     uses: ClassVar[tuple[str, ...]] = ("motion", "approach")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        named = (
-            ("per_move", f"{self.unit}/{variable_unit(self.slides)}"),
-            ("per_speed", self.unit),
-        )
-        return tuple(self.parameter(*own, _MISSING, _MOST_MISSING) for own in named)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (
+        ("per_move", "dq/q", _MISSING, _MOST_MISSING),
+        ("per_speed", "dq", _MISSING, _MOST_MISSING),
+    )
 
     def shares(self, poses: Poses) -> Array:
         if poses.motion is None or poses.approach is None:

@@ -30,6 +30,7 @@ from calib.effects.protocol import (
     PoseEffect,
     SpringEffect,
     Twist,
+    Unknown,
     WeightEffect,
 )
 from calib.poses import Poses
@@ -66,6 +67,7 @@ class GravityCompensator(SpringEffect):
     axis: Array
     anchors: Array
     kind: ClassVar[str] = "gravity_compensator"
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("spring", "N/mm", 1e5), ("preload", "N", 1e4))
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -84,10 +86,6 @@ class GravityCompensator(SpringEffect):
         if where in context.anchors or (heavy(context) and turning == _LAST):
             return Expectation()
         return Expectation(odds=_NEVER if turning > _LAST else _SELDOM)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.parameter("spring", "N/mm", 1e5), self.parameter("preload", "N", 1e4)
 
     @property
     def depends_on(self) -> str:

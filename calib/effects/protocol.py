@@ -73,6 +73,10 @@ class Parameter:
         return f"{self.effect}:{self.where}.{self.name}"
 
 
+Unknown: TypeAlias = tuple[str, str, float] | tuple[str, str, float, float]
+"""A parameter to be: name, unit, plausible size and, where it is not ten of these, largest one, SI."""
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """What bases may depend on, at the present displacement of the arm."""
@@ -86,6 +90,7 @@ class State:
 class Effect(ABC):
     """One cause at one place, ``where``.
 
+    unknowns : its parameters, where they are the same at every place
     allowance : None, or for a candidate how many times the limits of its parameters stand for one
         standard deviation a priori
     uses : what it needs of each pose beyond joints and loads, by the names of ``Poses``; where a pose
@@ -99,6 +104,7 @@ class Effect(ABC):
     where: str
     allowance: float | None = field(default=None, kw_only=True)
     kind: ClassVar[str]
+    unknowns: ClassVar[tuple[Unknown, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
     parts: ClassVar[tuple[str, ...]] = ()
     flexible: ClassVar[bool] = False
@@ -116,9 +122,9 @@ class Effect(ABC):
         """The effect at one of its places, with the parameters that ``context.parameters`` names."""
 
     @property
-    @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
         """Its unknowns, in the order of the basis columns."""
+        return tuple(self.parameter(*unknown) for unknown in self.unknowns)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:

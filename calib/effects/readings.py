@@ -12,7 +12,7 @@ import numpy as np
 from calib.arm.se3 import displaced_shape, moved_as_one, so3_exp
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation
-from calib.effects.protocol import DirectedEffect, Effect, Parameter
+from calib.effects.protocol import DirectedEffect, Effect, Unknown
 from calib.effects.tool_base import MARKER
 from calib.instruments import Instrument
 from calib.instruments.protocol import MOTION, SCALE
@@ -84,10 +84,7 @@ class TrackerScale(ReadingEffect):
     """
 
     kind: ClassVar[str] = "tracker_scale"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("scale", "ppm", 1e-5),)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("scale", "ppm", 1e-5),)
 
     def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
         grown = 1.0 + values[..., None, None, :]
@@ -170,6 +167,7 @@ class BoardScale(PartEffect):
     """
 
     kind: ClassVar[str] = "board_scale"
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("scale", "ppm", 1e-3, 5e-2),)
     decided_by: ClassVar[str] = (
         "measure the board with a caliper, or add one known length ([[known_distances]])"
     )
@@ -185,10 +183,6 @@ class BoardScale(PartEffect):
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         return Expectation(odds=_PRINTED)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.parameter("scale", "ppm", 1e-3, 5e-2),)
 
     def response(self, poses: Poses, values: Array) -> Array:
         return np.ones((len(poses), 1, 1))

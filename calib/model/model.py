@@ -158,14 +158,14 @@ class Model:
         return np.concatenate([np.zeros(0), *(effect.initial for effect in self.effects)])
 
     @cached_property
-    def tunings(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+    def tunings(self) -> IntArray:
         """Positions of the parameters that are tunings."""
-        return np.array([part.start for _, part in self.of(Tuned)], dtype=int)
+        return np.array([part.start for _, part in self.of(Tuned)], dtype=np.int_)
 
     @cached_property
-    def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+    def still(self) -> IntArray:
         """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
-        return np.array([s.start for e, s in self.of(Tuned) if not e.smooth], dtype=int)
+        return np.array([s.start for e, s in self.of(Tuned) if not e.smooth], dtype=np.int_)
 
     def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
         """The model without some of its effects, and its values (p,) without theirs."""
@@ -449,8 +449,8 @@ class Model:
                 if effect.marker == marker:
                     J[list(effect.components), part] = np.eye(len(effect.components))
             return self.marker_positions(values)[..., marker, :], J
-        for effect, part in self.of(Base):
-            if effect.where == name:
+        for base, part in self.of(Base):
+            if base.where == name:
                 J[:, part] = np.eye(3)
                 return values[..., part], J
         raise KeyError(name)

@@ -86,10 +86,9 @@ class Readout:
                 J[..., part] = linear.by_place[..., :u]
             else:
                 J[..., here, :, :, part] = linear.by_place[..., here, :, :, :u]
-        for effect, part in self._loose_of(instrument):
-            numbers, by = _loosened(
-                effect, instrument, poses, effect.response(poses, values[..., part])
-            )
+        for loose, part in self._loose_of(instrument):
+            response = loose.response(poses, values[..., part])
+            numbers, by = _loosened(loose, instrument, poses, response)
             J[..., part] = linear.by_place[..., u:][..., numbers] @ by[..., None, :, :]
         rows = linear.rows
         for effect, part in self._disturbing(instrument):

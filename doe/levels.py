@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from calib.errors import CalibError
 from calib.model.build import parse_effect
 

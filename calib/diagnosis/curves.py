@@ -28,7 +28,7 @@ from calib.diagnosis.functions import (
     pose_variables,
 )
 from calib.effects.context import Context, motion_of
-from calib.effects.drive import along_axis, error_unit
+from calib.effects.joint import along_axis, error_unit
 from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
 from calib.errors import EffectCannotAct

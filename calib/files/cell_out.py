@@ -13,7 +13,7 @@ import numpy as np
 from calib.arm.robot import FORMS
 from calib.cell import Cell
 from calib.effects import Effect
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from calib.errors import CalibError
 from calib.files.read import read_text
 from calib.model.build import build, parse_effect

@@ -94,11 +94,14 @@ _PLAINLY = {
 
 _STRUCK = {
     "keep_sight": "leave it out: the ways between poses are not planned",
+    "instrument.common": "leave it out: an error that all readings share is not counted",
     "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
     "robot.kinematics": "name the maker's URDF by urdf",
     "model.prior": "state the sizes of errors by size_prior",
     "timing.temperature_degC": "give temperatures as a column of the measurements",
     "design.reference_every": "set reapproaches: poses that are visited again",
+    "dictionary": "leave it out: points are named by their number",
+    "tags": "write the corners of the tags as points_mm",
     "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
     "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",
     "instruments.intrinsics_covariance": "write intrinsics_std",

@@ -15,9 +15,8 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, fit_rigid, rpy_from_rotation, transform, transformed
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.effects.base import Base
 from calib.effects.protocol import Constant
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import InputError
 from calib.files.csv_table import columns_text
 from calib.files.robot import load_robot

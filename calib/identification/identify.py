@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.effects.base import Base
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import Unsolvable
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimate import Estimation, estimated
@@ -22,7 +20,6 @@ from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.common_errors import considered
 from calib.model.covariance import ignorance
 from calib.model.sizes import elementary
 from calib.observations import (
@@ -102,7 +99,6 @@ def identify(
         covariance=widened if undetected is None else widened + undetected[0],
         ignorance=ignorance(counted.flat(values)[1], span, fitted.sizes, np.diag(own) <= 0.0),
         undetected=undetected,
-        common=considered(fitted, values, data, partial(counted.followed, values, span)),
         approach=approach,
         absorbed=built.dropped,
         fit=Residuals.of(

@@ -8,9 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Tag
 
-from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
+from calib.arm.se3 import moved_as_one, rotate, so3_exp
 from calib.arrays import Array, Mask
-from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.keys_table import KeysTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
@@ -22,6 +21,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.instruments.riding import twist_of
 from calib.keys import (
     NotNegativeMetres,
     Point,
@@ -44,12 +44,10 @@ class Tracker(Instrument):
     noise : Noise, along and across the beam
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
         readings
-    common : tuple of CommonError, the same at all readings; circles turn about the z axis of these
     """
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
-    common: tuple[CommonError, ...] = ()
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = FRAME
@@ -61,7 +59,6 @@ class Tracker(Instrument):
         sigma: float = 1.0,
         noise: Noise | None = None,
         stands: Array | None = None,
-        common: tuple[CommonError, ...] = (),
         **named: Any,
     ) -> None:
         """Make a tracker of its noise; the other fields are those of any instrument.
@@ -71,7 +68,6 @@ class Tracker(Instrument):
         super().__init__(**named)
         object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
         object.__setattr__(self, "stands", stands)
-        object.__setattr__(self, "common", common)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:
@@ -107,7 +103,7 @@ class Tracker(Instrument):
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         R, t, markers = placed(rows, seen, arm)
         told = arm.free & np.any(seen, axis=0)[:, None]
-        return Start(np.concatenate([t, so3_log(R)]), markers, told)
+        return Start(twist_of(R, t), markers, told)
 
 
 TRACKER = Tracker()
@@ -164,7 +160,6 @@ class TrackerTable(TomlTable):
     stands: Annotated[Point | None, key("position_mm")] = None
     """position in the base's frame, for range and line of sight; without it the range is from the
     origin of the readings"""
-    common: Annotated[tuple[CommonError, ...], Written(CommonTable, CommonTable.errors)] = ()
 
     def tracker(self) -> Tracker:
         """One that reads all markers."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib import Cell, Identification
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.errors import InputError
 from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
 from studies.render import listed

@@ -124,13 +124,17 @@ _COVARIATES = {
 
 def needs(kind: Any) -> Iterator[str]:
     """What data an effect needs beside joints and readings."""
+    import numpy as np
+
     from calib.effects.protocol import ElasticEffect, LoadEffect
 
     if issubclass(kind, ElasticEffect):
         yield "load: a wrench, a payload, or link masses"
     if issubclass(kind, LoadEffect):
         yield "an elastic joint (joint_compliance)"
-    if kind.turns:
+    context = contexts()[0]
+    sliding = replace(context.robot, prismatic=np.ones(context.robot.dof, dtype=bool))
+    if len(kind.places(replace(context, robot=sliding))) < len(kind.places(context)):
         yield "a joint that turns"
     covariates = kind.uses if "motion" not in kind.uses else ("motion",)
     yield from (_COVARIATES[name] for name in covariates)
@@ -175,8 +179,7 @@ def contexts() -> tuple[Context, ...]:
 # -- keys of the cell ------------------------------------------------------------------------------
 
 _ABOVE = ("schema", "name")
-_SHARED = ("instruments.NAME.sigma_mm.", "instruments.NAME.common.")  # as under [instrument]
-_COMMON = re.compile(r"^instrument\.common\.\w+\.")  # each key may have these
+_SHARED = "instruments.NAME.sigma_mm."  # as under [instrument]
 _WORDS = {
     "number": "number",
     "integer": "whole number",
@@ -209,7 +212,7 @@ def cell_keys() -> dict[str, Key]:
             field["description"] = described(below, name, key)
     found: dict[str, Key] = {}
     for path, form, meaning in keys_below(schema, classes, "", ""):
-        forms, meanings = found.setdefault(_COMMON.sub("instrument.common.KEY.", path), ({}, {}))
+        forms, meanings = found.setdefault(path, ({}, {}))
         forms[form] = None
         meanings |= {meaning: None} if meaning else {}
     for path, (_, meanings) in found.items():  # those of kind points stand under [instrument]

@@ -136,19 +136,8 @@ CELL = _in(
         "a number in quotes": swap("0.010", '"0.01"'),
         "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
         "a unit misspelt": swap("sigma_mm", "sigma_m"),
-        "a common error in another unit": swap(
-            "[instrument]", "[instrument]\ncommon.scale_ppm = 0.3"
-        ),
-        "a common error below zero": swap("[instrument]", "[instrument]\ncommon.r0_um = -5"),
-        "a limit of no distribution": swap(
-            "[instrument]",
-            '[instrument]\ncommon.r0_um = { limit = 5, distribution = "uniform" }',
-        ),
-        "a rectangular distribution with a divisor": swap(
-            "[instrument]", "[instrument]\ncommon.r0_um = { limit = 5, divisor = 2 }"
-        ),
-        "a distribution without a limit": swap(
-            "[instrument]", '[instrument]\ncommon.r0_um = { distribution = "triangular" }'
+        "an error common to all readings": swap(
+            "[instrument]", "[instrument]\ncommon.scale_um_m = 0.3"
         ),
         "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
         "a tolerance in micrometres": added("\n[acceptance]\ntolerance_um = 50\n"),
@@ -486,13 +475,13 @@ CAMERAS = [
     Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
           _seen("focal_px = 1200\n", "")),
     Fault("a board of two shapes", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12")),
-    Fault("tags without their size", _IDENTIFY, "cell.toml",
-          _seen("squares = [9, 6]\npitch_mm = 30", "tags = [5, 4]")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\npoints_mm = { p = [0, 0, 0] }")),
+    Fault("a board of tags", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]")),
     Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", 'pitch_mm = 30\nmarker_mm = 40\ndictionary = "5x5_100"')),
-    Fault("markers of no dictionary", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 22")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 40")),
+    Fault("a dictionary of markers", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", 'pitch_mm = 30\ndictionary = "5x5_100"')),
 ]  # fmt: skip
 
 

@@ -170,7 +170,7 @@ class Regressor(Linearisation):
         """
         poses, visit = self._readings(q)
         seen = None if visible is None else visible[visit]
-        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
+        rows = self.candidates(poses, seen, (visit, visit), np.nan).rows()
         return by_visit((stacked(rows) @ self.T).reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:
@@ -196,7 +196,7 @@ class Regressor(Linearisation):
         data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
         rows = self.candidates(poses, seen, (visit, visit), np.nan)
         moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
-        own, more = (by_visit(r.by_reading, len(q)) for r in (rows, moved))
+        own, more = (by_visit(r.rows(), len(q)) for r in (rows, moved))
         return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:

@@ -15,6 +15,7 @@ from calib.effects.base import Base
 from calib.effects.protocol import Parameter
 from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
+from calib.identification.variances import Undetected
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
 from calib.model.common_errors import Considered
 from calib.model.covariance import Unidentifiable, correlation
@@ -23,7 +24,7 @@ from calib.observations import Approach
 from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
-from calib.scatter import Scatter, Undetected
+from calib.scatter import Scatter
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 

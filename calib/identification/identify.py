@@ -20,6 +20,7 @@ from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
 from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
+from calib.identification.variances import Undetected
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.common_errors import considered
@@ -37,7 +38,7 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Undetected, Variances, scatter_of
+from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 

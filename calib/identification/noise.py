@@ -14,21 +14,20 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size
+from calib.identification.variances import LEAST_INSTRUMENT, VarianceEstimate
 from calib.inference import Design, Marginal, Prior, RandomEffect
 from calib.model.readout import Readout
 from calib.noise import counted
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.poses.moves import visits
-from calib.scatter import Scatter, VarianceEstimate
+from calib.scatter import Scatter
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
 _REPLICATES = 10  # degrees of freedom of an estimate worth using
 _GROSS = 10.0  # times the mean square of a typical group of repeats
 _SAME = 0.05  # change of a scale that is not worth another fit: a thousandth of the deviations
 _SILENT = 1e-9
-LEAST_INSTRUMENT = 0.2**2
-"""Variance of an instrument in the maker's: nobody's is five times better than stated."""
 
 Source = Literal["cell", "replicates", "residual"]
 

@@ -40,7 +40,7 @@ class RandomEffect:
     """An effect that is drawn anew in each group of poses, with one variance.
 
     levers : ndarray, shape (m, R, l), change of each row per unit of each of the l components
-    kind : str, sort of effect: the key of its scale in :class:`calib.inference.prior.Prior`
+    kind : str, sort of effect: the key of its scale in :class:`calib.inference.reml.Prior`
     group : ndarray of int, shape (m,), in which poses share one draw (an approach, a configuration)
     """
 

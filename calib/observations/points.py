@@ -11,12 +11,12 @@ from typing import Self
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.inference.decorrelation import InverseRoot
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
 from calib.poses import Measurements
-from calib.scatter.mixing import Mixing
-from calib.scatter.poses import Scatter
+from calib.scatter import Scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Observation(ABC):
         return True
 
     @cached_property
-    def weighing(self) -> Mixing | None:
+    def weighing(self) -> InverseRoot | None:
         """What makes the rows independent as far as the cell knows how they err; None where they are.
 
         A weighting that is not by the noise leaves this out as well.
@@ -68,11 +68,11 @@ class Observation(ABC):
         return self._mixing(self.known) if self.efficient else None
 
     @cached_property
-    def mixing(self) -> Mixing | None:
+    def mixing(self) -> InverseRoot | None:
         """Decorrelation of whitened rows under the levels of noise; None where they are independent."""
         return self._mixing(self.known if self.scatter is None else self.scatter)
 
-    def _mixing(self, scatter: Scatter | None) -> Mixing | None:
+    def _mixing(self, scatter: Scatter | None) -> InverseRoot | None:
         if scatter is None or not scatter.variances.any:
             return None
         return scatter.mixing(self.rows(scatter.levers))

@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.base import Base
-from calib.identification.estimate import design_of
+from calib.identification.variances import design_of
 from calib.identification.scan import times
 from calib.inference import GaussianBlock, Marginal, Prior, RandomEffect
 from calib.prediction.discrepancy import FittedModel

@@ -18,8 +18,9 @@ from studies.results.base import (
 
 if TYPE_CHECKING:
     from calib.identification.noise import NoiseLevel
+    from calib.identification.variances import VarianceEstimate
     from calib.model import Model
-    from calib.scatter import Scatter, VarianceEstimate
+    from calib.scatter import Scatter
 
 _LOUD = 4.0  # times the stated noise: no instrument exceeds it by that much
 
@@ -73,7 +74,7 @@ class Noise(Entry):
         more : further fields of the class
         """
         from calib.cell import Repeatability
-        from calib.scatter.owner import pose_to_pose
+        from calib.scatter import pose_to_pose
 
         judged = pose_to_pose(levels, scatter, model.robot.reach)
         arm, rest = judged.arm, judged.rest

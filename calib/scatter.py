@@ -228,7 +228,9 @@ def pose_to_pose(
         return PoseToPose(None, None, usual)
     v = levels.variances
     arm = scatter.of_tip(v.approach) if levels.approaches or v.approach.any() else None
-    return PoseToPose(arm, scatter.of_tip(v.configuration) if v.configuration.any() else None, usual)
+    return PoseToPose(
+        arm, scatter.of_tip(v.configuration) if v.configuration.any() else None, usual
+    )
 
 
 def parted(variances: Variances, of: Owner) -> tuple[Variances, Variances]:

@@ -23,7 +23,6 @@ from calib.identification.variances import (
     design_of,
     stated_effects,
 )
-
 from calib.inference import Design, Prior
 from calib.inference.evidence import cholesky_of
 from calib.inference.reml import VarianceProblem

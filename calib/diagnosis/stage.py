@@ -14,9 +14,9 @@ from calib.cell import Repeatability
 from calib.diagnosis.prior import Amplitudes, curves_in, prior_rows
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
-from calib.identification.variances import VarianceEstimate, variance_components
 from calib.identification.fit import choose_directions
 from calib.identification.outliers import extrapolation_factor, judge, pose_statistics, threshold
+from calib.identification.variances import VarianceEstimate, variance_components
 from calib.inference.decorrelation import InverseRoot
 from calib.linear import LinearProblem
 from calib.model import Model

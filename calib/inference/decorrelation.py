@@ -5,8 +5,8 @@ Rows of poses or of cells err by their own noise, and by errors that they share 
     V = s^2 (I + sum over levels of K K^T, each within its groups)
 
 with K the levers of errors of unit variance. Levels go one after the other. Of rows that the levels
-before have made independent, ``I + K K^T`` is left. Of few rows alone it has an inverse Cholesky factor;
-of the many rows of a group the symmetric root, of the size of the levers
+before have made independent, ``I + K K^T`` is left. Its inverse root is, of few rows alone, an inverse
+Cholesky factor, and of the many rows of a group symmetric, of the size of the levers:
 
     I - K A diag(1 / (g (1 + g))) A^T K^T,    K^T K = A diag(g^2 - 1) A^T
 

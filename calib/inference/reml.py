@@ -67,7 +67,11 @@ class Prior:
 
     def penalty(self, design: Design, theta: Array) -> Penalty:
         """Of the variances theta (t,) of a design."""
-        slope, curvature, scales = np.zeros(len(theta)), np.zeros(len(theta)), self.of_effects(design)
+        slope, curvature, scales = (
+            np.zeros(len(theta)),
+            np.zeros(len(theta)),
+            self.of_effects(design),
+        )
         known = np.flatnonzero(np.isfinite(scales))
         at = design.instruments + known
         ratio = theta[at] / scales[known] ** 2

@@ -2,8 +2,8 @@
 
 A *cell* is a set of poses that share every draw. An orthogonal turn ``U^T`` of the rows that one
 instrument reads in a cell leaves as few rows as its levers have rank; the remaining rows carry noise
-alone, and enter the likelihood once, by their triangle. An effect drawn for each cell alone is *own*; any
-other is *shared* by the cells of a *component*, all of which it draws alike.
+alone, and enter the likelihood once, by their triangle. An effect drawn for each cell alone is *own*;
+any other is *shared* by the cells of a *component*, all of which it draws alike.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class TurnedRows:
 
 
 def turned_rows(design: Design) -> TurnedRows:
-    """Turn the rows of a design. Raises ValueError where groups are not nested, in two levels at most."""
+    """Turn the rows of a design. Raises ValueError unless groups are nested, in two levels at most."""
     each = [design.flat(e.levers) for e in design.effects]
     levers = np.concatenate([np.zeros((len(design.live), 0)), *each], axis=1)
     of_lever = np.repeat(np.arange(len(each)), [part.shape[1] for part in each]).astype(np.int_)

@@ -15,12 +15,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.identification.checks import outnumbered
 from calib.identification.fit import Fit, Method, of_poses, search
-from calib.identification.noise import (
-    NoiseLevel,
-    noise_level,
-    noise_scales,
-    of_levels,
-)
+from calib.identification.noise import NoiseLevel, noise_level, noise_scales, of_levels
 from calib.identification.variances import VarianceEstimate, variance_components
 from calib.inference.widths import Elementary, SizePrior, Widths, widths_of
 from calib.linear import LinearProblem, orthonormal
@@ -34,9 +29,6 @@ from calib.solver import condensed
 _ROUNDS = 4  # of fit and noise scales, or of fit and widths, in turn
 _SETTLED = 0.05  # of a width
 _LITTLE = 0.01  # of the degrees of freedom of the residuals
-# Decrease of -2 log likelihood: half a chi-square at the bound, so once in seventy by chance.
-_PAYS = 6.0
-_SMALL = 1e-9  # of the largest singular value of what is known beforehand
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +69,7 @@ def estimated(
 ) -> Estimation:
     """The estimate from ``start`` (p,) on, with the sizes of errors that the cell states.
 
-    errors : whose sizes are found from the readings, and hold what those leave open
+    errors : whose sizes are estimated from the readings, and hold what those leave open
     """
     prior = observation.model.own_prior
     bare = replace(observation, model=replace(observation.model, prior=None))
@@ -105,17 +97,37 @@ def _by_instruments(method: Method, observation: Observation, start: Array) -> F
     return fit
 
 
-# -- sizes of errors -------------------------------------------------------------------------------
+def with_variances(
+    cell: Cell,
+    fit: Fit,
+    choice: Identifiable | None = None,
+    before: VarianceEstimate | None = None,
+    sizes: Widths | None = None,
+) -> Estimation:
+    """The estimate of a fit, with the variances that its kept poses show.
+
+    choice : what the readings determine without sizes; before : variances to begin with
+    """
+    scatter, robot = arm_scatter(fit), fit.model.robot
+    levers, readings = points_of(fit.counted).rows(scatter.levers), of_poses(fit.readings, fit.kept)
+    levels = variance_components(scatter, levers, readings, robot, cell.repeatability, before)
+    under = replace(fit.observation, scatter=scatter.at(levels.variances))
+    directions = replace(fit.directions, choice=choice or fit.choice)
+    fields = fields_of(fit) | {"observation": under, "directions": directions}
+    return Estimation(**fields, levels=levels, sizes=sizes)
+
+
+def arm_scatter(fit: Fit) -> Scatter:
+    """How the poses of a fit may err together, of no size yet."""
+    none = Variances.none(fit.model.robot.dof)
+    return scatter_of(fit.model, fit.values, fit.observation.data.poses, none)
 
 
 def _held(alone: Estimation, prior: SizePrior, lost: tuple[int, ...] = ()) -> Fit:
     """The fit with a prior of sizes; values at the positions ``lost`` stay where they are."""
+    model, weight = replace(alone.model, prior=prior), alone.noise_scale
     observation = replace(
-        alone.observation,
-        model=replace(alone.model, prior=prior),
-        scatter=None,
-        prior_weight=alone.noise_scale,
-        lost=lost,
+        alone.observation, model=model, scatter=None, prior_weight=weight, lost=lost
     )
     return search(alone.method, observation, alone.values, alone.kept)
 
@@ -160,29 +172,3 @@ def _sizes(result: Estimation, of: Elementary, known: Model) -> Widths:
     rows = rows[:, [*of.at, -1]]
     left = rows - Q @ (Q.T @ rows)
     return widths_of(of, left[:, :-1], left[:, -1], used - Q.shape[1])
-
-
-def with_variances(
-    cell: Cell,
-    fit: Fit,
-    choice: Identifiable | None = None,
-    before: VarianceEstimate | None = None,
-    sizes: Widths | None = None,
-) -> Estimation:
-    """The estimate of a fit, with the variances that its kept poses show.
-
-    choice : what the readings determine without sizes; before : variances to begin with
-    """
-    scatter, robot = arm_scatter(fit), fit.model.robot
-    levers, readings = points_of(fit.counted).rows(scatter.levers), of_poses(fit.readings, fit.kept)
-    levels = variance_components(scatter, levers, readings, robot, cell.repeatability, before)
-    under = replace(fit.observation, scatter=scatter.at(levels.variances))
-    directions = replace(fit.directions, choice=choice or fit.choice)
-    fields = fields_of(fit) | {"observation": under, "directions": directions}
-    return Estimation(**fields, levels=levels, sizes=sizes)
-
-
-def arm_scatter(fit: Fit) -> Scatter:
-    """How the poses of a fit may err together, of no size yet."""
-    none = Variances.none(fit.model.robot.dof)
-    return scatter_of(fit.model, fit.values, fit.observation.data.poses, none)

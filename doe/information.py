@@ -19,11 +19,8 @@ from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.cell import Cell
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
-from calib.instruments import Tracker
-from calib.instruments.common_errors import CommonError
 from calib.linear import LinearProblem
 from calib.model import Model
-from calib.model.common_errors import by_gravity, common_displacements
 from calib.model.covariance import at_points_read, at_tip, working_points
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
@@ -183,22 +180,6 @@ class Regressor(Linearisation):
         own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
         return by_visit(own, len(q))
 
-    def crossed(self, q: Array, visible: Mask) -> Array:
-        """``J' W J_b`` of each visit by errors common to all readings, one standard uncertainty of each
-        component, shape (m, p, b).
-
-        q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, M)
-        """
-        if not errors_of(self.model):
-            return np.zeros((len(q), len(self.T), 0))
-        poses, visit = self._readings(q)
-        seen, points = visible[visit], self.model.predict(self.values, poses)
-        data = Measurements(poses, points, seen, np.full(seen.shape, np.nan))
-        rows = self.candidates(poses, seen, (visit, visit), np.nan)
-        moved = moved_rows(self, data, self.foreseen(poses, points, seen, np.nan), rows)
-        own, more = (by_visit(r.rows(), len(q)) for r in (rows, moved))
-        return np.asarray(self.T.T @ np.swapaxes(own, -1, -2) @ more)
-
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
         """The readings of visits, all free and then all loaded, and the visit of each."""
         poses = readings(self.cell, poses_at(q))
@@ -224,39 +205,16 @@ def by_visit(rows: Array, visits: int) -> Array:
     return np.concatenate([first, *others], axis=1) if others else np.asarray(first)
 
 
-def moved_rows(
-    at: Linearisation, data: Measurements, weights: Array, like: LinearProblem
-) -> LinearProblem:
-    """How readings (m) follow one standard uncertainty of each component, whitened, (m, R, b).
-
-    weights : whitening matrices of the readings, (m, C, r, r); like : of the same readings
-    """
-    moved = [own * e.std for _, e, own in common_displacements(at.model, at.values, data)]
-    if not moved:
-        return LinearProblem.of_rows(like.J[..., :0], like.mixing)
-    rows = weighted(weights, np.concatenate(moved, axis=-1))
-    return LinearProblem.of_rows(rows / (1.0 if at.arm.any else at.arm.scale), like.mixing)
-
-
-def errors_of(model: Model) -> tuple[CommonError, ...]:
-    """The common errors of a model's instruments, in the order of :func:`moved_rows`."""
-    blocks = model.readout.channels.blocks
-    return tuple(e for i, _ in blocks if isinstance(i, Tracker) for e in i.common)
-
-
 @dataclass(frozen=True, eq=False)
 class TargetErrors:
     """Position errors at K target poses to first order, the mean over the points in the rows.
 
     rows : ndarray, shape (K, r, p), m per unit of the parameters
     weights : ndarray, shape (K,), summing to one
-    shifts : ndarray, shape (K, r, b), m, how predictions follow one standard uncertainty of each error
-        that is common to all readings
     """
 
     rows: Array
     weights: Array
-    shifts: Array
 
     @classmethod
     def of(
@@ -273,30 +231,8 @@ class TargetErrors:
         # A model of its own: the last linearisation that a model remembers is no use to others.
         _, J = replace(counts).jacobian_at_rest(values, targets)
         rows = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1])
-        shifts = _shifts(model, counts, values, targets)
-        return cls(np.asarray(rows), weights / weights.sum(), shifts)
+        return cls(np.asarray(rows), weights / weights.sum())
 
     def per(self, T: Array) -> TargetErrors:
         """The same for parameters y with ``theta = T y``, shape (p, p), or (p,) for its diagonal."""
         return replace(self, rows=self.rows * T if T.ndim == 1 else self.rows @ T)
-
-    def missed(self, response: Array) -> Array:
-        """What common errors cause that shift the estimate by ``response`` (p, b), (K, r, b), m."""
-        return np.asarray(self.rows @ response - self.shifts)
-
-
-def _shifts(model: Model, counts: Model, values: Array, targets: Poses) -> Array:
-    """How predictions at targets follow common errors themselves, (K, r, b), m.
-
-    model : that readings are of; counts : Model, with the points at which errors count
-    """
-    K, points, r = counts.predict(values, targets).shape
-    shifts = [np.zeros((K, points, r, 0))]
-    for error in errors_of(model):
-        columns = error.kind.columns
-        if columns is None:
-            shifts.append(by_gravity(counts, values, targets) * error.std)
-        else:
-            shifts.append(np.zeros((K, points, r, columns(np.ones((1, 3))).shape[-1])))
-    moved = np.concatenate(shifts, axis=-1)
-    return np.asarray(moved.reshape(K, points * r, moved.shape[-1]) / np.sqrt(points))

@@ -28,11 +28,6 @@ def _granted(design: Design) -> Iterator[str]:
         yield f"{joints} exact and rigid, as no instrument sees them err"
     if judged.hidden:
         yield f"{judged.hidden} of {judged.points} points out of sight"
-    if judged.common > 0.0:
-        yield (
-            f"{judged.common * 1e3:.2g} mm by errors common to all readings ([instrument.common]), "
-            "which more poses do not lower and the criterion is without"
-        )
 
 
 def notes_of(design: Design) -> tuple[str, ...]:

@@ -95,18 +95,6 @@ class Problem:
             return np.zeros((0, len(self.regressor.T), len(self.regressor.T)))
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
-    def crossed(self, q: Array) -> Array:
-        """By errors common to all readings, shape (m, p, b)."""
-        return self.regressor.crossed(q, visible(scene_of(self.cell, q)))
-
-    @cached_property
-    def crossed_fixed(self) -> Array:
-        """The same of what is measured in any case, shape (p, b)."""
-        fixed = self.request.fixed
-        if fixed is None:
-            return np.zeros((len(self.regressor.T), self.at_targets.shifts.shape[-1]))
-        return np.asarray(self.crossed(fixed.q).sum(axis=0))
-
     def blocks(self, pool: Pool) -> Blocks:
         """Information of a pool beside what is fixed."""
         return Blocks(pool.packed, self.fixed, self.regressor.rank)

@@ -22,7 +22,6 @@ from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
 from calib.diagnosis.gate import BY_TIME, crossed
 from calib.diagnosis.part import part_of
-from calib.diagnosis.prior import common_errors
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.search import search
 from calib.diagnosis.serial import smooth_run
@@ -193,5 +192,4 @@ def _stage(cell: Cell, data: Measurements, waiting: Mask) -> Stage:
         model = replace(model, prior=found.model.prior)
     else:
         found = fit_without_outliers("joint", Points(model, data, weights), start)
-    model, start = model.extended(found.values, common_errors(model, start, data))
-    return Stage(data, model, start, weights, waiting | ~found.kept, cell.repeatability)
+    return Stage(data, model, found.values, weights, waiting | ~found.kept, cell.repeatability)

@@ -94,6 +94,7 @@ _PLAINLY = {
 
 _STRUCK = {
     "keep_sight": "leave it out: the ways between poses are not planned",
+    "instrument.common": "leave it out: an error that all readings share is not counted",
     "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
     "robot.kinematics": "name the maker's URDF by urdf",
     "model.prior": "state the sizes of errors by size_prior",

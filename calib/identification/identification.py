@@ -17,7 +17,6 @@ from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
 from calib.identification.variances import Undetected
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
-from calib.model.common_errors import Considered
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
@@ -54,8 +53,6 @@ class Identification(Result, Estimation):
         plausible sizes (:func:`calib.model.covariance.ignorance`)
     undetected : covariance, shape (p, p), SI, that scatter adds which was not found, part of
         ``covariance``, and that scatter; None where it was found, or is known
-    common : tuple of Considered, errors that all readings share, which the cell states; their part of
-        the uncertainty is no part of ``covariance``
     approach : "points" or "pose"
     absorbed : tuple of Dropped, constants that others stand for at any pose
     fit, heldout : Residuals, of what was fitted and of poses that took no part, None without any
@@ -65,7 +62,6 @@ class Identification(Result, Estimation):
     covariance: Array
     ignorance: Array
     undetected: tuple[Array, Undetected] | None
-    common: tuple[Considered, ...]
     approach: Approach
     absorbed: tuple[Dropped, ...]
     fit: Residuals
@@ -178,19 +174,14 @@ class Identification(Result, Estimation):
         return table
 
     @property
-    def _systematic(self) -> Array:
-        """What common errors add to the covariance of the values, shape (p, p), SI."""
-        return sum((error.covariance for error in self.common), np.zeros_like(self.covariance))
-
-    @property
     def knowledge(self) -> Array:
         """Covariance of all values, those that were not estimated included, shape (p, p), SI."""
-        return self.covariance + self.ignorance + self._systematic
+        return self.covariance + self.ignorance
 
     @cached_property
     def correlation(self) -> Array:
         """Correlation matrix, shape (p, p)."""
-        return correlation(self.covariance + self._systematic)
+        return correlation(self.covariance)
 
     @property
     def std(self) -> Array:
@@ -225,8 +216,7 @@ class Identification(Result, Estimation):
             # Below nothing is rounding.
             added = np.clip(np.diag(self.undetected[0]), 0.0, rest)
             rest, few = rest - added, self.undetected[1].freedom
-        common = [(np.diag(one.covariance), one.error.freedom) for one in self.common]
-        return [(rest, self.freedom), (added, few), *common]
+        return [(rest, self.freedom), (added, few)]
 
     def interval(self, level: float = LEVEL) -> Array:
         """Coverage interval of each parameter, shape (p, 2), SI.

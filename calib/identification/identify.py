@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from calib.identification.tuning import with_tunings
 from calib.identification.variances import Undetected
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.model.common_errors import considered
 from calib.model.covariance import ignorance
 from calib.model.sizes import elementary
 from calib.observations import (
@@ -103,7 +101,6 @@ def identify(
         covariance=widened if undetected is None else widened + undetected[0],
         ignorance=ignorance(counted.flat(values)[1], span, fitted.sizes, np.diag(own) <= 0.0),
         undetected=undetected,
-        common=considered(fitted, values, data, partial(counted.followed, values, span)),
         approach=approach,
         absorbed=built.dropped,
         fit=Residuals.of(

@@ -10,7 +10,6 @@ from pydantic import Discriminator, Tag
 
 from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
 from calib.arrays import Array, Mask
-from calib.instruments.common_errors import CommonError, CommonTable
 from calib.instruments.keys_table import KeysTable
 from calib.instruments.placing import placed
 from calib.instruments.protocol import (
@@ -44,12 +43,10 @@ class Tracker(Instrument):
     noise : Noise, along and across the beam
     stands : ndarray, shape (3,), m, base frame, where the beams start; None for the origin of the
         readings
-    common : tuple of CommonError, the same at all readings; circles turn about the z axis of these
     """
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
-    common: tuple[CommonError, ...] = ()
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = FRAME
@@ -61,7 +58,6 @@ class Tracker(Instrument):
         sigma: float = 1.0,
         noise: Noise | None = None,
         stands: Array | None = None,
-        common: tuple[CommonError, ...] = (),
         **named: Any,
     ) -> None:
         """Make a tracker of its noise; the other fields are those of any instrument.
@@ -71,7 +67,6 @@ class Tracker(Instrument):
         super().__init__(**named)
         object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
         object.__setattr__(self, "stands", stands)
-        object.__setattr__(self, "common", common)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:
@@ -164,7 +159,6 @@ class TrackerTable(TomlTable):
     stands: Annotated[Point | None, key("position_mm")] = None
     """position in the base's frame, for range and line of sight; without it the range is from the
     origin of the readings"""
-    common: Annotated[tuple[CommonError, ...], Written(CommonTable, CommonTable.errors)] = ()
 
     def tracker(self) -> Tracker:
         """One that reads all markers."""

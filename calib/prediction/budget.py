@@ -34,10 +34,8 @@ class UncertaintySource:
 
     spread : ndarray, shape (m, 3 M, k), m, of the error at each target
     freedom : degrees of freedom of its variance
-    stated : float or None, SI, as the cell gives it; divisor : that makes it one standard uncertainty
-    unit, scale : of that, and SI per unit
+    std : float or None, m, one standard uncertainty of the source itself
     at_reading : float or None, m, RMS by which it moves one reading
-    instrument : str, whose common error it is; empty where it is none
     basis : str, the estimate that its variance rests on: parts of one count their freedom once
     of : whether the calibration brings it, the arm itself, or what the model lacks
     """
@@ -46,13 +44,8 @@ class UncertaintySource:
     evaluation: Evaluation
     spread: Array
     freedom: float
-    stated: float | None = None
-    divisor: float = 1.0
-    unit: str = "mm"
-    scale: float = 1e-3
-    distribution: str = "normal"
+    std: float | None = None
     at_reading: float | None = None
-    instrument: str = ""
     basis: str = ""
     of: Literal["calibration", "arm", "model"] = "calibration"
 
@@ -60,11 +53,6 @@ class UncertaintySource:
     def errors(self) -> Array:
         """Standard uncertainty at each target, shape (m,), m."""
         return np.asarray(np.linalg.norm(self.spread, axis=(-1, -2)))
-
-    @property
-    def std(self) -> float | None:
-        """One standard uncertainty of the source itself, SI."""
-        return None if self.stated is None else self.stated / self.divisor
 
 
 class CombinedUncertainty(NamedTuple):
@@ -144,7 +132,7 @@ def budget_of(
     model, values = working_points(found.model), found.values
     points, J = model.jacobian_at_rest(values, targets)
     roots = half(found.covariance), half(found.ignorance)
-    moved = [J @ root for root in roots] + [c.at(model, values, J, targets) for c in found.common]
+    moved = [J @ root for root in roots]
     m, M = J.shape[:2]
     spreads = [each.reshape(m, 3 * M, each.shape[-1]) / np.sqrt(M) for each in moved]
     beside = () if estimate is None else _beside(found, estimate, targets, M)
@@ -152,24 +140,18 @@ def budget_of(
 
 
 def _of_calibration(
-    found: Identification, by_noise: Array, by_ignorance: Array, *by_common: Array
+    found: Identification, by_noise: Array, by_ignorance: Array
 ) -> Iterator[UncertaintySource]:
     """What the uncertainty of the parameters does at the targets, source by source."""
     noise, sigma = found.noise, found.noise.sigma * found.footprint
     stated = noise.source == "cell" and found.freedom == np.inf
     yield UncertaintySource(
-        "noise of the readings", "B" if stated else "A", by_noise, found.freedom, stated=sigma,
+        "noise of the readings", "B" if stated else "A", by_noise, found.freedom, std=sigma,
         at_reading=sigma * _numbers(found), basis=_NOISE,
     )  # fmt: skip
     if found.ignorance.any():
         name = "parameters that are not identifiable"
         yield UncertaintySource(name, "B", by_ignorance, np.inf)
-    for one, spread in zip(found.common, by_common, strict=True):
-        error, kind = one.error, one.error.kind
-        yield UncertaintySource(
-            kind.source, "B", spread, error.freedom, error.stated, error.divisor, kind.unit,
-            kind.scale, error.distribution, one.at_reading, one.instrument,
-        )  # fmt: skip
 
 
 def _beside(

@@ -140,7 +140,6 @@ class ForecastStep:
     task_rms, task_worst : float, m, expected at the targets; what is open is off by its plausible
         size, as far as the others do not make up for it
     task_most : float, m, that the error at the targets exceeds once in twenty
-    common : float, m, the part of ``task_rms`` by errors common to all readings
     from_parameters : float, m, the part of ``task_rms`` that more readings lower
     std : ndarray, shape (p,), SI, NaN for what is open
     open : tuple of str, parameters that cannot be told
@@ -154,7 +153,6 @@ class ForecastStep:
     from_parameters: float
     std: Array
     open: tuple[str, ...]
-    common: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,13 +184,10 @@ class TaskError:
         targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
         return cls(model, targets, lacking, dof)
 
-    def expected(
-        self, pose: str | None, readings: int, told: LinearProblem, moved: Array
-    ) -> ForecastStep:
+    def expected(self, pose: str | None, readings: int, told: LinearProblem) -> ForecastStep:
         """What is known by then.
 
         told : LinearProblem, all readings by then
-        moved : ndarray, shape (m, R, b), how they follow errors common to all
         """
         rows, weights, sizes = self.targets.rows, self.targets.weights, self.model.sizes
         p, J = len(sizes), told.fitted[1] * sizes
@@ -205,12 +200,9 @@ class TaskError:
         cov = told.covariance / np.outer(sizes, sizes) + ignorance(J, span, np.ones(p), ~known)
         squared = ((rows @ cov) * rows).sum(axis=(1, 2))
         own = np.sqrt(np.maximum(squared, 0.0))
-        response = told.followed(moved) / sizes[:, None]
-        missed = self.targets.missed(response)
-        common = np.sqrt((missed**2).sum(axis=(1, 2)))
-        rms, worst = task_error(np.hypot(own, np.hypot(common, self.lacking.at_targets)), weights)
-        variances = np.maximum(np.diag(cov), 0.0) + (response**2).sum(axis=1)
-        most = float(np.hypot(rms, self.lacking.hidden)) * self._margin(cov, missed, rms)
+        rms, worst = task_error(np.hypot(own, self.lacking.at_targets), weights)
+        variances = np.maximum(np.diag(cov), 0.0)
+        most = float(np.hypot(rms, self.lacking.hidden)) * self._margin(cov, rms)
         return ForecastStep(
             pose,
             readings,
@@ -220,28 +212,20 @@ class TaskError:
             task_error(own, weights)[0],
             np.where(known, np.sqrt(variances) * sizes, np.nan),
             tuple(name for entry in choice.unidentifiable for name in entry.names),
-            task_error(common, weights)[0],
         )
 
-    def _margin(self, cov: Array, missed: Array, rms: float) -> float:
+    def _margin(self, cov: Array, rms: float) -> float:
         """By how much the error exceeds its expectation once in twenty.
 
-        One draw of the parameters and of the common errors, ``missed`` (targets, r, b) by one standard
-        uncertainty of each, errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
+        One draw of the parameters errs by ``sum lambda_i z_i^2``, a chi-square by its first two moments
         (Welch and Satterthwaite); the noise behind the expectation is an estimate as well. Their ratio
         has an F distribution.
         """
         from scipy.special import fdtri
 
         share = np.sqrt(self.targets.weights)[:, None, None]
-        half, shared = stacked(self.targets.rows * share), stacked(missed * share)
-        # The same sums of squares in p + b rows: of values and common errors side by side.
-        both = np.concatenate([half, shared], axis=1)
-        inner = both.T @ both
-        p, b = len(cov), shared.shape[1]
-        spreads = np.zeros((p + b, p + b))
-        spreads[:p, :p], spreads[p:, p:] = cov, np.eye(b)
-        spread = np.linalg.eigvals(spreads @ inner).real
+        half = stacked(self.targets.rows * share)
+        spread = np.linalg.eigvals(cov @ (half.T @ half)).real
         squares = float((spread**2).sum())
         drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))

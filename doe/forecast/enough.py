@@ -29,7 +29,7 @@ from doe.forecast.accuracy import (
     most_useful_first,
 )
 from doe.forecast.coming import Match, feasible, match, rows_of, whole_day
-from doe.information import Linearisation, moved_rows, nominal
+from doe.information import Linearisation, nominal
 from doe.plan import named
 
 _CANDIDATES = 1000
@@ -213,14 +213,12 @@ class Day:
     data : Measurements, those to come where they are expected; pose : ndarray of int, shape (m,), of
         what is to come, -1 for what is in hand
     known : LinearProblem, of all of them and what is known beside
-    moved : ndarray, shape (m, R, b), how they follow errors common to all readings
     """
 
     at: Linearisation
     data: Measurements
     pose: IntArray
     known: LinearProblem
-    moved: Array
 
     @classmethod
     def of(
@@ -240,8 +238,7 @@ class Day:
         arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
         if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
             known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
-        moved = moved_rows(at, data, at.weights(data, kept), known).J
-        return cls(at, data, pose, known, moved)
+        return cls(at, data, pose, known)
 
     def steps(
         self, task: TaskError, order: Iterable[int], names: Sequence[str]
@@ -251,7 +248,7 @@ class Day:
         for k in (-1, *order):
             done = done | (self.pose == k)
             read = replace(self.known, J=self.known.J * done[:, None, None])
-            yield task.expected(names[k] if k >= 0 else None, int(done.sum()), read, self.moved)
+            yield task.expected(names[k] if k >= 0 else None, int(done.sum()), read)
 
     def order(self, task: TaskError) -> list[int]:
         """The poses still to come, each the one that adds most beside those before it."""

@@ -175,8 +175,7 @@ def contexts() -> tuple[Context, ...]:
 # -- keys of the cell ------------------------------------------------------------------------------
 
 _ABOVE = ("schema", "name")
-_SHARED = ("instruments.NAME.sigma_mm.", "instruments.NAME.common.")  # as under [instrument]
-_COMMON = re.compile(r"^instrument\.common\.\w+\.")  # each key may have these
+_SHARED = "instruments.NAME.sigma_mm."  # as under [instrument]
 _WORDS = {
     "number": "number",
     "integer": "whole number",
@@ -209,7 +208,7 @@ def cell_keys() -> dict[str, Key]:
             field["description"] = described(below, name, key)
     found: dict[str, Key] = {}
     for path, form, meaning in keys_below(schema, classes, "", ""):
-        forms, meanings = found.setdefault(_COMMON.sub("instrument.common.KEY.", path), ({}, {}))
+        forms, meanings = found.setdefault(path, ({}, {}))
         forms[form] = None
         meanings |= {meaning: None} if meaning else {}
     for path, (_, meanings) in found.items():  # those of kind points stand under [instrument]

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 _TOGETHER = 0.9  # correlation that is listed
 _LENS_IN_PX = 4  # values of a lens in pixels, the first
-_AVERAGED = 0.5  # of what a source does to one reading, or of what it does at the targets
 Part = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
@@ -258,23 +257,16 @@ class PoseError(NamedTuple):
 class BudgetRow(Entry):
     """One source at the targets, RMS over their points and over them.
 
-    instrument : whose readings share it, empty where nothing is shared
-    stated, standard_uncertainty : in ``unit``, None where the source has none of its own
+    standard_uncertainty : in ``unit``, None where the source has none of its own
     sensitivity_mm : at the targets by one ``unit``
     at_one_reading_mm : by one standard uncertainty; base_placed_anew_mm : at the targets, without what
         moves them as one
     share : of the variance in the total; degrees_of_freedom : None where it counts as known
-    poses : whether many poses "average" it, it goes into the "base", or "stays"; None where it is no
-        error of the readings
     """
 
     source: str
-    instrument: str
     evaluation: Literal["A", "B"]
     part_of: Literal["calibration", "arm", "model"]
-    distribution: str
-    divisor: Positive
-    stated: Maybe
     standard_uncertainty: Maybe
     unit: str
     sensitivity_mm: Maybe
@@ -283,36 +275,25 @@ class BudgetRow(Entry):
     at_targets_mm: NotNegative
     base_placed_anew_mm: NotNegative
     share: NotNegative
-    poses: Literal["average", "base", "stays"] | None
 
     @classmethod
     def of(cls, budget: Budget, part: UncertaintySource, total: float) -> Self:
         """The row of a source; total : variance of all, mm^2."""
         targets, anew = budget.rms(part.errors) * MM, budget.placed_anew(part) * MM
         reading = None if part.at_reading is None else part.at_reading * MM
-        std = None if part.std is None else part.std / part.scale
-        fate: Literal["average", "base", "stays"] | None = None
-        if reading is not None:
-            fate = "base" if anew < _AVERAGED * targets else "stays"
-            if not part.instrument or targets < _AVERAGED * reading:
-                fate = "average"
+        std = None if part.std is None else part.std * MM
         return cls(
             source=part.source,
-            instrument=part.instrument,
             evaluation=part.evaluation,
             part_of=part.of,
-            distribution=part.distribution,
-            divisor=part.divisor,
-            stated=None if part.stated is None else part.stated / part.scale,
             standard_uncertainty=std,
-            unit="" if std is None else part.unit,
+            unit="" if std is None else "mm",
             sensitivity_mm=targets / std if std else None,
             degrees_of_freedom=part.freedom,
             at_one_reading_mm=reading,
             at_targets_mm=targets,
             base_placed_anew_mm=anew,
             share=targets**2 / total if total else 0.0,
-            poses=fate,
         )
 
 

@@ -136,19 +136,8 @@ CELL = _in(
         "a number in quotes": swap("0.010", '"0.01"'),
         "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
         "a unit misspelt": swap("sigma_mm", "sigma_m"),
-        "a common error in another unit": swap(
-            "[instrument]", "[instrument]\ncommon.scale_ppm = 0.3"
-        ),
-        "a common error below zero": swap("[instrument]", "[instrument]\ncommon.r0_um = -5"),
-        "a limit of no distribution": swap(
-            "[instrument]",
-            '[instrument]\ncommon.r0_um = { limit = 5, distribution = "uniform" }',
-        ),
-        "a rectangular distribution with a divisor": swap(
-            "[instrument]", "[instrument]\ncommon.r0_um = { limit = 5, divisor = 2 }"
-        ),
-        "a distribution without a limit": swap(
-            "[instrument]", '[instrument]\ncommon.r0_um = { distribution = "triangular" }'
+        "an error common to all readings": swap(
+            "[instrument]", "[instrument]\ncommon.scale_um_m = 0.3"
         ),
         "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
         "a tolerance in micrometres": added("\n[acceptance]\ntolerance_um = 50\n"),

@@ -103,7 +103,7 @@ def test_a_part_of_a_rival_is_told_from_it_by_its_price() -> None:
 def test_the_most_useful_pose_is_that_of_all_rows_at_once() -> None:
     rng = np.random.default_rng(0)
     p, sizes, weights = 6, rng.uniform(0.5, 2.0, 6), rng.uniform(size=5)
-    at = TargetErrors(rng.normal(size=(5, 3, p)), weights / weights.sum(), np.zeros((5, 3, 0)))
+    at = TargetErrors(rng.normal(size=(5, 3, p)), weights / weights.sum())
     own, more = rng.normal(size=(30, p)) / sizes, rng.normal(size=(4, 9, p)) / sizes
 
     def direct(*further: int) -> float:

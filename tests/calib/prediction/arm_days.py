@@ -1,4 +1,4 @@
-"""Days of a tracker whose errors all readings of a day share: an arm, polar readings, plain numpy.
+"""Days of a tracker before a bending arm, in plain numpy.
 
 Nothing here knows how posecal predicts, derives or weighs.
 """
@@ -25,10 +25,6 @@ ROWS = (
 MARKERS = np.array([[0.10, 0.02, 0.05], [-0.06, 0.09, 0.12], [0.03, -0.11, 0.09]])
 BASE = np.array([2.4, 0.9, -0.6, 0.2, -0.1, 2.1])
 TRUE = np.concatenate([BASE, MARKERS.ravel() + 1e-3, [8e-4, -6e-4, 5e-4], [2.5e-6, 3e-6]])
-STATED = {
-    "scale": 12e-6, "zero": 15e-6, "offset": 12e-6, "angle": 8e-6, "circles": 9e-6, "level": 4e-3,
-}  # fmt: skip
-COMPONENTS = {"scale": 1, "zero": 1, "offset": 2, "angle": 2, "circles": 4, "level": 2}
 CELL = """schema = 1
 [robot]
 dh = "arm.csv"
@@ -49,24 +45,15 @@ mass_kg = 25.0
 com_mm = [100, 0, 150]
 [instrument]
 sigma_mm = 0.01
-{common}
 [model]
 effects = ["base", "tool", "joint_offset:J2,J3,J4", "joint_compliance:J2,J3"]
 """
-COMMON = """[instrument.common]
-scale_um_m = 12
-r0_um = { limit = 25.980762113533157, distribution = "rectangular" }
-transverse_um = { limit = 24, distribution = "normal" }
-transverse_um_m = 8
-eccentricity_urad = 9
-level_urad = 4000
-"""
 
 
-def write_cell(folder: Path, common: str) -> Path:
+def write_cell(folder: Path) -> Path:
     rows = [f"J{k + 1},{alpha},{a},0,{d}" for k, (alpha, a, d) in enumerate(ROWS)]
     (folder / "arm.csv").write_text("\n".join(["joint,alpha_deg,a_mm,theta_deg,d_mm", *rows, ""]))
-    (folder / "cell.toml").write_text(CELL.format(common=common))
+    (folder / "cell.toml").write_text(CELL)
     return folder / "cell.toml"
 
 
@@ -88,8 +75,8 @@ def frames(q: Array) -> list[Array]:
     return T
 
 
-def points(values: Array, q: Array, tilt: Array | None = None, force: Array | None = None) -> Array:
-    """Markers in the tracker's frame, shape (m, 3, 3), m; gravity turned by ``tilt`` about x and y.
+def points(values: Array, q: Array, force: Array | None = None) -> Array:
+    """Markers in the tracker's frame, shape (m, 3, 3), m.
 
     force : N, on the tip, base axes
     """
@@ -101,8 +88,6 @@ def points(values: Array, q: Array, tilt: Array | None = None, force: Array | No
         values[18:],
     )
     gravity = np.array([0.0, 0.0, -9.80665])
-    if tilt is not None:
-        gravity = rotation(np.array([*tilt, 0.0])) @ gravity
     R, out = rotation(place[3:]), np.empty((len(q), 3, 3))
     for i, angles in enumerate(q):
         actual = angles + np.array([0.0, *offsets, 0.0])
@@ -130,32 +115,9 @@ def slopes(values: Array, q: Array) -> Array:
     return np.array(columns).T
 
 
-def read(true: Array, day: dict[str, Array], rng: np.random.Generator | None) -> Array:
-    """What a tracker of that day reads of points (..., 3): polar errors, exactly, and noise."""
-    x, y, z = np.moveaxis(true, -1, 0)
-    r, azimuth, elevation = (
-        np.linalg.norm(true, axis=-1), np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)),
-    )  # fmt: skip
-    e = day["circles"]
-    level = np.cos(elevation)
-    moved = azimuth + (day["offset"][0] / r + day["angle"][0]) / level
-    moved += e[0] * np.cos(azimuth) + e[1] * np.sin(azimuth)
-    raised = elevation + day["offset"][1] / r + day["angle"][1]
-    raised += e[2] * np.cos(elevation) + e[3] * np.sin(elevation)
-    r = r * (1.0 + day["scale"][0]) + day["zero"][0]
-    seen = np.stack(
-        [np.cos(raised) * np.cos(moved), np.cos(raised) * np.sin(moved), np.sin(raised)], -1
-    )
-    noise = 0.0 if rng is None else SIGMA * rng.standard_normal(true.shape)
-    return np.asarray(r[..., None] * seen + noise)
-
-
-def drawn(rng: np.random.Generator, only: str = "") -> dict[str, Array]:
-    """The errors of a day, drawn once: of one source, or of all."""
-    return {
-        name: std * rng.standard_normal(COMPONENTS[name]) * (only in ("", name))
-        for name, std in STATED.items()
-    }
+def read(true: Array, rng: np.random.Generator) -> Array:
+    """What a tracker reads of points (..., 3)."""
+    return np.asarray(true + SIGMA * rng.standard_normal(true.shape))
 
 
 def table(

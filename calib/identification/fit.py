@@ -301,5 +301,6 @@ def _turns(A: Array, g: Array, a: int, most: int) -> tuple[Array, int]:
         step[a:] = other @ (g[a:] - A[a:, :a] @ step[:a])
         change = step - before
         length = max(1.0, float(step @ A @ step))
-        settled = not 0 < a < len(g) or change @ A @ change <= (1e-3 * _SETTLED) ** 2 * length
+        moved = float(change @ A @ change)
+        settled = not 0 < a < len(g) or moved <= (1e-3 * _SETTLED) ** 2 * length
     return step / scale, turns

@@ -95,10 +95,9 @@ def of_levels(levels: VarianceEstimate, alone: NoiseLevel) -> NoiseLevel:
     source: Source = "replicates" if levels.estimated else "cell"
     if levels.variances.configuration.any():
         source = "residual"
-    dof = float("inf")
-    if levels.scale_estimated:
-        # Where nothing tells the instrument from the arm, both rest on the residual.
-        dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
+    # Where nothing separates the instrument from the arm, both rest on the residual.
+    dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
+    dof = dof if levels.scale_estimated else np.inf
     return replace(alone, factor=levels.variances.scale, source=source, dof=dof)
 
 
@@ -145,9 +144,8 @@ def replicate_factor(data: Measurements, weights: Array) -> float:
     squares = spreads[:, 0] / spreads[:, 1]
     typical = np.quantile(squares, 0.25, method="lower")
     spread, dof = map(float, spreads[squares <= _GROSS * typical].sum(axis=0))
-    if dof < _REPLICATES or not spread or not refuted(spread, int(dof)):
-        return 1.0
-    return float(np.sqrt(spread / dof))
+    known = dof >= _REPLICATES and spread and refuted(spread, int(dof))
+    return float(np.sqrt(spread / dof)) if known else 1.0
 
 
 def _spreads(data: Measurements, weights: Array, group: IntArray) -> Array:

@@ -21,7 +21,7 @@ from calib.effects import catalogue
 from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.inference.coverage import Interval, effective_freedom, freedom, lengths
-from calib.inference.tails import f_tail
+from calib.inference.evidence import f_tail
 from calib.inference.widths import Key
 from calib.model.covariance import working_points
 from calib.poses import Poses

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, stacked
+from calib.arrays import Array, Mask, stacked
+from calib.inference.decorrelation import InverseRoot
 from calib.model.covariance import covariance, root
-from calib.scatter.mixing import Mixing
 
 DEPENDENT = 1e-8
 """Share of a column that the others leave, below which it is one of them."""
@@ -22,8 +22,8 @@ class LinearProblem:
     r : ndarray, shape (m, R), J : ndarray, shape (m, R, p), in the instrument's standard deviations
     span : ndarray, shape (p, k), directions that are estimated
     off, held : ndarray, shapes (h,) and (h, p), rows of unit variance known beside the readings
-    mixing : Mixing or None, what makes the rows independent where whole poses err together
-    weighing : Mixing or None, as far as the fit weighed the rows by that
+    mixing : what makes the rows independent where whole poses err together, None where they are
+    weighing : the same, as far as the fit weighed the rows by it
     prior_weight : float, so many times more the rows beside the readings weighed in the fit, as the
         readings err so many times more than is stated
     """
@@ -33,38 +33,44 @@ class LinearProblem:
     span: Array
     off: Array = field(default_factory=lambda: np.zeros(0))
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    mixing: Mixing | None = None
-    weighing: Mixing | None = None
+    mixing: InverseRoot | None = None
+    weighing: InverseRoot | None = None
     prior_weight: float = 1.0
 
     @classmethod
-    def of_rows(cls, J: Array, mixing: Mixing | None = None) -> LinearProblem:
+    def of_rows(cls, J: Array, mixing: InverseRoot | None = None) -> LinearProblem:
         """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
         return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
 
-    @property
-    def by_reading(self) -> Array:
-        """Independent derivatives (m, R, p): each less what those before it in its group tell."""
-        return self.J if self.mixing is None else self.mixing(self.J)
+    def rows(self, kept: Mask | None = None) -> Array:
+        """Independent derivatives (m, R, p) of whole groups, or of some poses (m,) alone.
+
+        Those of a group belong to the group: only together they say what its readings do.
+        """
+        if self.mixing is None:
+            return self.J if kept is None else self.J * kept[:, None, None]
+        if kept is None:
+            return self.mixing(self.J)
+        return self.mixing.only(kept)(self.J * kept[:, None, None])
 
     @cached_property
     def fitted(self) -> tuple[Array, Array]:
         """Residuals (N,) and derivatives (N, p) as the fit weighed them, what is held last."""
-        return self._rows(self.weighing, self.prior_weight)
+        return self._flat(self.weighing, self.prior_weight)
 
     @cached_property
     def independent(self) -> tuple[Array, Array]:
         """The same of unit variance and independent of each other, as far as is known."""
-        return self.fitted if self.mixing is None else self._rows(self.mixing, 1.0)
+        return self.fitted if self.mixing is None else self._flat(self.mixing, 1.0)
 
-    def _rows(self, mixing: Mixing | None, prior_weight: float) -> tuple[Array, Array]:
+    def _flat(self, root: InverseRoot | None, prior_weight: float) -> tuple[Array, Array]:
         r, J = self.r, self.J
-        if mixing is not None:
-            r, J = mixing(r[..., None])[..., 0], mixing(J)
+        if root is not None:
+            r, J = root(r[..., None])[..., 0], root(J)
         if not len(self.off):
             return r.ravel(), stacked(J)
-        flat = np.concatenate([stacked(J), prior_weight * self.held])
-        return np.concatenate([r.ravel(), prior_weight * self.off]), flat
+        held = prior_weight * self.held
+        return np.append(r, prior_weight * self.off), np.concatenate([stacked(J), held])
 
     def columns(self, rows: Array) -> Array:
         """Further whitened columns (m, R, K) as independent rows (N, K), zero in what is held."""
@@ -124,13 +130,13 @@ class Complement:
 
     Q : ndarray, shape (N, k), ``Q Q^T`` projects onto the columns: an orthonormal basis of them
     left : ndarray, shape (N,), residual outside of them
-    readings : (m, R), of the whitened rows; mixing : Mixing or None, what makes them independent
+    readings : (m, R), of the whitened rows; mixing : what makes them independent, None where they are
     """
 
     Q: Array
     left: Array
     readings: tuple[int, ...]
-    mixing: Mixing | None
+    mixing: InverseRoot | None
 
     def of(self, rows: Array) -> Array:
         """Independent rows (N, ..) with the columns projected out."""
@@ -156,12 +162,11 @@ class Complement:
         """Residual (m, R) and basis (m, R, k), brought back to the whitened rows of the readings."""
         m, R = self.readings
         rows = np.column_stack([self.left, self.Q])[: m * R].reshape(m, R, -1)
-        if self.mixing is not None:
-            rows = self.mixing.back(rows)
+        rows = rows if self.mixing is None else self.mixing.back(rows)
         return rows[..., 0], rows[..., 1:]
 
 
-def _independent(rows: Array, mixing: Mixing | None, count: int) -> Array:
+def _independent(rows: Array, mixing: InverseRoot | None, count: int) -> Array:
     """Whitened columns (m, R, K) as independent rows (count, K), zero in what is held."""
     flat = stacked(rows if mixing is None else mixing(rows))
     return np.pad(flat, ((0, count - len(flat)), (0, 0)))
@@ -180,11 +185,3 @@ def unit(columns: Array) -> Array:
     """Columns (N, p) of length one; those of zeros as they are."""
     lengths = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(lengths > 0.0, lengths, 1.0))
-
-
-def huber_weights(lengths: Array, typical: float, multiple: float) -> Array:
-    """Weights (m,) of poses by the lengths of their residuals: one up to a multiple of the typical one.
-
-    Source: Huber, Annals of Mathematical Statistics 35(1), 1964.
-    """
-    return np.asarray(np.minimum(1.0, multiple * typical / np.maximum(lengths, 1e-12)))

@@ -11,8 +11,7 @@ from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
 from calib.diagnosis.state import Members, Scored, SelectedEffect, SelectionState
-from calib.inference.evidence import score_test
-from calib.inference.tails import f_tail
+from calib.inference.evidence import f_tail, score_test
 
 CLOSE = 30.0
 """Gain below the best at which a rival is none."""

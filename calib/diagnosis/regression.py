@@ -16,8 +16,13 @@ from calib.diagnosis.compressed import CompressedColumns
 from calib.diagnosis.stage import Stage
 from calib.effects.protocol import ElasticEffect
 from calib.effects.tuned import Tuned
-from calib.identification.estimate import arm_effects, as_variances, design_of, stated_effects
-from calib.identification.noise import LEAST_INSTRUMENT
+from calib.identification.variances import (
+    LEAST_INSTRUMENT,
+    arm_effects,
+    as_variances,
+    design_of,
+    stated_effects,
+)
 from calib.inference import Design, Prior
 from calib.inference.evidence import cholesky_of
 from calib.inference.reml import VarianceProblem

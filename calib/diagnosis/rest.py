@@ -21,7 +21,7 @@ from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise import NoiseLevel
 from calib.poses import Measurements
-from calib.scatter.owner import Owner
+from calib.scatter import Owner
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]

@@ -24,8 +24,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.effects.joint import along_axis
 from calib.effects.protocol import Effect
 from calib.identification.noise import refuted
-from calib.inference.evidence import VISIBLE, score_test, weighted_test
-from calib.inference.tails import f_tail
+from calib.inference.evidence import VISIBLE, f_tail, score_test, weighted_test
 from calib.linear import Complement, orthonormal
 from calib.poses import Measurements, Poses
 

@@ -14,15 +14,15 @@ from calib.cell import Repeatability
 from calib.diagnosis.prior import Amplitudes, curves_in, prior_rows
 from calib.effects.protocol import Effect
 from calib.errors import Unsolvable
-from calib.identification.estimate import variance_components
 from calib.identification.fit import choose_directions
 from calib.identification.outliers import extrapolation_factor, judge, pose_statistics, threshold
+from calib.identification.variances import VarianceEstimate, variance_components
+from calib.inference.decorrelation import InverseRoot
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
-from calib.scatter import Scatter, VarianceEstimate, Variances, scatter_of
-from calib.scatter.mixing import Mixing
+from calib.scatter import Scatter, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size
@@ -58,7 +58,7 @@ class Fit:
         return self.observation.model
 
     @property
-    def mixing(self) -> Mixing | None:
+    def mixing(self) -> InverseRoot | None:
         """What makes the rows independent under the variances; None where they are."""
         return self.observation.mixing
 

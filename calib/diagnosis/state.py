@@ -21,7 +21,7 @@ from calib.diagnosis.conditional import Conditional, Curvature, best_amplitude
 from calib.diagnosis.regression import CandidateColumns, RegressionProblem
 from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
-from calib.identification.estimate import as_variances
+from calib.identification.variances import as_variances
 from calib.inference.restricted import RestrictedLikelihood
 from calib.scatter import Variances
 

@@ -20,8 +20,7 @@ from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
-from calib.scatter import Variances
-from calib.scatter.owner import Owner
+from calib.scatter import Owner, Variances
 
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970

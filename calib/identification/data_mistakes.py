@@ -25,49 +25,10 @@ _PARALLEL = 0.99  # cosine between axes
 _QUARTERS = {-90.0: "90", 90.0: "-90", 180.0: "180"}
 _METRES = {"metres": 1.0, "millimetres": 1e-3, "inches": 0.0254}
 _PAIRS = ("metres", "millimetres"), ("inches", "millimetres"), ("inches", "metres")
-_TEXTS = {
-    "mirrored": (
-        "the points are mirrored (a left-handed frame)",
-        "turn the sign of one of x, y and z, or exchange two of them if they were mixed up",
-    ),
-    "mirrored {a}": ("the points are mirrored ({a} has the wrong sign)", "turn the sign of {a}"),
-    "negated": ("the points have the wrong sign", "turn the signs of x, y and z"),
-    "points in {a} for {b}": (
-        "the points are in {a}, not in {b}",
-        "multiply x, y and z by {times}",
-    ),
-    "slides in {a} for {b}": ("{joints} is in {a}, not in {b}", "multiply {joints} by {times}"),
-    "lengths in {a} for {b}": (
-        "the points and {joints} are in {a}, not in {b}",
-        "multiply x, y, z and {joints} by {times}",
-    ),
-    "joints in {a}": (
-        "the joint angles are {a} in columns of {b}",
-        "name the columns {first}_{a:.3} and so on",
-    ),
-    "{a} reversed": (
-        "joint {a} runs the other way",
-        "turn the sign of {a} in the table, or its axis in the robot's file",
-    ),
-    "{a} and {b} swapped": (
-        "joints {a} and {b} are swapped",
-        "exchange the columns of {a} and {b}",
-    ),
-    "{a} {sign} {b}": (
-        "joint {a} is given relative to the base and not to the link before it",
-        "put {a} {sign} {b} in its place",
-    ),
-    "{off}": (
-        "{zeros} (another convention)",
-        "{add} in the table, or move the zero in the robot's file",
-    ),
-    "{a} and {b} exchanged": (
-        "markers {a} and {b} are exchanged",
-        "exchange their names in the table or in [markers_mm]",
-    ),
-    "{a} taken as known": ("{elsewhere}", "add {effects} to [model] effects"),
+_ELSEWHERE: dict[str, tuple[type[Effect], str]] = {
+    "base": (Base, "the points are not in the robot's base frame"),
+    "tool": (Tool, "the markers are not where [markers_mm] says"),
 }
-"""Name of a mistake -> what is wrong, and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,25 +50,26 @@ class DataMistake:
     order: IntArray | None = None
     frees: tuple[str, ...] = ()
 
-    def freed(self, model: Model, data: Measurements) -> Model:
-        """The model that finds what it took as known from the readings of one station."""
+    def undone(self, model: Model, data: Measurements) -> tuple[Model, Measurements]:
+        """Model and measurements as they would be without it, of one station.
+
+        Joints that follow others go with them; what was taken as known is free.
+        """
         effects: list[Effect] = []
         if "base" in self.frees:
             effects.append(Base("base", int(data.poses.station[0])))
         if "tool" in self.frees:
             effects += [Tool(f"marker:{name}", j) for j, name in enumerate(model.marker_names)]
-        return model.with_effects((*effects, *model.effects)) if effects else model
-
-    def undone(self, robot: Robot, data: Measurements) -> Measurements:
-        """The measurements as they would read without it; joints that follow others go with them."""
+        robot = model.robot
+        model = model.with_effects((*effects, *model.effects)) if effects else model
         data = replace(data, readings=data.points * self.points)
         if self.order is not None:
             data = reordered(data, self.order)
         if self.joints is None:
-            return data
+            return model, data
         q = data.poses.q @ self.joints.T + self.zeros
         q = robot.tied(q) if robot.follows(data.poses.q) else q
-        return replace(data, poses=replace(data.poses, q=q))
+        return model, replace(data, poses=replace(data.poses, q=q))
 
 
 def tables(model: Model) -> Iterator[tuple[DataMistake, ...]]:
@@ -125,19 +87,21 @@ def two_zeros(model: Model) -> tuple[DataMistake, ...]:
     return tuple(_zeros(model.robot, 2))
 
 
-def _entry(name: str, words: dict[str, str] | None = None, **undo: object) -> DataMistake:
-    texts = (text.format(**(words or {})) for text in (name, *_TEXTS[name]))
-    return DataMistake(*texts, **undo)  # type: ignore[arg-type]
-
-
 def _mirrored(model: Model) -> Iterator[DataMistake]:
     """Mirrored frames. Where the base is free one reading stands for all: they differ by a turn."""
     if any(isinstance(effect, Base) for effect in model.effects):
-        yield _entry("mirrored", points=[1.0, -1.0, 1.0])
+        said = "the points are mirrored (a left-handed frame)"
+        remedy = "turn the sign of one of x, y and z, or exchange two of them if they were mixed up"
+        yield DataMistake("mirrored", said, remedy, points=[1.0, -1.0, 1.0])
         return
     for axis, signs in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
-        yield _entry("mirrored {a}", {"a": axis}, points=signs)
-    yield _entry("negated", points=-1.0)
+        said, remedy = (
+            f"the points are mirrored ({axis} has the wrong sign)",
+            f"turn the sign of {axis}",
+        )
+        yield DataMistake(f"mirrored {axis}", said, remedy, points=signs)
+    said, remedy = "the points have the wrong sign", "turn the signs of x, y and z"
+    yield DataMistake("negated", said, remedy, points=-1.0)
 
 
 def _units(robot: Robot) -> Iterator[DataMistake]:
@@ -145,52 +109,67 @@ def _units(robot: Robot) -> Iterator[DataMistake]:
     slides, first = robot.prismatic, robot.joints[int(np.argmin(robot.prismatic))]
     sliding = " and ".join(np.array(robot.joints)[slides].tolist())
     for a, b in (both for pair in _PAIRS for both in (pair, pair[::-1])):
-        factor = _METRES[a] / _METRES[b]
-        joints = np.diag(np.where(slides, factor, 1.0))
-        words = {"a": a, "b": b, "joints": sliding, "times": f"{factor:.6g}"}
-        robot_too = "" if "inches" in (a, b) else " (or is the robot's file in the wrong unit?)"
-        also = words | {"times": words["times"] + robot_too}
-        yield _entry("points in {a} for {b}", also, points=factor)
+        factor, unit = _METRES[a] / _METRES[b], f"in {a} for {b}"
+        slid, times = np.diag(np.where(slides, factor, 1.0)), f"by {factor:.6g}"
+        also = "" if "inches" in (a, b) else " (or is the robot's file in the wrong unit?)"
+        texts = f"the points are in {a}, not in {b}", f"multiply x, y and z {times}{also}"
+        yield DataMistake(f"points {unit}", *texts, points=factor)
         if sliding:
-            yield _entry("slides in {a} for {b}", words, joints=joints)
-            yield _entry("lengths in {a} for {b}", words, points=factor, joints=joints)
+            texts = f"{sliding} is in {a}, not in {b}", f"multiply {sliding} {times}"
+            yield DataMistake(f"slides {unit}", *texts, joints=slid)
+            said = f"the points and {sliding} are in {a}, not in {b}"
+            remedy = f"multiply x, y, z and {sliding} {times}"
+            yield DataMistake(f"lengths {unit}", said, remedy, points=factor, joints=slid)
     for factor, a, b in ((180.0 / np.pi, "radians", "deg"), (np.pi / 180.0, "degrees", "rad")):
+        said, remedy = f"the joint angles are {a} in columns of {b}", f"{first}_{a:.3} and so on"
         joints = np.diag(np.where(slides, 1.0, factor))
-        yield _entry("joints in {a}", {"a": a, "b": b, "first": first}, joints=joints)
+        yield DataMistake(f"joints in {a}", said, f"name the columns {remedy}", joints=joints)
 
 
 def _joints(robot: Robot) -> Iterator[DataMistake]:
     """One that runs the other way; two that are swapped; one whose drive rides on no link before it."""
     names, eye, free = robot.joints, np.eye(robot.dof), np.flatnonzero(robot.free).tolist()
     for k in free:
-        yield _entry("{a} reversed", {"a": names[k]}, joints=np.diag(1.0 - 2.0 * eye[k]))
+        remedy = f"turn the sign of {names[k]} in the table, or its axis in the robot's file"
+        texts = f"{names[k]} reversed", f"joint {names[k]} runs the other way", remedy
+        yield DataMistake(*texts, joints=np.diag(1.0 - 2.0 * eye[k]))
     for a, b in itertools.combinations(free, 2):
         if robot.prismatic[a] == robot.prismatic[b]:
-            words, joints = {"a": names[a], "b": names[b]}, eye[_exchanged(robot.dof, a, b)]
-            yield _entry("{a} and {b} swapped", words, joints=joints)
+            both, joints = f"{names[a]} and {names[b]}", eye[_exchanged(robot.dof, a, b)]
+            texts = (
+                f"{both} swapped",
+                f"joints {both} are swapped",
+                f"exchange the columns of {both}",
+            )
+            yield DataMistake(*texts, joints=joints)
     for k, parent in enumerate(robot.parents[: robot.dof]):
         b = parent - 1
         if b < 0 or robot.prismatic[[b, k]].any():
             continue
         if abs(float(robot.axes[b] @ robot.origins[k, :3, :3] @ robot.axes[k])) < _PARALLEL:
             continue
+        said = f"joint {names[k]} is given relative to the base and not to the link before it"
         for sign, word in ((1.0, "+"), (-1.0, "-")):
-            words = {"a": names[k], "b": names[b], "sign": word}
-            yield _entry("{a} {sign} {b}", words, joints=eye + sign * np.outer(eye[k], eye[b]))
+            sum_, joints = f"{names[k]} {word} {names[b]}", eye + sign * np.outer(eye[k], eye[b])
+            yield DataMistake(sum_, said, f"put {sum_} in its place", joints=joints)
 
 
 def _zeros(robot: Robot, count: int) -> Iterator[DataMistake]:
     """Zeros of so many joints that another convention puts a quarter or half a turn away."""
     turning = np.flatnonzero(robot.free & ~robot.prismatic)
-    each = ("{} off by {} deg", "the zero of joint {} is off by {} deg", "add {2:g} deg to {0}")
     for joints in itertools.combinations(turning, count):
         for turns in itertools.product(_QUARTERS, repeat=count):
             own = [(robot.joints[k], _QUARTERS[t], t) for k, t in zip(joints, turns, strict=True)]
-            texts = (" and ".join(text.format(*one) for one in own) for text in each)
+            name = " and ".join(f"{joint} off by {off} deg" for joint, off, _ in own)
+            said = " and ".join(f"the zero of joint {j} is off by {off} deg" for j, off, _ in own)
+            add = " and ".join(f"add {turn:g} deg to {joint}" for joint, _, turn in own)
+            texts = (
+                f"{said} (another convention)",
+                f"{add} in the table, or move the zero in the robot's file",
+            )
             zeros = np.zeros(robot.dof)
             zeros[list(joints)] = np.radians(turns)
-            words = dict(zip(("off", "zeros", "add"), texts, strict=True))
-            yield _entry("{off}", words, joints=np.eye(robot.dof), zeros=zeros)
+            yield DataMistake(name, *texts, joints=np.eye(robot.dof), zeros=zeros)
 
 
 def _renamed(model: Model) -> Iterator[DataMistake]:
@@ -198,27 +177,20 @@ def _renamed(model: Model) -> Iterator[DataMistake]:
     free, names = np.asarray(free_components(model).all(axis=1)), model.marker_names
     for a, b in itertools.combinations(range(len(free)), 2):
         if not (free[a] and free[b]):
-            words, order = {"a": names[a], "b": names[b]}, _exchanged(len(free), a, b)
-            yield _entry("{a} and {b} exchanged", words, order=order)
+            both, remedy = f"{names[a]} and {names[b]}", "in the table or in [markers_mm]"
+            texts = f"markers {both} are exchanged", f"exchange their names {remedy}"
+            yield DataMistake(f"{both} exchanged", *texts, order=_exchanged(len(free), a, b))
 
 
 def _taken_as_known(model: Model) -> Iterator[DataMistake]:
     """Base or markers that the model takes as known and that are elsewhere, one alone before both."""
-    elsewhere = {
-        "base": "the points are not in the robot's base frame",
-        "tool": "the markers are not where [markers_mm] says",
-    }
-    lacking = [
-        name for kind, name in ((Base, "base"), (Tool, "tool")) if not len(model.where(kind))
-    ]
+    lacking = [name for name, (kind, _) in _ELSEWHERE.items() if not len(model.where(kind))]
     for count in range(1, len(lacking) + 1):
         for names in itertools.combinations(lacking, count):
-            words = {
-                "a": " and ".join(names),
-                "elsewhere": ", and ".join(elsewhere[name] for name in names),
-                "effects": " and ".join(f'"{name}"' for name in names),
-            }
-            yield _entry("{a} taken as known", words, frees=names)
+            said = ", and ".join(_ELSEWHERE[name][1] for name in names)
+            remedy = " and ".join(f'"{name}"' for name in names)
+            texts = said, f"add {remedy} to [model] effects"
+            yield DataMistake(f"{' and '.join(names)} taken as known", *texts, frees=names)
 
 
 def _exchanged(count: int, a: int, b: int) -> IntArray:

@@ -57,7 +57,7 @@ class Directions:
         among: Array | None = None,
         diverged: tuple[Unidentifiable, ...] = (),
     ) -> Directions:
-        """What the data determine at some values."""
+        """What the data determine at some values (p,)."""
         among = observation.span() if among is None else among
         chosen = choose_directions(observation, values, among)
         choice = replace(chosen, unidentifiable=(*chosen.unidentifiable, *diverged))
@@ -70,7 +70,7 @@ class Directions:
     def without(self, observation: Observation, values: Array, out: Mask) -> Directions:
         """The choice without values (p,) whose estimates diverged."""
         names = tuple(observation.model.parameters[i].id for i in np.flatnonzero(out))
-        among = self.among[:, np.abs(self.among[out]).sum(axis=0) == 0.0]
+        among = self.among[:, ~self.among[out].any(axis=0)]
         diverged = (*self.diverged, Unidentifiable(names, _DIVERGED))
         return self.at(observation, values, among, diverged)
 
@@ -147,17 +147,14 @@ def search(method: Method, observation: Observation, start: Array, kept: Mask | 
         if np.array_equal(kept, fit.kept):
             break
         fit = fitted(kept, fit.values, Directions.at(observation.only(kept), start))
-    if first is None:
-        first = _minimum(method, observation, fit.values, fit.span, _FEW_DIGITS)
-    regular = False
+    first = first or _minimum(method, observation, fit.values, fit.span, _FEW_DIGITS)
     for _ in range(_ROUNDS):
         at_end = fit.directions.anew(fit.counted, fit.values)
-        regular = at_end.span.shape[1] >= fit.span.shape[1]
-        if regular:
-            break
+        if at_end.span.shape[1] >= fit.span.shape[1]:
+            return replace(fit, first=first, regular=True)
         # The start was where more is told: a marker on an axis tells less than one beside it.
         fit = fitted(fit.kept, start, at_end)
-    return replace(fit, first=first, regular=regular)
+    return replace(fit, first=first)
 
 
 def _fitted(
@@ -184,7 +181,7 @@ def _fitted(
 def _rigidly_kept(method: Method, observation: Observation, start: Array, span: Array) -> Mask:
     """Poses to keep by a fit in which nothing yields, all where nothing can."""
     every = np.ones(len(observation.data), dtype=bool)
-    soft = np.abs(span[observation.model.where(ElasticEffect, LoadEffect)]).sum(axis=0) > 0.0
+    soft = span[observation.model.where(ElasticEffect, LoadEffect)].any(axis=0)
     if soft.all() or not soft.any():
         return every
     stiff = _minimum(method, observation, start, span[:, ~soft])
@@ -218,11 +215,8 @@ def of_poses(readings: LinearProblem, kept: Mask) -> LinearProblem:
     """The readings of some poses (m,), the rows of others zero."""
     if kept.all():
         return readings
-    rows = kept[:, None]
-    return replace(readings, r=readings.r * rows, J=readings.J * rows[..., None])
-
-
-# -- what the readings determine -------------------------------------------------------------------
+    r, J = readings.r * kept[:, None], readings.J * kept[:, None, None]
+    return replace(readings, r=r, J=J)
 
 
 def choose_directions(
@@ -233,18 +227,17 @@ def choose_directions(
     span : ndarray, shape (p, k), directions to choose from; the observation's by default
     Elastic elements are taken as a little soft at least: a load effect shows through them only.
     """
-    model = observation.model
-    probe = values.copy()
+    model, probe = observation.model, values.copy()
     elastic = model.where(ElasticEffect)
     probe[elastic] = np.maximum(probe[elastic], _STIFF * model.sizes[elastic])
-    _, J = observation.flat(probe)
     span = observation.span() if span is None else span
-    sizes, names = [], []
-    for direction in span.T:
-        first, *others = np.flatnonzero(direction)
-        sizes.append(model.sizes[[first, *others]].max())
-        names.append("tool (as one body)" if others else model.parameters[first].id)
-    return identifiable(condensed(J) @ span, np.array(sizes), tuple(names))
+    moves = span != 0.0
+    sizes = (model.sizes[:, None] * moves).max(axis=0, initial=0.0)
+    names = tuple(
+        model.parameters[int(np.argmax(own))].id if own.sum() == 1 else "tool (as one body)"
+        for own in moves.T
+    )
+    return identifiable(condensed(observation.flat(probe)[1]) @ span, sizes, names)
 
 
 # -- values ----------------------------------------------------------------------------------------
@@ -260,7 +253,7 @@ def _minimum(
     """Least-squares values, moving along ``span`` (p, k), in at most so many iterations."""
     if method == "joint":
         return levenberg_marquardt(observation.flat, start, span, most)
-    placement = np.abs(span[observation.model.where(Base, Tool)]).sum(axis=0) > 0.0
+    placement = span[observation.model.where(Base, Tool)].any(axis=0)
     return _alternate(observation.flat, start, span[:, placement], span[:, ~placement])
 
 
@@ -277,43 +270,36 @@ _MOST_LINEARISATIONS = 60
 
 def _alternate(linearise: Linearise, start: Array, placement: Array, rest: Array) -> Minimum:
     """Minimise by turns over base and tool, directions (p, a), and all else, directions (p, b)."""
-    span = np.column_stack([placement, rest])
-    a = placement.shape[1]
-    blocks = [part for part in (slice(0, a), slice(a, span.shape[1])) if part.stop > part.start]
+    span, a = np.column_stack([placement, rest]), placement.shape[1]
     values, turns, converged = np.array(start, dtype=float), 0, False
     for _ in range(_MOST_LINEARISATIONS):
         r, J = linearise(values)
         cost, g, A = normal_equations(r, J @ span)
-        step, used, settled = _turns(A, g, blocks, _MOST_TURNS - turns)
-        turns += used
-        values = values + span @ step
-        if settled and step @ A @ step <= _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1)):
-            converged = True
+        step, used = _turns(A, g, a, _MOST_TURNS - turns)
+        turns, values = turns + used, values + span @ step
+        least = _SETTLED**2 * max(1.0, float(cost) / max(len(step), 1))
+        converged = turns < _MOST_TURNS and bool(step @ A @ step <= least)
+        if converged:
             break
     r, _ = linearise(values)
     return Minimum(values, np.sum(r**2, axis=-1), np.array(converged), turns)
 
 
-def _turns(A: Array, g: Array, blocks: list[slice], most: int) -> tuple[Array, int, bool]:
-    """Solve ``A step = g`` block by block in turn (Gauss-Seidel): step, turns, whether it settled."""
-    inverse = [_inverse(A[part, part]) for part in blocks]
-    step, gradient = np.zeros_like(g), g.copy()
-    for turn in range(1, most + 1):
-        before = step.copy()
-        for part, solve in zip(blocks, inverse, strict=True):
-            move = solve @ gradient[part]
-            step[part] += move
-            gradient = gradient - A[:, part] @ move
+def _turns(A: Array, g: Array, a: int, most: int) -> tuple[Array, int]:
+    """Solve ``A step = g`` by turns, the first a and then the others (Gauss-Seidel), and their number.
+
+    Columns are scaled to one; what rounding alone tells stays put.
+    """
+    scale = np.sqrt(np.where(np.diag(A) > 0.0, np.diag(A), 1.0))
+    A, g = A / np.outer(scale, scale), g / scale
+    first, other = (np.linalg.pinv(A[p, p], _SINGULAR, True) for p in (slice(a), slice(a, None)))
+    step, turns, settled = np.zeros_like(g), 0, False
+    while turns < most and not settled:
+        turns, before = turns + 1, step.copy()
+        step[:a] = first @ (g[:a] - A[:a, a:] @ step[a:])
+        step[a:] = other @ (g[a:] - A[a:, :a] @ step[:a])
         change = step - before
-        length, moved = float(step @ A @ step), float(change @ A @ change)
-        if len(blocks) == 1 or moved <= (1e-3 * _SETTLED) ** 2 * max(1.0, length):
-            return step, turn, True
-    return step, most, False
-
-
-def _inverse(A: Array) -> Array:
-    """Inverse of a symmetric matrix, columns scaled to one; what rounding alone tells stays put."""
-    scale = np.sqrt(np.diag(A))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    inner = np.linalg.pinv(A / np.outer(scale, scale), rcond=_SINGULAR, hermitian=True)
-    return np.asarray(inner / np.outer(scale, scale))
+        length = max(1.0, float(step @ A @ step))
+        moved = float(change @ A @ change)
+        settled = not 0 < a < len(g) or moved <= (1e-3 * _SETTLED) ** 2 * length
+    return step / scale, turns

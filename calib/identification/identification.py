@@ -15,6 +15,7 @@ from calib.effects.protocol import Parameter
 from calib.effects.tool_base import Base
 from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
+from calib.identification.variances import Undetected
 from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, freedom
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
@@ -22,7 +23,7 @@ from calib.observations import Approach
 from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
-from calib.scatter import Scatter, Undetected
+from calib.scatter import Scatter
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 
@@ -135,17 +136,18 @@ class Identification(Result, Estimation):
         return self.model.footprint(self.values, self.fit.data)
 
     @cached_property
-    def _parts(self) -> dict[str, tuple[Residuals, Mask | None]]:
-        """Residuals whose lengths are stated, and the poses (m,) they are of, all where None."""
-        model, data = self.model, self.fit.data
-        parts: dict[str, tuple[Residuals, Mask | None]] = {
-            "nominal": (Residuals.of(model, data, self.nominal), None),
+    def _parts(self) -> dict[str, tuple[Residuals, Mask]]:
+        """Residuals whose lengths are stated, and the poses (m,) they are of."""
+        model, data, held = self.model, self.fit.data, self.heldout
+        every = np.ones(len(data), dtype=bool)
+        parts = {
+            "nominal": (Residuals.of(model, data, self.nominal), every),
             "fitted": (self.fit, self.kept),
-            "fitted_all": (Residuals.of(model, data, self.first.values), None),
+            "fitted_all": (Residuals.of(model, data, self.first.values), every),
         }
-        if self.heldout is not None:
-            parts["heldout"] = self.heldout, None
-            parts["heldout_trimmed"] = self.heldout, ~self.heldout.outlier
+        if held is not None:
+            parts["heldout"] = held, np.ones(len(held.data), dtype=bool)
+            parts["heldout_trimmed"] = held, ~held.outlier
         return parts
 
     @cached_property
@@ -167,9 +169,9 @@ class Identification(Result, Estimation):
         table: dict[tuple[str, str], dict[str, float]] = {}
         for key, (part, poses) in self._parts.items():
             for name, unit, errors in part.errors(poses):
-                figures = table.setdefault((name, unit), {})
-                if len(errors):
-                    figures[key] = _rms(errors)
+                table.setdefault((name, unit), {}).update(
+                    {key: _rms(errors)} if len(errors) else {}
+                )
         return table
 
     @property
@@ -228,11 +230,8 @@ class Identification(Result, Estimation):
     @property
     def weak(self) -> tuple[str, ...]:
         """Robot parameters whose standard deviation exceeds the size that such errors have."""
-        return tuple(
-            p.id
-            for p, value, std in self._estimates
-            if std > max(p.size, abs(value)) and p.effect not in ("base", "tool")
-        )
+        robot = (each for each in self._estimates if each[0].effect not in ("base", "tool"))
+        return tuple(p.id for p, value, std in robot if std > max(p.size, abs(value)))
 
     def predict(self, poses: Poses) -> Array:
         """Readings at other poses, shape (m, C, r), by the model as fitted: the same knots."""

@@ -18,6 +18,7 @@ from calib.identification.mistakes import refuse_mistakes
 from calib.identification.residuals import Residuals, predicted
 from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
+from calib.identification.variances import Undetected
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import ignorance
@@ -34,7 +35,7 @@ from calib.observations import (
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Undetected, Variances, scatter_of
+from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 
@@ -74,36 +75,30 @@ def identify(
         weights = whitening(cell, model, start, data)
         refuse_mistakes(model, data, start)
         points, start = with_tunings(Points(model, data, weights), start)
+        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
+        observation: Observation = points
         if approach == "pose":
             check_orientable(model, data, start)
             if len(model.where(Tool)):
                 start = with_measured_shape(points.model, data, start)
-        arm = Variances.of_arm(model.robot.dof, cell.repeatability)
-        points = replace(points, known=scatter_of(points.model, start, data.poses, arm))
-        observation: Observation = points
-        if approach == "pose":
             shape = points.model.marker_positions(start)
             observation = as_poses(points, shape, weighting, length)
+        known = scatter_of(points.model, start, data.poses, arm)
         errors = elementary(model, built.full) if with_sizes else None
-        estimate = estimated(cell, method, observation, start, errors)
+        estimate = estimated(cell, method, replace(observation, known=known), start, errors)
     except np.linalg.LinAlgError:
         raise Unsolvable from None
-    judgement, values, span = estimate.judgement, estimate.values, estimate.span
-    counted, fitted = estimate.counted, estimate.model
-    own = counted.covariance(values, span)
-    # Levels of noise hold what the arm adds; without, the residual widens all alike.
-    widened = own if counted.mixing is not None else own * estimate.noise.factor**2
-    undetected = _undetected(estimate, widened)
+    own, (covariance, undetected) = _covariance(estimate)
+    J, lost = estimate.counted.flat(estimate.values)[1], np.diag(own) <= 0.0
+    judgement = ~estimate.kept, estimate.judgement.statistics, estimate.judgement.limit
     return Identification(
         **fields_of(estimate),
-        covariance=widened if undetected is None else widened + undetected[0],
-        ignorance=ignorance(counted.flat(values)[1], span, fitted.sizes, np.diag(own) <= 0.0),
+        covariance=covariance,
+        ignorance=ignorance(J, estimate.span, estimate.model.sizes, lost),
         undetected=undetected,
         approach=approach,
         absorbed=built.dropped,
-        fit=Residuals.of(
-            fitted, data, values, ~estimate.kept, judgement.statistics, judgement.limit
-        ),
+        fit=Residuals.of(estimate.model, data, estimate.values, *judgement),
         heldout=None if heldout is None else predicted(cell, estimate, heldout),
         nominal=_nominal(estimate.observation, start),
     )
@@ -124,28 +119,34 @@ def after_the_first_move(model: Model, data: Measurements) -> Measurements:
     return replace(data, seen=data.seen & ~uncounted(model, data.poses)[:, None])
 
 
-def _undetected(estimate: Estimation, covariance: Array) -> tuple[Array, Undetected] | None:
-    """What scatter adds to a covariance (p, p), SI, that does not show, and that scatter.
+def _covariance(
+    estimate: Estimation,
+) -> tuple[Array, tuple[Array, tuple[Array, Undetected] | None]]:
+    """Covariance (p, p), SI, in the noise of the observation; the same as it is stated, and of that
+    the part of scatter that does not show, with that scatter.
 
-    None where scatter shows or is stated, and where the residual has widened everything.
+    Variance components hold what the arm adds; without, the residual widens all alike. There is no such
+    part where scatter shows or is stated, and where the residual has widened everything.
     """
-    hidden = estimate.levels.undetected
+    counted, values, span = estimate.counted, estimate.values, estimate.span
+    own, hidden = counted.covariance(values, span), estimate.levels.undetected
+    widened = own if counted.mixing is not None else own * estimate.noise.factor**2
     if hidden is None or estimate.noise.source == "residual":
-        return None
+        return own, (widened, None)
     hidden = replace(hidden, variances=replace(hidden.variances, scale=estimate.noise.divisor))
     scatter = estimate.observation.scatter
-    counted = replace(estimate.counted, scatter=scatter and scatter.at(hidden.variances))
-    return counted.covariance(estimate.values, estimate.span) - covariance, hidden
+    whole = replace(counted, scatter=scatter and scatter.at(hidden.variances))
+    added = whole.covariance(values, span) - widened
+    return own, (widened + added, (added, hidden))
 
 
 def _nominal(observation: Observation, start: Array) -> Array:
     """Values with base and markers fitted and all else as in the nominal model."""
     model = observation.model
-    placement = model.where(Base, Tool)
-    nominal = model.initial
-    if not len(placement):
-        return nominal
-    alone, own = model.without([e for e in model.effects if not isinstance(e, Base | Tool)], start)
-    points = replace(points_of(observation), model=alone)
-    nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
+    placement, nominal = model.where(Base, Tool), model.initial
+    if len(placement):
+        others = [e for e in model.effects if not isinstance(e, Base | Tool)]
+        alone, own = model.without(others, start)
+        points = replace(points_of(observation), model=alone)
+        nominal[placement] = levenberg_marquardt(points.flat, own, np.eye(len(own))).values
     return nominal

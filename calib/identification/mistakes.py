@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,21 +41,22 @@ _FEWEST = 5  # poses that only the shift explains: a few wrong readings are no s
 _TURNS = 12  # of fit and exchange
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """What would explain the data; several names where these explain it as well.
+class Mistake(NamedTuple):
+    """What would explain the data; several entries where these explain it as well.
 
-    names, said, remedies : tuple of str, one each
     nominal, mended : float, m, RMS by which the nominal arm misses the points, as read and mended
     poses : tuple of str, where only these are concerned
     """
 
-    names: tuple[str, ...]
-    said: tuple[str, ...]
-    remedies: tuple[str, ...]
+    entries: tuple[DataMistake, ...]
     nominal: float
     mended: float
     poses: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the entries."""
+        return tuple(entry.name for entry in self.entries)
 
     @property
     def text(self) -> str:
@@ -64,9 +66,11 @@ class Mistake:
             for length in (self.mended, self.nominal)
         )
         there = " there" if self.poses else ""
+        said = ", or ".join(entry.said for entry in self.entries)
+        remedies = "; or ".join(entry.remedy for entry in self.entries)
         return (
-            f"{', or '.join(self.said)}: once corrected, the nominal arm fits{there} to {mended} "
-            f"instead of {nominal}; {'; or '.join(self.remedies)}"
+            f"{said}: once corrected, the nominal arm fits{there} to {mended} "
+            f"instead of {nominal}; {remedies}"
         )
 
 
@@ -77,15 +81,12 @@ def refuse_mistakes(model: Model, data: Measurements, start: Array) -> None:
 
     Raises ImplausibleData, CalibError for points that no arm of this size could have reached.
     """
-    tracked = model.tracked(data)
-    if tracked is None:  # what people get wrong is known of points only
+    if (tracked := model.tracked(data)) is None:  # what people get wrong is known of points only
         return
     model, data = tracked
     mistake = recognised(model, data, _missed(model, data, start))
     if mistake is not None:
-        raise ImplausibleData(
-            mistake.text, mistake.names, mistake.nominal, mistake.mended, mistake.poses
-        )
+        raise ImplausibleData(mistake.text, mistake.names, *mistake[1:])
     refuse_unreachable(model, data, _UNREACHED)
 
 
@@ -104,20 +105,17 @@ def recognised(model: Model, data: Measurements, missed: Array) -> Mistake | Non
         return None
     missed = _placed(model, sample).missed
     everywhere = missed.max() > far
-    mistake = None
-    for table in tables(model) if everywhere else ():
-        mistake = mistake or _undone(model, sample, missed, table)
+    every = (_undone(model, sample, missed, table) for table in tables(model) if everywhere)
+    mistake = next((one for one in every if one), None)
     mistake = mistake or _shifted(model, here) or _exchanged(model, data, far)
-    if mistake is None and everywhere:
-        mistake = _undone(model, sample, missed, two_zeros(model))
-    return mistake
+    last = two_zeros(model) if everywhere else ()
+    return mistake or _undone(model, sample, missed, last)
 
 
 # -- the nominal arm over some readings ------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
+class _Placed(NamedTuple):
     """Base and markers under the nominal arm.
 
     values : ndarray, shape (p,), SI; missed : ndarray, shape (m,), m, root mean square of each pose's
@@ -180,7 +178,7 @@ def _undone(
     model: Model, sample: Measurements, missed: Array, table: tuple[DataMistake, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [(entry.freed(model, sample), entry.undone(model.robot, sample)) for entry in table]
+    tried = [entry.undone(model, sample) for entry in table]
     first = [_placed(*own, rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     # The arm then errs as arms do, and did not before.
@@ -192,9 +190,8 @@ def _undone(
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)
-    alike = [e for e, fit in fitting if fit.share <= _ALIKE * best.share]
-    names, said, remedies = zip(*((e.name, e.said, e.remedy) for e in alike), strict=True)
-    return Mistake(names, said, remedies, _rms(missed[best.kept]), best.rms)
+    alike = tuple(entry for entry, fit in fitting if fit.share <= _ALIKE * best.share)
+    return Mistake(alike, _rms(missed[best.kept]), best.rms)
 
 
 # -- points beside their joints --------------------------------------------------------------------
@@ -236,8 +233,8 @@ def _runs(model: Model, data: Measurements, order: Array, by: int) -> Iterator[t
         names = tuple(data.poses.names[i] for i in run) if some else ()
         where = f" from {names[0]} to {names[-1]}" if some else ""
         said = f"the points are shifted by one pose against the joints{where}: they fit the {pose}"
-        texts = (f"shifted by {by}",), (said,), (f"move their columns {way} by one pose",)
-        yield len(run), Mistake(*texts, _rms(before[run]), _rms(after[run]), names)
+        entry = DataMistake(f"shifted by {by}", said, f"move their columns {way} by one pose")
+        yield len(run), Mistake((entry,), _rms(before[run]), _rms(after[run]), names)
 
 
 def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> Iterator[Array]:
@@ -279,8 +276,8 @@ def _exchanged(model: Model, data: Measurements, far: float) -> Mistake | None:
         at = poses[(moved == pair).all(axis=1)].tolist()
         shown = ", ".join(at[:_SHOWN]) + (f" .. ({len(at)} in all)" if at[_SHOWN:] else "")
         said.append(f"markers {one} and {other} are exchanged at {shown}")
-    texts = ("exchanged",), ("; ".join(said),), ("exchange their names there",)
-    return Mistake(*texts, _rms(before[wrong]), _rms(after[wrong]), tuple(poses.tolist()))
+    entry = DataMistake("exchanged", "; ".join(said), "exchange their names there")
+    return Mistake((entry,), _rms(before[wrong]), _rms(after[wrong]), tuple(poses.tolist()))
 
 
 def _settled(model: Model, data: Measurements) -> Array | None:

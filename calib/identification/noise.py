@@ -14,21 +14,20 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, by_size
+from calib.identification.variances import LEAST_INSTRUMENT, VarianceEstimate
 from calib.inference import Design, Marginal, Prior, RandomEffect
 from calib.model.readout import Readout
 from calib.noise import counted
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.poses.moves import visits
-from calib.scatter import Scatter, VarianceEstimate
+from calib.scatter import Scatter
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
 _REPLICATES = 10  # degrees of freedom of an estimate worth using
 _GROSS = 10.0  # times the mean square of a typical group of repeats
 _SAME = 0.05  # change of a scale that is not worth another fit: a thousandth of the deviations
 _SILENT = 1e-9
-LEAST_INSTRUMENT = 0.2**2
-"""Variance of an instrument in the maker's: nobody's is five times better than stated."""
 
 Source = Literal["cell", "replicates", "residual"]
 
@@ -96,10 +95,9 @@ def of_levels(levels: VarianceEstimate, alone: NoiseLevel) -> NoiseLevel:
     source: Source = "replicates" if levels.estimated else "cell"
     if levels.variances.configuration.any():
         source = "residual"
-    dof = float("inf")
-    if levels.scale_estimated:
-        # Where nothing tells the instrument from the arm, both rest on the residual.
-        dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
+    # Where nothing separates the instrument from the arm, both rest on the residual.
+    dof = float(levels.instrument_rows) if levels.instrument_seen else alone.dof
+    dof = dof if levels.scale_estimated else np.inf
     return replace(alone, factor=levels.variances.scale, source=source, dof=dof)
 
 
@@ -146,9 +144,8 @@ def replicate_factor(data: Measurements, weights: Array) -> float:
     squares = spreads[:, 0] / spreads[:, 1]
     typical = np.quantile(squares, 0.25, method="lower")
     spread, dof = map(float, spreads[squares <= _GROSS * typical].sum(axis=0))
-    if dof < _REPLICATES or not spread or not refuted(spread, int(dof)):
-        return 1.0
-    return float(np.sqrt(spread / dof))
+    known = dof >= _REPLICATES and spread and refuted(spread, int(dof))
+    return float(np.sqrt(spread / dof)) if known else 1.0
 
 
 def _spreads(data: Measurements, weights: Array, group: IntArray) -> Array:

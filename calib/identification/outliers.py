@@ -74,18 +74,18 @@ def fit_statistics(r: Array, J: Array, fitted: Mask, cov: Array) -> tuple[Array,
     if len(parts) > 1:
         each = [fit_statistics(r[part], J[part], fitted[part], cov) for part in parts]
         return np.concatenate([s for s, _ in each]), np.concatenate([n for _, n in each])
-    used = np.abs(J).sum(axis=-1) > 0.0
+    used = J.any(axis=-1)
     r = np.where(used, r, 0.0)
     rows, columns = J.shape[-2:]
     Q, R = np.linalg.qr(J) if rows > columns else (np.eye(rows), J)
     along = (np.swapaxes(Q, -1, -2) @ r[..., None])[..., 0]
     across = r - (Q @ along[..., None])[..., 0]
-    shared = np.where(fitted, -1.0, 1.0)[:, None, None] * (R @ cov @ np.swapaxes(R, -1, -2))
-    eigenvalues, vectors = np.linalg.eigh(np.eye(R.shape[-2]) + shared)
-    component = (np.swapaxes(vectors, -1, -2) @ along[..., None])[..., 0]
-    informative = eigenvalues > _SINGULAR
-    terms = np.where(informative, component**2 / np.where(informative, eigenvalues, 1.0), 0.0)
-    counted = used.sum(axis=-1) - (~informative).sum(axis=-1)
+    sign = np.where(fitted, -1.0, 1.0)[:, None, None]
+    own, axes = np.linalg.eigh(np.eye(R.shape[-2]) + sign * (R @ cov @ np.swapaxes(R, -1, -2)))
+    component = (np.swapaxes(axes, -1, -2) @ along[..., None])[..., 0]
+    known = own > _SINGULAR
+    terms = np.where(known, component**2 / np.where(known, own, 1.0), 0.0)
+    counted = used.sum(axis=-1) - (~known).sum(axis=-1)
     squares = (across**2).sum(axis=-1) + terms.sum(axis=-1)
     return squares / np.maximum(counted, 1), counted
 
@@ -101,13 +101,13 @@ def threshold(statistics: Array, rows: int) -> float:
     if m < _FEWEST:
         return float("inf")
     low, middle, high = np.quantile(statistics, (0.25, 0.5, 0.75))
-    dof = np.linspace(1.0, rows, 4 * rows)
-    ratios = gammaincinv(dof / 2, 0.75) / gammaincinv(dof / 2, 0.25)
+    half = np.linspace(1.0, rows, 4 * rows) / 2.0
+    ratios = gammaincinv(half, 0.75) / gammaincinv(half, 0.25)
     # Quartiles of few poses are uncertain: lean towards the longer tail.
-    widened = high / max(low, 1e-300) * (1.0 + 1.0 / np.sqrt(m))
-    nu = float(dof[np.argmin(np.abs(ratios - widened))])
-    largest = gammaincinv(nu / 2, 1.0 - _ALPHA / m) / gammaincinv(nu / 2, 0.5)
-    return float(middle * largest * (1.0 + 1.0 / np.sqrt(m)))
+    longer = 1.0 + 1.0 / np.sqrt(m)
+    own = half[np.argmin(np.abs(ratios - high / max(low, 1e-300) * longer))]
+    largest = gammaincinv(own, 1.0 - _ALPHA / m) / gammaincinv(own, 0.5)
+    return float(middle * largest * longer)
 
 
 def judge(statistics: Array, limit: float) -> Mask:

@@ -65,14 +65,10 @@ class Residuals:
         limit: float = np.inf,
     ) -> Residuals:
         """Those of a data set under values (p,), SI; no pose is an outlier unless it is said."""
-        return cls(
-            model.readout.channels,
-            data,
-            model.off(values, data),
-            np.zeros(len(data), dtype=bool) if outlier is None else outlier,
-            np.zeros(len(data)) if statistic is None else statistic,
-            limit,
-        )
+        outlier = np.zeros(len(data), dtype=bool) if outlier is None else outlier
+        statistic = np.zeros(len(data)) if statistic is None else statistic
+        channels, vectors = model.readout.channels, model.off(values, data)
+        return cls(channels, data, vectors, outlier, statistic, limit)
 
     def lengths(self, poses: Mask | None = None) -> Array:
         """Lengths (n,), m, of the visible residuals that have one, of the poses (m,) or of all."""
@@ -83,10 +79,8 @@ class Residuals:
     def errors(self, poses: Mask | None = None) -> Iterator[tuple[str, str, Array]]:
         """Instrument, unit and lengths (n,) of its visible errors in that unit, of the same poses."""
         for instrument, part in self.channels.blocks:
-            seen, units = (
-                self._seen(poses)[:, part],
-                dict.fromkeys(n.unit for n in instrument.numbers),
-            )
+            seen = self._seen(poses)[:, part]
+            units = dict.fromkeys(number.unit for number in instrument.numbers)
             off = {unit: self._off(instrument, part, unit) for unit in units}
             for name in instrument.names:
                 here = seen & self.data.poses.touching(name, instrument.sites)[:, None]

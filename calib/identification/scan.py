@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, by_size
 from calib.inference.evidence import score_test
 from calib.linear import Complement
 
@@ -46,16 +46,16 @@ def carried(beside: Complement, carrier: Array) -> Carried:
     """What all scans with one carrier share; carrier : ndarray, shape (m, R, b), whitened rows."""
     back, mixing = np.swapaxes(carrier, -1, -2), beside.mixing
     g, H = beside.at_readings
-    squares, groups = back @ carrier, []
+    squares, shared = back @ carrier, []
     if mixing is not None:
         squares = squares / mixing.scale**2
-        for index, G in mixing.taken:
-            shared = np.swapaxes(G, -1, -2) @ carrier[index] / mixing.scale
-            if index.shape[1] == 1:
-                squares[index] -= np.swapaxes(shared, -1, -2) @ shared
+        for groups, G in mixing.shared:
+            each = np.swapaxes(G, -1, -2) @ carrier / mixing.scale
+            if groups.alone:
+                squares -= np.swapaxes(each, -1, -2) @ each
             else:
-                groups.append((index, shared))
-    return Carried((back @ g[..., None])[..., 0], back @ H, squares, tuple(groups))
+                shared += [(index, each[index]) for index in by_size(groups.number)]
+    return Carried((back @ g[..., None])[..., 0], back @ H, squares, tuple(shared))
 
 
 def times(carrier: Array, functions: Array) -> Array:

@@ -16,7 +16,7 @@ from calib.effects.tuned import Tuned
 from calib.identification.fit import choose_directions
 from calib.identification.scan import carried, falls, times
 from calib.identification.start import diverged
-from calib.linear import LinearProblem, huber_weights, unit
+from calib.linear import LinearProblem, unit
 from calib.observations import Points
 from calib.poses import Poses
 from calib.solver import levenberg_marquardt
@@ -68,7 +68,8 @@ def _fitted(points: Points, start: Array) -> tuple[Array, Array, Array]:
         weighted = replace(points, weights=points.weights * share[:, None, None, None])
         values = levenberg_marquardt(weighted.flat, values, span).values
         length = np.linalg.norm(points.whitened(values)[0], axis=-1)
-        before, share = share, huber_weights(length, float(np.median(length[measured])), _HUBER)
+        most = _HUBER * float(np.median(length[measured]))
+        before, share = share, np.minimum(1.0, most / np.maximum(length, 1e-12))
         if np.allclose(share, before, atol=_SETTLED):
             break
     return values, span, share

@@ -1,13 +1,11 @@
 """Expanded uncertainty: coverage factors from degrees of freedom (JCGM 100, annex G; JCGM 102).
 
 A combined variance ``sum v_i`` has ``(sum v_i)^2 / sum(v_i^2 / nu_i)`` degrees of freedom (Welch and
-Satterthwaite). An error in space has more than one component, and what covers 95 % of its lengths
-depends on how many of them share its variance: with the covariance C of the error, its squared length
-is ``tr C`` times a chi-square over its own ``n = (tr C)^2 / tr(C^2)`` degrees (Satterthwaite again, one
-for an error along a line, three for one alike in all directions), and over an F where the variance has
-nu degrees of freedom itself. For n of one this is Student's t.
-
-Degrees of freedom behind what an identification says: one rule for all who ask.
+Satterthwaite). What covers 95 % of the lengths of an error in space depends on how many components
+share its variance: with the covariance C of the error, its squared length is ``tr C`` times a
+chi-square over its own ``n = (tr C)^2 / tr(C^2)`` degrees (Satterthwaite again, one for an error along
+a line, three for one alike in all directions), and over an F where the variance has nu degrees of
+freedom itself. For n of one this is Student's t.
 """
 
 from __future__ import annotations
@@ -93,8 +91,7 @@ def freedom(
     noise : of the noise level, infinite where it is known
     stays : how often the arm came to a pose whose readings count; rank : parameters that were fitted
     as_a_whole : whether poses err as a whole by what these readings show: then stays count, not points,
-        less those that the parameters took up. A stay counts as one whatever it gives, as which
-        variances there are is chosen by the same readings
+        less those that the parameters took up
     numbers : that a parameter may be taken from at one stay; fewer are more cautious
 
     >>> freedom(120.0, 25, 30, as_a_whole=False), freedom(120.0, 25, 30, as_a_whole=True)

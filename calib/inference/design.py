@@ -40,7 +40,7 @@ class RandomEffect:
     """An effect that is drawn anew in each group of poses, with one variance.
 
     levers : ndarray, shape (m, R, l), change of each row per unit of each of the l components
-    kind : str, sort of effect: the key of its scale in :class:`calib.inference.prior.Prior`
+    kind : str, sort of effect: the key of its scale in :class:`calib.inference.reml.Prior`
     group : ndarray of int, shape (m,), in which poses share one draw (an approach, a configuration)
     """
 
@@ -119,9 +119,8 @@ class Design:
     def columns(self) -> Array:
         """Columns (N, f) of the s directions of b and of ``X_g R_g`` for every block."""
         fixed = self.flat(self.J @ self.directions)
-        return np.concatenate(
-            [fixed, *(self.flat(g.columns @ g.root) for g in self.blocks)], axis=1
-        )
+        own = [self.flat(g.columns @ g.root) for g in self.blocks]
+        return np.concatenate([fixed, *own], axis=1)
 
     @cached_property
     def response(self) -> Array:
@@ -134,8 +133,7 @@ class Design:
         """Block of each column, shape (f,); -1 for directions of b."""
         sizes = [g.root.shape[1] for g in self.blocks]
         own = np.repeat(np.arange(len(sizes)), sizes)
-        found: IntArray = np.append(np.full(self.directions.shape[1], -1), own)
-        return found
+        return np.append(np.full(self.directions.shape[1], -1), own).astype(np.int_)
 
     def column_scale(self, amplitudes: Array) -> Array:
         """Amplitude of each column, shape (f,), of blocks (g,); one for directions of b."""
@@ -153,9 +151,9 @@ class Design:
 
     def amplitudes(self, free: Array) -> Array:
         """Amplitudes of all blocks, shape (g,), those of the free ones given."""
-        found = np.array([1.0 if g.amplitude is None else g.amplitude for g in self.blocks])
-        found[list(self.free_blocks)] = free
-        return found
+        amplitudes = np.array([1.0 if g.amplitude is None else g.amplitude for g in self.blocks])
+        amplitudes[list(self.free_blocks)] = free
+        return amplitudes
 
     def theta(self, variances: Variances) -> Array:
         """Variances in one vector: instruments, effects, squared amplitudes of free blocks."""

@@ -63,27 +63,21 @@ class RestrictedLikelihood:
     @cached_property
     def decorrelation(self) -> Decorrelation:
         """Of the turned rows."""
-        count = self.model.design.instruments + len(self.model.design.effects)
+        design = self.model.design
+        count = design.instruments + len(design.effects)
         return Decorrelation(self.model.turned, self.theta[:count])
 
     @cached_property
     def scale(self) -> Array:
         """Amplitude of each column, and one for the response, shape (f + 1,)."""
         design = self.model.design
-        first = design.instruments + len(design.effects)
-        amplitudes = design.amplitudes(np.sqrt(self.theta[first:]))
-        return np.append(design.column_scale(amplitudes), 1.0)
-
-    @cached_property
-    def prior(self) -> Array:
-        """Prior rows P of columns and response, shape (h, f + 1)."""
-        return np.pad(self.model.design.prior_rows, ((0, 0), (0, 1)))
+        return np.append(design.column_scale(design.variances(self.theta).amplitudes), 1.0)
 
     @cached_property
     def outside(self) -> Array:
         """Independent rows (i, f + 1, f + 1) for those that carry noise alone."""
-        theta = self.theta[: self.model.design.instruments]
-        return np.asarray(self.model.outside * (self.scale / np.sqrt(theta)[:, None, None]))
+        noise = np.sqrt(self.theta[: self.model.design.instruments])
+        return np.asarray(self.model.outside * (self.scale / noise[:, None, None]))
 
     @cached_property
     def inside(self) -> Array:
@@ -92,11 +86,9 @@ class RestrictedLikelihood:
 
     @cached_property
     def R(self) -> Array:
-        """Triangle (f + 1, f + 1) of all independent rows."""
-        width = len(self.scale)
-        return joined_triangle(
-            [self.outside.reshape(-1, width), self.inside.reshape(-1, width), self.prior]
-        )
+        """Triangle (f + 1, f + 1) of all independent rows, prior rows included."""
+        prior = np.pad(self.model.design.prior_rows, ((0, 0), (0, 1)))
+        return joined_triangle([stacked(self.outside), stacked(self.inside), prior])
 
     @cached_property
     def inverse(self) -> Array:
@@ -118,17 +110,15 @@ class RestrictedLikelihood:
         return float(fixed + noise + self.decorrelation.log_det + columns)
 
     @cached_property
-    def combined(self) -> Array:
+    def _combined(self) -> Array:
         """Combinations (f + 1, f + 1): columns made orthonormal, and last the response's residual."""
-        f = len(self.coefficients)
-        found = np.zeros((f + 1, f + 1))
-        found[:f, :f], found[:f, f], found[f, f] = self.inverse, -self.coefficients, 1.0
-        return found
+        last = np.append(-self.coefficients, 1.0)
+        return np.column_stack([np.pad(self.inverse, ((0, 1), (0, 0))), last])
 
     @cached_property
     def orthonormal(self) -> Array:
         """Independent rows (A, k, f + 1) of the combinations."""
-        return np.asarray((stacked(self.inside) @ self.combined).reshape(self.inside.shape))
+        return np.asarray((stacked(self.inside) @ self._combined).reshape(self.inside.shape))
 
     @cached_property
     def weighted(self) -> Array:
@@ -140,8 +130,7 @@ class RestrictedLikelihood:
         """Gradient (t,) and average information (t, t) of -2 log L by log variances."""
         design, turned = self.model.design, self.model.turned
         count, t = design.instruments, len(self.theta)
-        gradient = np.zeros(t)
-        alone = self.outside @ self.combined
+        gradient, alone = np.zeros(t), self.outside @ self._combined
         taken = (alone[..., :-1] ** 2).sum(axis=(1, 2))
         gradient[:count] = turned.outside - taken - (alone[..., -1] ** 2).sum(axis=1)
         inside, outside = np.zeros((*turned.instrument.shape, t)), np.zeros((*alone.shape[:2], t))
@@ -150,15 +139,15 @@ class RestrictedLikelihood:
             gradient += slope
             inside += moved
         for j, block in enumerate(design.free_blocks, start=count + len(design.effects)):
-            own = design.block_of_column == block
+            own = np.flatnonzero(design.block_of_column == block)
             W, z = self.inverse[own], self.coefficients[own]
             gradient[j] = len(W) - (W**2).sum() - z @ z
-            inside[..., j] += self.model.inside[..., :-1][..., own] @ (self.scale[:-1][own] * z)
-            outside[..., j] += self.outside[..., :-1][..., own] @ z
-        rows = self.decorrelation(inside)
-        along = stacked(self.orthonormal)[:, :-1].T @ stacked(rows)
+            inside[..., j] += self.model.inside[..., own] @ (self.scale[own] * z)
+            outside[..., j] += self.outside[..., own] @ z
+        rows = stacked(self.decorrelation(inside))
+        along = stacked(self.orthonormal)[:, :-1].T @ rows
         along += np.tensordot(alone[..., :-1], outside, axes=([0, 1], [0, 1]))
-        information = stacked(rows).T @ stacked(rows) - along.T @ along
+        information = rows.T @ rows - along.T @ along
         return gradient, information + np.tensordot(outside, outside, axes=([0, 1], [0, 1]))
 
     @property
@@ -167,7 +156,7 @@ class RestrictedLikelihood:
         outer, w = self.model.turned.outer, self.weighted
         own = np.zeros(len(self.theta))
         own[: len(outer)] = self.theta[: len(outer)]
-        left = self.decorrelation.inverse - w @ _t(w)
+        left = self.decorrelation.inverse - w @ np.swapaxes(w, -1, -2)
         slope, moved = np.zeros(len(own)), np.zeros((*w.shape[:2], len(own)))
         slope[: len(outer)] = outer.reshape(len(outer), -1) @ left.ravel()
         moved[..., : len(outer)] = np.moveaxis((outer * w[:, None, :, -1]).sum(axis=-1), 0, -1)
@@ -176,14 +165,10 @@ class RestrictedLikelihood:
     @property
     def _shared(self) -> tuple[Array, Array]:
         """The same by draws that cells share."""
-        turned, own, t = self.model.turned, self.decorrelation, len(self.theta)
-        owner = np.where(turned.shared_of >= 0, self.model.design.instruments + turned.shared_of, t)
-        of = np.eye(t + 1)[owner][..., :t]
-        E = turned.sums(_t(own.shared) @ self.weighted)
-        slope = 1.0 - (own.root**2).sum(axis=-1) - (E**2).sum(axis=-1)
-        moved = own.shared @ (of * E[..., -1:])[turned.component]
-        return np.tensordot(slope, of, axes=2), moved
-
-
-def _t(a: Array) -> Array:
-    return np.swapaxes(a, -1, -2)
+        turned, own = self.model.turned, self.decorrelation
+        effect = self.model.design.instruments + turned.shared_of[0]
+        of = np.eye(len(self.theta))[effect]
+        E = turned.sums(np.swapaxes(own.shared, -1, -2) @ self.weighted)
+        slope = 1.0 - (own.components.root**2).sum(axis=-1) - (E**2).sum(axis=-1)
+        moved = own.shared @ turned.components.spread(of * E[..., -1:])
+        return slope.sum(axis=0) @ of, moved

@@ -1,9 +1,8 @@
-"""How large errors of a kind are in this robot: widths of a normal prior, found from its own readings.
+"""How large errors of a kind are in this robot: widths of a normal prior, from its own readings.
 
 Every elementary error j, one of six constants at a frame or a parameter of another effect, is taken as
-``N(0, w_c^2 / u_g)``: w_c is the width of its class (kind and unit), u_g tells how much less the place
-g errs than others of its kind; a worn joint errs more. Both are variance components beside the levels
-of noise, and found by the same restricted likelihood: with X the columns, V the covariance of the
+``N(0, w_c^2 / u_g)``: w_c is the width of its class (kind and unit), u_g says how much less the place g
+errs than others of its kind; a worn joint errs more. With X the columns, V the covariance of the
 readings, n its scale and D the covariance of the errors,
 
     -2 log L = log|n^2 V| + log|D| + log|X^T V^-1 X / n^2 + D^-1| + y^T P y
@@ -32,7 +31,7 @@ from calib.arrays import Array, IntArray
 
 _KNOWN = 0.5  # errors of a kind that its plausible size stands for
 _TAIL = 1.0  # degrees of freedom of what a place errs more or less than others
-_STATED = 20.0  # numbers that the noise, as it was found without any prior, stands for
+_STATED = 20.0  # numbers that the noise, as estimated without any prior, stands for
 _MOST_ROUNDS = 100
 _SETTLED = 0.01  # of a width
 _BEGUN = 10.0 ** np.arange(0.0, 4.5, 0.5)  # plausible sizes that a width may begin with
@@ -65,9 +64,8 @@ class SizePrior:
     @cached_property
     def whitening(self) -> Array:
         """W (k, k) with ``W covariance W^T = I``."""
-        std = self.std
-        half = np.linalg.cholesky(self.covariance / np.outer(std, std))
-        return np.asarray(np.linalg.inv(half) / std)
+        half = np.linalg.cholesky(self.covariance / np.outer(self.std, self.std))
+        return np.asarray(np.linalg.inv(half) / self.std)
 
     def positions(self, keys: Collection[Key]) -> IntArray:
         """Where its parameters stand among some keys, shape (k,); all of them must be there."""
@@ -95,17 +93,16 @@ class Elementary:
     of_class: IntArray
     of_place: IntArray
 
-    def without(self, lost: Collection[int]) -> Elementary:
+    def without(self, removed: Collection[int]) -> Elementary:
         """The errors behind all but the parameters at some positions."""
-        kept = ~np.isin(self.at, list(lost))
-        G = self.G[kept]
-        shown = np.abs(G).max(axis=0, initial=0.0) > 0.0
+        kept = np.flatnonzero(~np.isin(self.at, list(removed)))
+        shown = self.G[kept].any(axis=0)
         left, of_class = np.unique(self.of_class[shown], return_inverse=True)
         return replace(
             self,
-            keys=tuple(key for key, some in zip(self.keys, kept, strict=True) if some),
+            keys=tuple(self.keys[i] for i in kept),
             at=self.at[kept],
-            G=G[:, shown],
+            G=self.G[np.ix_(kept, shown)],
             sizes=self.sizes[shown],
             classes=tuple(self.classes[c] for c in left),
             scales=self.scales[left],
@@ -142,28 +139,30 @@ class Widths:
 
 
 def widths_of(of: Elementary, J: Array, y: Array, dof: int) -> Widths:
-    """Find the widths.
+    """Estimate the widths.
 
     J : ndarray, shape (N, k), derivatives by the parameters in independent rows of unit variance, all
         else projected out; y : ndarray, shape (N,), readings less those of the nominal arm, likewise
     dof : int, rows that count less what was projected out
     """
-    found = _WidthSearch(of, J.T @ J, J.T @ y, float(y @ y), dof)
-    widths = found.begun()
-    share, noise = np.ones(len(of.sizes)), 1.0
+    rows = _NormalEquations(of, J.T @ J, J.T @ y, float(y @ y), dof)
+    widths, share, noise = rows.begun(), np.ones(len(of.sizes)), 1.0
+    in_class, in_place = np.bincount(of.of_class), np.bincount(of.of_place)
     for _ in range(_MOST_ROUNDS):
-        squares, noise = found.expected(widths[of.of_class] ** 2 / share, noise)
-        share = found.shares(squares, widths)
-        last, widths = widths, found.widths(share * squares)
+        squares, noise = rows.expected(widths[of.of_class] ** 2 / share, noise)
+        scaled = np.bincount(of.of_place, squares / widths[of.of_class] ** 2)
+        share = ((_TAIL + in_place) / (_TAIL + scaled))[of.of_place]
+        total = np.bincount(of.of_class, share * squares) + _KNOWN * rows.typical**2
+        last, widths = widths, np.sqrt(total / (in_class + _KNOWN))
         if np.allclose(widths, last, rtol=_SETTLED):
             break
     variances = widths[of.of_class] ** 2 / share
     prior = of.prior(variances)
-    return Widths(of, widths, variances, noise, prior, found.saved(prior, noise))
+    return Widths(of, widths, variances, noise, prior, rows.saved(prior, noise))
 
 
 @dataclass(frozen=True, eq=False)
-class _WidthSearch:
+class _NormalEquations:
     """Normal equations ``A v = g`` of the parameters, ``square`` that of their right-hand side."""
 
     of: Elementary
@@ -172,32 +171,26 @@ class _WidthSearch:
     square: float
     dof: int
 
-    @property
+    @cached_property
     def typical(self) -> Array:
         """Plausible size of each class, shape (c,)."""
-        of = self.of
-        total = np.bincount(of.of_class, of.sizes**2, len(of.classes))
-        count = np.bincount(of.of_class, minlength=len(of.classes))
-        return np.asarray(np.sqrt(total / np.maximum(count, 1)))
+        squares = np.bincount(self.of.of_class, self.of.sizes**2)
+        return np.asarray(np.sqrt(squares / np.bincount(self.of.of_class)))
 
     def begun(self) -> Array:
         """The most likely of a few widths, shape (c,): of all classes alike, then of each in turn."""
-        widths = self._likeliest(np.outer(_BEGUN, self.typical))
+        widths = min(np.outer(_BEGUN, self.typical), key=self._value)
         for c, size in enumerate(self.typical):
             tried = np.tile(widths, (len(_BEGUN), 1))
             tried[:, c] = _BEGUN * size
-            widths = self._likeliest(tried)
-        return widths
-
-    def _likeliest(self, tried: Array) -> Array:
-        return np.asarray(tried[int(np.argmin([self._value(widths) for widths in tried]))])
+            widths = min(tried, key=self._value)
+        return np.asarray(widths)
 
     def _value(self, widths: Array) -> float:
-        """-2 log likelihood of widths (c,) at the noise as it was found, with what is known of them."""
-        G, g = self.of.G, self.g
-        D = (G * widths[self.of.of_class] ** 2) @ G.T
-        both = np.eye(len(g)) + self.A @ D
-        value = np.linalg.slogdet(both)[1] - g @ D @ np.linalg.solve(both, g)
+        """-2 log likelihood of widths (c,) at the stated noise, with what is known of them."""
+        D = (self.of.G * widths[self.of.of_class] ** 2) @ self.of.G.T
+        both = np.eye(len(self.g)) + self.A @ D
+        value = np.linalg.slogdet(both)[1] - self.g @ D @ np.linalg.solve(both, self.g)
         known = (self.typical / widths) ** 2 - np.log((self.typical / widths) ** 2)
         return float(value + _KNOWN * known.sum())
 
@@ -207,31 +200,17 @@ class _WidthSearch:
         W = np.linalg.solve((G * variances) @ G.T, G)
         m, C = self._posterior(self.of.prior(variances), noise)
         mean = variances * (W.T @ m)
-        told = (G * W).sum(axis=0) - (W * (C @ W)).sum(axis=0)
-        squares = mean**2 + np.maximum(variances - variances**2 * told, 0.0)
-        rest = self.square - 2.0 * float(m @ self.g) + float(m @ self.A @ m)
-        rest += float((self.A * C).sum())
-        return squares, float(np.sqrt((max(rest, 0.0) + _STATED) / (self.dof + _STATED)))
+        taken = (G * W).sum(axis=0) - (W * (C @ W)).sum(axis=0)
+        squares = mean**2 + np.maximum(variances - variances**2 * taken, 0.0)
+        left = self.square - 2.0 * float(m @ self.g) + float(m @ self.A @ m)
+        left += float((self.A * C).sum())
+        return squares, float(np.sqrt((max(left, 0.0) + _STATED) / (self.dof + _STATED)))
 
     def _posterior(self, prior: SizePrior, noise: float) -> tuple[Array, Array]:
         """Values (k,) and their covariance (k, k)."""
         W = prior.whitening
         C = np.linalg.inv(self.A / noise**2 + W.T @ W)
         return C @ self.g / noise**2, np.asarray(C, dtype=np.float64)
-
-    def shares(self, squares: Array, widths: Array) -> Array:
-        """By how much each place errs less than others of its kind, shape (e,)."""
-        of = self.of
-        scaled = np.bincount(of.of_place, squares / widths[of.of_class] ** 2)
-        count = np.bincount(of.of_place)
-        return np.asarray(((_TAIL + count) / (_TAIL + scaled))[of.of_place])
-
-    def widths(self, squares: Array) -> Array:
-        """Width of each class, shape (c,)."""
-        of = self.of
-        total = np.bincount(of.of_class, squares, len(of.classes))
-        count = np.bincount(of.of_class, minlength=len(of.classes))
-        return np.asarray(np.sqrt((total + _KNOWN * self.typical**2) / (count + _KNOWN)))
 
     def saved(self, prior: SizePrior, noise: float) -> float:
         """How many of the k parameters the prior determines, not the readings."""

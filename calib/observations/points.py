@@ -11,12 +11,12 @@ from typing import Self
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
+from calib.inference.decorrelation import InverseRoot
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
 from calib.poses import Measurements
-from calib.scatter.mixing import Mixing
-from calib.scatter.poses import Scatter
+from calib.scatter import Scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Observation(ABC):
         return True
 
     @cached_property
-    def weighing(self) -> Mixing | None:
+    def weighing(self) -> InverseRoot | None:
         """What makes the rows independent as far as the cell knows how they err; None where they are.
 
         A weighting that is not by the noise leaves this out as well.
@@ -68,11 +68,11 @@ class Observation(ABC):
         return self._mixing(self.known) if self.efficient else None
 
     @cached_property
-    def mixing(self) -> Mixing | None:
-        """Decorrelation of whitened rows under the levels of noise; None where they are independent."""
+    def mixing(self) -> InverseRoot | None:
+        """What makes whitened rows independent under the variances; None where they are."""
         return self._mixing(self.known if self.scatter is None else self.scatter)
 
-    def _mixing(self, scatter: Scatter | None) -> Mixing | None:
+    def _mixing(self, scatter: Scatter | None) -> InverseRoot | None:
         if scatter is None or not scatter.variances.any:
             return None
         return scatter.mixing(self.rows(scatter.levers))
@@ -87,29 +87,24 @@ class Observation(ABC):
     def flat(self, values: Array) -> tuple[Array, Array]:
         """Residuals (..., N) and derivatives (..., N, p), poses and rows in one axis.
 
-        What is known beside the readings comes last.
+        What is known beside the readings comes last, as it weighs.
         """
         r, J = self.linearise(values)
-        batch = values.shape[:-1]
-        r, J = r.reshape((*batch, -1)), J.reshape((*batch, -1, J.shape[-1]))
+        r = r.reshape((*r.shape[:-2], -1))
+        J = J.reshape((*r.shape, J.shape[-1]))
         if not self.model.known_rows and self.prior is None:
             return r, J
-        known, by_known = self.prior_residuals(values)
-        return np.concatenate([r, known], axis=-1), np.concatenate([J, by_known], axis=-2)
-
-    def prior_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Rows of what is known beside the readings, as they weigh: (..., K) and (..., K, p)."""
-        known, by_known = self.stated_prior_residuals(values)
-        return self.prior_weight * known, self.prior_weight * by_known
+        off, held = (self.prior_weight * rows for rows in self.stated_prior_residuals(values))
+        return np.concatenate([r, off], axis=-1), np.concatenate([J, held], axis=-2)
 
     def stated_prior_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Rows of what is known beside the readings, of unit variance as stated."""
-        known, by_known = self.model.prior_residuals(values)
+        """Rows of what is known beside the readings, (..., h) and (..., h, p), of unit variance."""
+        off, held = self.model.prior_residuals(values)
         if self.prior is None:
-            return known, by_known
+            return off, held
         prior = np.broadcast_to(self.prior, (*values.shape[:-1], *self.prior.shape))
-        off = -(prior @ values[..., None])[..., 0]
-        return np.concatenate([off, known], axis=-1), np.concatenate([prior, by_known], axis=-2)
+        own = -(prior @ values[..., None])[..., 0]
+        return np.concatenate([own, off], axis=-1), np.concatenate([prior, held], axis=-2)
 
     def span(self) -> Array:
         """Directions in which values may move, shape (p, k)."""
@@ -124,10 +119,6 @@ class Observation(ABC):
     def covariance(self, values: Array, span: Array) -> Array:
         """Covariance (p, p) of the least-squares values along ``span`` (p, k), the noise as stated."""
         return self.linear(values, span).covariance
-
-    def followed(self, values: Array, span: Array, moved: Array) -> Array:
-        """How the least-squares values follow readings displaced by (m, C, r, b), shape (p, b), SI."""
-        return self.linear(values, span).followed(self.rows(moved))
 
     def only(self, kept: Mask) -> Self:
         """The observation with the other poses weighted out; kept has shape (m,)."""

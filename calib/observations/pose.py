@@ -27,6 +27,7 @@ from calib.observations.shape import (
     rigid_motions,
     shape_response,
 )
+from calib.result import fields_of
 
 Weighting = Literal["full", "normalised", "plain"]
 
@@ -55,7 +56,7 @@ class PoseObservation(Observation):
 
     def whitened(self, values: Array) -> tuple[Array, Array]:
         predicted, J = self.model.jacobian(values, self.data.poses)
-        T = fit_rigid(predicted, self._congruent, self._fitted)
+        T = fit_rigid(predicted, self.shape[..., None, :, :], self._fitted)
         measured, _ = self.computed
         turn = measured[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
         residual = np.concatenate([measured[..., :3, 3] - T[..., :3, 3], so3_log(turn)], axis=-1)
@@ -71,11 +72,6 @@ class PoseObservation(Observation):
         """Poses whose visible markers fix an orientation, shape (m,)."""
         return orientable(self.shape.reshape(-1, *self.shape.shape[-2:])[0], self.counted)
 
-    @property
-    def _congruent(self) -> Array:
-        """The shape beside each pose, shape (..., 1, M, 3)."""
-        return self.shape[..., None, :, :]
-
     @cached_property
     def _fitted(self) -> Array:
         """One for markers that enter a pose, shape (m, M); for all where the pose is not used."""
@@ -88,8 +84,9 @@ class PoseObservation(Observation):
         Shapes (..., m, 4, 4) and (..., m, 6, 3 M), the latter zero where no pose can be computed.
         With the full weighting the fit of the pose is itself weighted by the noise of the points.
         """
-        T = fit_rigid(self.data.points, self._congruent, self._fitted)
-        marked = transformed(T[..., None, :, :], self._congruent)
+        beside = self.shape[..., None, :, :]
+        T = fit_rigid(self.data.points, beside, self._fitted)
+        marked = transformed(T[..., None, :, :], beside)
         used = self.data.seen & self.usable[:, None]
         weights = self.weights if self.weighting == "full" else None
         L = pose_from_points(marked, T[..., :3, 3], used, weights)
@@ -144,11 +141,6 @@ class PoseObservation(Observation):
         of_held = held.T @ held / self.prior_weight**2  # as stated: the residual widens all alike
         return np.asarray(np.einsum("mpa,mqa->pq", half, half, optimize=True) + of_held)
 
-    def followed(self, values: Array, span: Array, moved: Array) -> Array:
-        response = self._response(self.linear(values, span))
-        m, _, points = response.shape
-        return np.asarray(np.einsum("mpx,mxb->pb", response, moved.reshape(m, points, -1)))
-
     def _response(self, linear: LinearProblem) -> Array:
         """How values follow the points, through shape, poses and fit, shape (m, p, 3 M)."""
         T, L = self.computed
@@ -197,17 +189,8 @@ def as_poses(
     shape : ndarray, shape (..., M, 3), m; it counts as computed from these readings where the tool is
         in the model, as known otherwise
     """
-    pose = PoseObservation(
-        points.model,
-        points.data,
-        points.weights,
-        shape,
-        weighting,
-        length,
-        known=points.known,
-        scatter=points.scatter,
-    )
     own = bool(len(points.model.where(Tool)))
+    pose = PoseObservation(**fields_of(points), shape=shape, weighting=weighting, length=length)
     return replace(pose.only(pose.usable), own_shape=own)
 
 

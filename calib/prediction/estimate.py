@@ -18,8 +18,7 @@ from calib.model.covariance import errors_at, ignorance, working_points
 from calib.poses import Poses
 from calib.prediction.discrepancy import FittedModel, ModelDiscrepancy, model_discrepancy
 from calib.prediction.trend import trend_of
-from calib.scatter import Variances, scatter_variance
-from calib.scatter.owner import Owner, parted, pose_to_pose
+from calib.scatter import Owner, Variances, parted, pose_to_pose, scatter_variance
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.tool_base import Base
-from calib.identification.estimate import design_of
 from calib.identification.scan import times
+from calib.identification.variances import design_of
 from calib.inference import GaussianBlock, Marginal, Prior, RandomEffect
 from calib.prediction.discrepancy import FittedModel
 

@@ -18,8 +18,9 @@ from studies.results.base import (
 
 if TYPE_CHECKING:
     from calib.identification.noise import NoiseLevel
+    from calib.identification.variances import VarianceEstimate
     from calib.model import Model
-    from calib.scatter import Scatter, VarianceEstimate
+    from calib.scatter import Scatter
 
 _LOUD = 4.0  # times the stated noise: no instrument exceeds it by that much
 
@@ -38,7 +39,7 @@ class Noise(Entry):
     again at the same joints; None where the data cannot tell. Without repeated approaches and without a
     figure in the cell, ``configuration`` holds both.
 
-    configuration_of : whose it is (:mod:`calib.scatter.owner`); None where it was not judged
+    configuration_of : whose it is (:mod:`calib.scatter`); None where it was not judged
     usual_mm : best and worst repeatability that data sheets state of arms of this size
     pixel_mm : of a pixel at the points read, where no reading is a length
     noise_scales : of several instruments those whose noise is other than the cell states
@@ -73,7 +74,7 @@ class Noise(Entry):
         more : further fields of the class
         """
         from calib.cell import Repeatability
-        from calib.scatter.owner import pose_to_pose
+        from calib.scatter import pose_to_pose
 
         judged = pose_to_pose(levels, scatter, model.robot.reach)
         arm, rest = judged.arm, judged.rest

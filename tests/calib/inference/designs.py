@@ -12,7 +12,6 @@ from calib.inference import Design, GaussianBlock, RandomEffect, Variances
 POSES, ROWS = 14, 5
 PLACE = np.repeat(np.arange(7), 2)
 APPROACH = np.where(np.arange(POSES) == 1, 0, np.arange(POSES))
-SESSION = np.arange(POSES) % 2
 
 GROUPS: dict[str, tuple[IntArray, ...]] = {
     "none": (),
@@ -20,7 +19,6 @@ GROUPS: dict[str, tuple[IntArray, ...]] = {
     "places": (PLACE,),
     "approaches within places": (APPROACH, PLACE, PLACE),
     "one group": (APPROACH, 0 * PLACE),
-    "sessions across places": (APPROACH, PLACE, SESSION),
 }
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from calib.inference.evidence import f_tail, weighted_tail
 from calib.inference.least_squares import independent_columns, joined_triangle, solve, triangle
-from calib.inference.tails import f_tail, weighted_tail
 
 
 @given(st.integers(0, 10**6), st.integers(1, 900), st.integers(1, 8))

@@ -8,11 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.inference import Design, Marginal, Prior
-from calib.inference.prior import penalty
-from calib.inference.reml import reml
+from calib.inference import Design, Marginal, Prior, Variances
 from calib.inference.restricted import MixedModel, RestrictedLikelihood
-from tests.calib.inference.designs import GROUPS, random_design, random_theta, simple_design
+from tests.calib.inference.designs import (
+    GROUPS,
+    Dense,
+    random_design,
+    random_theta,
+    simple_design,
+)
+
+
+def reml(design: Design, prior: Prior | None = None, start: Variances | None = None) -> Variances:
+    return Marginal.fitted(design, prior, start).variances
 
 
 def intercepts(seed: int, between: float, groups: int = 12, each: int = 4) -> Design:
@@ -64,7 +72,7 @@ def test_no_variance_improves_the_penalised_likelihood(groups: str, prior: Prior
     design = random_design(groups, 3)
     theta = design.theta(reml(design, prior))
     slope = RestrictedLikelihood(MixedModel.of(design), theta).derivatives[0]
-    slope = slope + penalty(design, prior, theta).slope
+    slope = slope + prior.penalty(design, theta).slope
     assert np.abs(slope).max() < 5e-3
 
 
@@ -74,9 +82,9 @@ def test_the_slope_of_a_prior_is_that_of_its_value(of_logarithm: bool) -> None:
     design = random_design("places", 3)
     prior = Prior({"joint": 0.3}, of_logarithm=of_logarithm)
     theta = np.linspace(0.2, 1.5, len(design.theta(reml(design))))
-    for j, slope in enumerate(penalty(design, prior, theta).slope):
+    for j, slope in enumerate(prior.penalty(design, theta).slope):
         step = np.exp(1e-5 * (np.arange(len(theta)) == j))
-        up, down = (penalty(design, prior, t).value for t in (theta * step, theta / step))
+        up, down = (prior.penalty(design, t).value for t in (theta * step, theta / step))
         assert slope == pytest.approx((up - down) / 2e-5, abs=1e-6)
 
 
@@ -113,9 +121,8 @@ def test_where_rows_say_nothing_the_data_sheet_stands() -> None:
         rng.normal(size=(30, 3)),
     )
     prior = Prior({"joint": 0.2})
-    found = reml(design, prior)
-    assert np.sqrt(found.effects[0]) == pytest.approx(0.2, rel=0.02)
-    marginal = Marginal.at(design, found, prior)
+    marginal = Marginal.fitted(design, prior)
+    assert np.sqrt(marginal.variances.effects[0]) == pytest.approx(0.2, rel=0.02)
     assert marginal.log_covariance[1, 1] == pytest.approx(4.0, rel=0.02)
 
 
@@ -150,10 +157,24 @@ def test_simulated_variances_are_found_on_average() -> None:
         own = rng.normal(size=(m, 2)) * 0.3**0.5
         own = own + (rng.normal(size=(m // 2, 2)) * 0.8**0.5)[place.group]
         r = (levers @ own[..., None])[..., 0] + 0.5 * rng.normal(size=(m, rows))
-        drawn = replace(design, r=r)
-        variances = reml(drawn)
-        found.append(design.theta(variances))
-        spread.append(np.diag(Marginal.at(drawn, variances).log_covariance) ** 0.5)
+        drawn = Marginal.fitted(replace(design, r=r))
+        found.append(design.theta(drawn.variances))
+        spread.append(np.diag(drawn.log_covariance) ** 0.5)
     mean, std = np.mean(found, axis=0), np.std(found, axis=0) / 30**0.5
     assert (np.abs(mean - truth) < 3.5 * std).all()
     np.testing.assert_allclose(np.std(np.log(found), axis=0), np.mean(spread, axis=0), rtol=0.5)
+
+
+def test_posterior_of_a_block_is_that_of_dense_matrices() -> None:
+    design = random_design()
+    theta = random_theta(design)
+    found = Marginal.fitted(design).at(design.variances(theta))
+    dense = Dense(design, theta)
+    block = design.blocks[0]
+    spread = theta[-1] * block.root @ block.root.T
+    X = design.flat(block.columns)
+    mean, covariance = found.posterior("free")
+    expected = block.mean + spread @ X.T @ dense.P @ design.response
+    np.testing.assert_allclose(mean, expected, rtol=1e-9)
+    left = spread - spread @ X.T @ dense.P @ X @ spread
+    np.testing.assert_allclose(covariance, left, rtol=1e-8, atol=1e-10)

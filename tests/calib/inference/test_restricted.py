@@ -139,6 +139,13 @@ def test_dependent_columns_leave_a_likelihood() -> None:
     )
 
 
+def test_groups_that_cross_are_refused() -> None:
+    design = random_design()
+    across = replace(design.effects[0], group=np.arange(len(design.r)) % 2)
+    with pytest.raises(ValueError, match="nested"):
+        MixedModel.of(replace(design, effects=(*design.effects, across)))
+
+
 def test_numbers_that_are_none_are_refused() -> None:
     design = random_design()
     r = design.r.copy()
@@ -182,7 +189,7 @@ def test_work_grows_as_groups_and_not_as_their_square() -> None:
         found = of(replace(design, effects=(*design.effects, place)), np.ones(3))
         found.derivatives  # noqa: B018
         own = found.decorrelation
-        held = [own.L, own.K, own.root, found.inside, found.weighted]
+        held = [own.cells.T, own.components.K, own.components.root, found.inside, found.weighted]
         held += [own.inverse, found.model.turned.outer, found.orthonormal]
         return sum(a.size for a in held)
 

@@ -15,8 +15,7 @@ from calib.arm.repeatability import usual_repeatability
 from calib.arrays import Array
 from calib.prediction.budget import budget_of
 from calib.prediction.estimate import estimate_of
-from calib.scatter import Variances
-from calib.scatter.owner import parted, pose_to_pose
+from calib.scatter import Variances, parted, pose_to_pose
 from studies.research.benchmarks.day import Setting, draw_day, write_day
 
 

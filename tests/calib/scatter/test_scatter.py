@@ -11,7 +11,7 @@ from calib.arm.se3 import so3_exp
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Repeatability
-from calib.identification.estimate import variance_components
+from calib.identification.variances import variance_components
 from calib.instruments import TRACKER
 from calib.linear import LinearProblem
 from calib.model import Model

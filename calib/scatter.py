@@ -1,20 +1,37 @@
-"""How whole poses err together: levers of each reading, and variances of joints and tip."""
+"""How whole poses err together, and whose it is.
+
+A reading of approach a in configuration k errs by ``J_k (c_k + u_a) + e``: e is the instrument's and
+new at every point, u_a the arm's repeatability and new at every approach, c_k what no model follows
+from one configuration to the next: it comes again at the same joints. J_k moves the joints and the tip.
+Their variances are estimated in :mod:`calib.identification.variances`.
+
+Poses that are approached again, or the cell, say how the arm comes back to a pose. What differs from
+configuration to configuration beside that is systematic, and so the model's. Where nothing separates
+the arm from the model, data sheets of arms of its size do: more than the worst of them is the model's,
+less is undecided.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from calib.arm.kinematics import forward
+from calib.arm.repeatability import Usual, usual_repeatability
 from calib.arm.se3 import cross, rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Repeatability
+from calib.inference.decorrelation import Groups, InverseRoot
 from calib.model import Model
 from calib.poses import Poses
 from calib.poses.moves import visits
-from calib.scatter.mixing import Level, Mixing
+
+if TYPE_CHECKING:
+    from calib.identification.variances import VarianceEstimate
+
+Owner: TypeAlias = Literal["instrument", "arm", "model", "undecided"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +55,10 @@ class Variances:
     @classmethod
     def of_arm(cls, joints: int, arm: Repeatability | None) -> Variances:
         """An arm of known repeatability; none where it is not known."""
-        found = cls.none(joints)
+        variances = cls.none(joints)
         if arm is not None:
-            found.approach[-2:] = arm.translation**2, arm.rotation**2
-        return found
+            variances.approach[-2:] = arm.translation**2, arm.rotation**2
+        return variances
 
     @property
     def any(self) -> bool:
@@ -58,7 +75,6 @@ class Scatter:
     lengths : ndarray of bool, shape (C, r), which numbers of the readings are lengths
     tip : ndarray, shape (m, 6, n + 6), how the tip follows them, translation first, base axes
     approach, configuration : ndarray of int, shape (m,)
-    variances : Variances
     """
 
     levers: Array
@@ -76,9 +92,8 @@ class Scatter:
     @property
     def kinds(self) -> IntArray:
         """Which variance each lever has, shape (n + 6,)."""
-        return np.concatenate(
-            [np.arange(self.joints), np.repeat([self.joints, self.joints + 1], 3)]
-        )
+        n = self.joints
+        return np.concatenate([np.arange(n), np.repeat([n, n + 1], 3)])
 
     def at(self, variances: Variances) -> Scatter:
         """The scatter of the same poses under other variances."""
@@ -86,13 +101,8 @@ class Scatter:
 
     def take(self, index: Any) -> Scatter:
         """The scatter of the poses of an index array or mask."""
-        return replace(
-            self,
-            levers=self.levers[index],
-            tip=self.tip[index],
-            approach=self.approach[index],
-            configuration=self.configuration[index],
-        )
+        each = {name: getattr(self, name)[index] for name in ("levers", "tip", *_LEVELS)}
+        return replace(self, **each)
 
     @property
     def has_approaches(self) -> bool:
@@ -121,20 +131,20 @@ class Scatter:
         counted = np.abs(weighted).sum(axis=-1) > 0.0
         return float(np.sqrt(v.scale**2 + squares[counted].mean()))
 
-    def mixing(self, weighted: Array) -> Mixing:
-        """The decorrelation of whitened rows.
+    def mixing(self, weighted: Array) -> InverseRoot:
+        """What makes whitened rows independent: approaches first, then configurations.
 
         weighted : ndarray, shape (..., m, R, n + 6), the levers, whitened as the rows are
         """
-        v = self.variances
-        mixing = Mixing((), v.scale)
-        for group, own in ((self.approach, v.approach), (self.configuration, v.configuration)):
-            size = np.sqrt(own[self.kinds])
+        levels = []
+        for name in _LEVELS:
+            size = np.sqrt(getattr(self.variances, name)[self.kinds]) / self.variances.scale
             if (moves := size > 0.0).any():
-                K = weighted[..., moves] * size[moves]
-                level = Level.of(group, K / v.scale, mixing(K))
-                mixing = Mixing((*mixing.levels, level), v.scale)
-        return mixing
+                levels.append((Groups.of(getattr(self, name)), weighted[..., moves] * size[moves]))
+        return InverseRoot.of(self.variances.scale, levels)
+
+
+_LEVELS = "approach", "configuration"
 
 
 def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) -> Scatter:
@@ -154,27 +164,20 @@ def scatter_of(model: Model, values: Array, poses: Poses, variances: Variances) 
         moved.append(by_joint * robot.carries[k + 1, model.marker_frames][:, None])
         tip[:, :3, k] = _moved(slides, axis, (frames.o[:, -1] - o)[:, None])[:, 0]
         tip[:, 3:, k] = 0.0 if slides else axis
-    turned = [cross(unit, points - o_tips) for unit in np.eye(3)]
     still = [np.broadcast_to(unit, points.shape) for unit in np.eye(3)]
+    turned = [cross(unit, points - o_tips) for unit in np.eye(3)]
     levers = np.stack([*moved, *still, *turned], axis=-1)
     tip[:, :, : robot.dof] *= robot.moving(robot.tip_frame)  # zero of what does not carry it
     for seat in model.readout.channels.seats:  # a tip scatters before what reads it
         levers[:, seat, :, robot.dof :] = 0.0
-    return Scatter(
-        model.readout.follow(values, poses, points, levers),
-        model.readout.channels.lengths,
-        tip,
-        visits(poses),
-        poses.configuration,
-        variances,
-    )
+    levers = model.readout.follow(values, poses, points, levers)
+    lengths, groups = model.readout.channels.lengths, (visits(poses), poses.configuration)
+    return Scatter(levers, lengths, tip, *groups, variances)
 
 
 def _moved(slides: bool, axis: Array, away: Array) -> Array:
     """Velocity of points (m, M, 3) away from a joint's origin."""
-    if slides:
-        return np.broadcast_to(axis[:, None], away.shape)
-    return cross(axis[:, None], away)
+    return np.broadcast_to(axis[:, None], away.shape) if slides else cross(axis[:, None], away)
 
 
 def scatter_variance(
@@ -185,3 +188,57 @@ def scatter_variance(
         return np.zeros((len(poses), len(model.readout.channels.lengths)))
     total = variances.approach + variances.configuration
     return scatter_of(model, values, poses, variances).point_variance(total)
+
+
+# -- whose it is -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PoseToPose:
+    """How poses err as a whole: one coordinate of the tip, m, and of its rotation, rad.
+
+    arm : from approach to approach; None where neither the data nor the cell show it
+    rest : from configuration to configuration; where ``arm`` is None, both; None where there is none
+    usual : Usual, how arms of this size repeat by data sheets
+    """
+
+    arm: Repeatability | None
+    rest: Repeatability | None
+    usual: Usual
+
+    @property
+    def of(self) -> Owner:
+        """Whose the rest is; where there is none, who is all that errs."""
+        if self.rest is None:
+            return "instrument" if self.arm in (None, Repeatability(0.0, 0.0)) else "arm"
+        if self.arm is not None or self.rest.translation > self.usual.worst:
+            return "model"
+        return "undecided"
+
+
+def pose_to_pose(
+    levels: VarianceEstimate | None, scatter: Scatter | None, reach: float
+) -> PoseToPose:
+    """The judgement of a fit's variances.
+
+    scatter : of the same readings; reach : m, of the arm (:attr:`calib.arm.robot.Robot.reach`)
+    """
+    usual = usual_repeatability(reach)
+    if levels is None or scatter is None:
+        return PoseToPose(None, None, usual)
+    v = levels.variances
+    arm = scatter.of_tip(v.approach) if levels.approaches or v.approach.any() else None
+    return PoseToPose(
+        arm, scatter.of_tip(v.configuration) if v.configuration.any() else None, usual
+    )
+
+
+def parted(variances: Variances, of: Owner) -> tuple[Variances, Variances]:
+    """The variances that are the arm's, and those that are the model's.
+
+    of : whose those of the configurations are; what is undecided counts as the arm's
+    """
+    none = np.zeros_like(variances.configuration)
+    if of != "model":
+        return variances, replace(variances, approach=none, configuration=none)
+    return replace(variances, configuration=none), replace(variances, approach=none)

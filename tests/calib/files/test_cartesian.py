@@ -96,7 +96,9 @@ def test_what_is_out_of_reach_is_refused_by_its_line(tmp_path: Path) -> None:
     far[1] += [9.0, 0.0, 0.0]
     cell_path, path = written(tmp_path, LIGHT, R, far)
     cell = calib.load_cell(cell_path)
-    with pytest.raises(InputError, match=r"line 3.*does not reach this tip within its limits: \d+\.\d mm") as failed:
+    with pytest.raises(
+        InputError, match=r"line 3.*does not reach this tip within its limits: \d+\.\d mm"
+    ) as failed:
         calib.load_targets(cell, path)
     assert "\n" not in str(failed.value)
     first = LIGHT.joints[0].name

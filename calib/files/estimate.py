@@ -95,21 +95,16 @@ def _estimate(cell: Cell, model: Model, values: Array, entry: dict[str, Any]) ->
     start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
     if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
         raise ValueError
-    trend = entry.get("trend_SI")
     variances, owner = _variances(cell, entry["scatter_SI"])
+    undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
+    discrepancy = ModelDiscrepancy(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
+    trend = entry.get("trend_SI")
+    if trend is not None:
+        trend = _numbers(trend, _LARGEST_SQUARE).reshape(square)
     return Estimate(
-        model,
-        values,
-        cov,
-        float(start),
-        ModelDiscrepancy(float(unexplained) * 1e-3, str(entry["unexplained"]["source"])),
-        *(tuple(map(str, entry[key])) for key in ("undetermined", "notes")),
-        entry["converged"] is True,
-        variances,
-        str(entry["session_clock"]),
-        owner,
-        None if trend is None else _numbers(trend, _LARGEST_SQUARE).reshape(square),
-    )
+        model, values, cov, float(start), discrepancy, undetermined, notes,
+        entry["converged"] is True, variances, str(entry["session_clock"]), owner, trend,
+    )  # fmt: skip
 
 
 def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:

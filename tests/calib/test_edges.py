@@ -154,7 +154,7 @@ def test_a_result_of_another_robot_is_none_of_this_cell(good: Path, tmp_path: Pa
     names = tuple(f"other{k}" for k in range(1, 7))
     other = replace(cell, robot=replace(cell.robot, joints=names))
     with pytest.raises(
-        InputError, match="is not of this cell: .*give the cell that it was made with"
+        InputError, match=r"is not of this cell: .*give the cell that it was made with"
     ):
         load_estimate(other, path)
 

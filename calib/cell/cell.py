@@ -126,7 +126,8 @@ class Cell:
         for name, value in (given | more).items():
             object.__setattr__(self, name, value)
         if "path" not in more:  # of a file it is said beside its data
-            for text in (odd_markers(self.markers), *map(odd_noise, self.instruments)):
+            noises = (odd_noise(own, finest=0.0) for own in self.instruments)  # exact in a test
+            for text in (odd_markers(self.markers), *noises):
                 if text:
                     warnings.warn(text, stacklevel=2)
 

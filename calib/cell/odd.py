@@ -12,11 +12,11 @@ _UNSTATED = 1.0  # m, of an instrument of which nothing is said
 _NEAREST, _FARTHEST = 2e-3, 20.0  # m: between these lie the markers on a tool
 
 
-def odd_noise(instrument: Instrument) -> str:
-    """What is odd about a standard deviation; empty where nothing is."""
+def odd_noise(instrument: Instrument, finest: float = _FINEST) -> str:
+    """What is odd about a standard deviation, below ``finest`` [m] or too large; empty for nothing."""
     sigma = instrument.even
     lengths = instrument.numbers[0].unit == "mm"
-    if sigma is None or not lengths or sigma == _UNSTATED or _FINEST <= sigma <= _COARSEST:
+    if sigma is None or not lengths or sigma == _UNSTATED or finest <= sigma <= _COARSEST:
         return ""
     meant, factor = ("micrometres", 1.0) if sigma > _COARSEST else ("metres", 1e6)
     return (

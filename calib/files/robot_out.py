@@ -60,7 +60,7 @@ def corrected_robot(
     if robot.source.form == "mjcf":  # limits as in the file
         robot = load_robot("mjcf", source, robot.base, robot.tip)
     lack = f"is made anew from the {cell.robot.source}: the bare chain, without shapes and moments"
-    text = _corrected(target, _bare_chain(robot), robot, corrections, markers)
+    text = corrected_urdf(target, robot, corrections, markers, root=_bare_chain(robot))
     return Written(text, (f"{lack} of inertia",))
 
 
@@ -74,8 +74,9 @@ def corrected_urdf(
     source: str | Path,
     robot: Robot,
     corrections: Array,
-    markers: dict[str, Array],
+    markers: Mapping[str, Array],
     links: Mapping[str, str] | None = None,
+    root: Element | None = None,
 ) -> str:
     """The text of a URDF whose joint origins carry the identified geometry.
 
@@ -84,24 +85,13 @@ def corrected_urdf(
         :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
     links : dict, name -> the tip on which a marker rides; all on ``robot.tip`` without
+    root : Element, in place of the file's; it is changed
 
     A tip's displacement goes into the fixed joint that carries it alone, or into the markers on it
     where there is none.
     """
-    return _corrected(
-        Path(source), read_urdf(Path(source)), robot, corrections, markers, links or {}
-    )
-
-
-def _corrected(
-    path: Path,
-    root: Element,
-    robot: Robot,
-    corrections: Array,
-    markers: Mapping[str, Array],
-    links: Mapping[str, str] | None = None,
-) -> str:
-    chain = urdf_tree(path, root).chain(robot.base, robot.tip, robot.others)
+    root = read_urdf(Path(source)) if root is None else root
+    chain = urdf_tree(Path(source), root).chain(robot.base, robot.tip, robot.others)
     moved, n = displacement(corrections[1:]), robot.dof
     before = {joint.child: joint for joint in chain}
     passed = {robot.base, *(joint.parent for joint in chain)}

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arm.enclosing import enclosing_capsule
 from calib.arm.mimic import Mimic
-from calib.arm.robot import Capsule, Place, Robot, Shapes, Source, weights_of
+from calib.arm.robot import Capsule, Place, Robot, Shapes, Source
 from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
@@ -164,8 +164,12 @@ class Tree:
         hung = [(*places[joint.parent], joint.origin) for joint in moving]
         hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
         mimics = tuple(own for joint in moving if (own := self._mimic(joint)) is not None)
-        on_arm = ((places[link], m, com) for link, m, com in self.weights if link in places)
-        masses, coms = weights_of(len(moving), on_arm)
+        masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
+        for link, mass, com in self.weights:
+            k, T = places.get(link, (0, np.eye(4)))
+            if k > 0:
+                masses[k - 1] += mass
+                moments[k - 1] += mass * transformed(T, com)
         return Robot(
             name=self.name,
             base=base,
@@ -178,7 +182,7 @@ class Tree:
             efforts=np.array([joint.effort for joint in moving]),
             speeds=np.array([joint.speed for joint in moving]),
             masses=masses,
-            coms=coms,
+            coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
             mimics=mimics,
             shapes=self._shapes(names, places),
             source=self.source,

@@ -186,7 +186,7 @@ _WORDS = {
     "string": "text",
     "boolean": "true or false",
 }
-_SOURCES = ("calib.files.schema", "calib.cell.planned", "calib.instruments.")
+_SOURCES = ("calib.cell.", "calib.instruments.")
 Key = tuple[dict[str, None], dict[str, None]]
 """What may stand at a key, and what it means, each once."""
 
@@ -203,7 +203,7 @@ def rows_of_cell(part: str) -> list[tuple[str, str, str]]:
 @cache
 def cell_keys() -> dict[str, Key]:
     """Every key of the cell. ``NAME`` is the user's; ``[]`` an entry of a list of tables."""
-    from calib.files.schema import CellFile
+    from calib.cell.tables import CellFile
 
     schema = CellFile.model_json_schema()
     classes, below = {"CellFile": schema, **schema["$defs"]}, descriptions()

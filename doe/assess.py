@@ -24,7 +24,6 @@ class Assessment:
     determinant, trace : float, det(M)^(1/p) and the trace of the covariance, parameters in their units
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
     task_rms, task_worst : float, m, over the target poses
-    common : float, m, RMS part of it by errors common to all readings, which the criterion is without
     observability : dict, indices O1 to O5 of rows scaled to plausible sizes
     without_pose : ndarray, shape (N,), m, task RMS after the loss of each pose, inf where parameters
         are lost with it
@@ -43,42 +42,34 @@ class Assessment:
     without_marker: dict[str, float]
     points: int
     hidden: int
-    common: float = 0.0
 
 
 def assess(problem: Problem, q: Array) -> Assessment:
     """Judge the poses of a plan (m, dof) together with those that are measured in any case."""
-    blocks, each = problem.information(q), problem.crossed(q)
-    M, crossed = problem.fixed + blocks.sum(axis=0), problem.crossed_fixed + each.sum(axis=0)
+    blocks = problem.information(q)
+    M = problem.fixed + blocks.sum(axis=0)
     units = np.array([p.scale for p in problem.model.parameters])
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    common = _common(problem, M, crossed)
     rows, weights = problem.at_targets.rows, problem.at_targets.weights
-    squared = _squared_errors(rows, M) + common
-    by_common = (units[:, None] * (shown @ np.linalg.solve(M, crossed))) ** 2
+    squared = _squared_errors(rows, M)
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
-
-    def without(block: Array, own: Array) -> float:
-        """Task RMS without a pose."""
-        left = M - block
-        return _rms(weights, _squared_errors(rows, left) + _common(problem, left, crossed - own))
-
     return Assessment(
         value=problem.criterion.shown(float(problem.criterion.plain.value(M))),
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),
         trace=np.inf if lost.any() else float(np.trace(cov)),
-        std=np.where(lost, np.nan, np.sqrt(np.diag(cov) * units**2 + by_common.sum(axis=1))),
+        std=np.where(lost, np.nan, np.sqrt(np.diag(cov)) * units),
         task_rms=_rms(weights, squared),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
-        without_pose=np.array([without(*own) for own in zip(blocks, each, strict=True)]),
-        without_marker=_without_markers(problem, q, seen, common),
+        without_pose=np.array(
+            [_rms(weights, _squared_errors(rows, M - block)) for block in blocks]
+        ),
+        without_marker=_without_markers(problem, q, seen),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
-        common=float(np.sqrt(weights @ common)),
     )
 
 
@@ -103,15 +94,6 @@ def _squared_errors(rows: Array, M: Array) -> Array:
     return np.where(shows, np.inf, squared)
 
 
-def _common(problem: Problem, M: Array, crossed: Array) -> Array:
-    """Squared error at each target by errors common to all readings, shape (K,), m^2.
-
-    crossed : ndarray, shape (p, b), of all readings
-    """
-    missed = problem.at_targets.missed(np.asarray(np.linalg.solve(M, crossed), dtype=float))
-    return np.asarray((missed**2).sum(axis=(1, 2)))
-
-
 def _rms(weights: Array, squared: Array) -> float:
     """Over the targets, m; inf where it is so at one, whatever it weighs."""
     return float(np.sqrt(squared @ weights)) if np.isfinite(squared).all() else np.inf
@@ -132,11 +114,8 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     return {f"O{k}": index for k, index in enumerate(indices, 1)}
 
 
-def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> dict[str, float]:
-    """Task RMS with all but one marker, m; the lost marker's position is no unknown then.
-
-    common : ndarray, shape (K,), m^2, what all markers err by together: no marker less changes it much
-    """
+def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]:
+    """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
     model, at = problem.model, problem.at_targets
     count = len(model.marker_names)
     if count == 1 or at_points_read(model) is not model:
@@ -152,6 +131,6 @@ def _without_markers(problem: Problem, q: Array, seen: Mask, common: Array) -> d
             each = rows.reshape(len(rows), count, 3, -1)
             rows = np.delete(each, lost, axis=1).reshape(len(rows), -1, rows.shape[-1])
             rows = rows * np.sqrt(count / (count - 1))
-        squared = _squared_errors(rows, M + _KNOWN * known.T @ known) + common
+        squared = _squared_errors(rows, M + _KNOWN * known.T @ known)
         errors[name] = _rms(at.weights, squared)
     return errors

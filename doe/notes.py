@@ -28,11 +28,6 @@ def _granted(design: Design) -> Iterator[str]:
         yield f"{joints} exact and rigid, as no instrument sees them err"
     if judged.hidden:
         yield f"{judged.hidden} of {judged.points} points out of sight"
-    if judged.common > 0.0:
-        yield (
-            f"{judged.common * 1e3:.2g} mm by errors common to all readings ([instrument.common]), "
-            "which more poses do not lower and the criterion is without"
-        )
 
 
 def notes_of(design: Design) -> tuple[str, ...]:
@@ -50,13 +45,14 @@ def _repeat_visits(design: Design) -> Iterator[str]:
     visits = design.reapproaches
     if visits is None:
         return
-    both = {"translation": visits.translation, "rotation": visits.rotation}
-    stated = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
-    unsure = ", if it is well above the noise of the instrument"
+    known = f"+-{100 * visits.common:.0f} %"
+    if visits.whole:
+        known = " and ".join(
+            f"+-{100 * visits.translation:.0f} % ({kind})" for kind in ("translation", "rotation")
+        )
     yield (
         f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-        f"repeatability to {' and '.join(stated) or f'+-{100 * visits.common:.0f} %'}"
-        f"{'' if design.problem.cell.scatters else unsure}."
+        f"repeatability to {known}, if it is well above the noise of the instrument."
     )
     if not visits.asked:
         yield "posecal design --reapproach 0 plans new poses in their place."

@@ -11,9 +11,8 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.levels import AngleLevels
-from doe.order import PlannedDay
+from doe.order import PlannedDay, Reapproaches
 from doe.problem import Problem
-from doe.repeats import Reapproaches
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,9 @@ from doe.assess import assess
 from doe.curve import accuracy_curve
 from doe.levels import AngleLevels, steer_the_model, with_even_knots
 from doe.notes import granted_by, notes_of
-from doe.order import day_of, quickest_order
+from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
 from doe.plan import Candidates, Design, Rival, named
 from doe.problem import Problem, problem_of
-from doe.repeats import Reapproaches, with_reapproaches
 from doe.request import CANDIDATES, CannotIdentify, Request, request_of
 from doe.solve import certified, choose, polished
 

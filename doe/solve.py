@@ -10,9 +10,9 @@ from calib.arrays import Array, IntArray
 from doe.assess import open_parameters
 from doe.candidates import Pool, movable, rounded
 from doe.constraints import scene_of
+from doe.optimal.function import Selection
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
-from doe.optimal.selection import Selection
 from doe.plan import Certificate
 from doe.problem import Problem
 from doe.request import CannotIdentify
@@ -38,7 +38,7 @@ def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
     The search goes by one with a little more in it, and a bound of the one is none of the other: at a
     single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
     """
-    plain, relaxed = posed.by(problem.criterion.plain), best.relaxed
+    plain, relaxed = replace(posed, criterion=problem.criterion.plain), best.relaxed
     if plain.criterion is not posed.criterion:
         relaxed = bounded(plain, relaxed)
     return replace(best, value=plain.value(best.plan), relaxed=relaxed)
@@ -47,15 +47,15 @@ def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
 def _check_determined(problem: Problem, M: Array) -> None:
     """Refuse information that leaves parameters of the model open."""
     lost, request = open_parameters(problem, M), problem.request
-    if not lost.any():
-        return
     ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
-    more = "more poses" if request.levels is None else "more levels, more poses"
-    raise CannotIdentify(
-        tuple(ids),
-        f"{request.poses} poses leave {len(ids)} of {len(lost)} parameters open: {', '.join(ids[:4])}"
-        f"{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of [model] effects",
-    )
+    if ids:
+        more = "more poses" if request.levels is None else "more levels, more poses"
+        raise CannotIdentify(
+            tuple(ids),
+            f"{request.poses} poses leave {len(ids)} of {len(lost)} parameters open: "
+            f"{', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of "
+            "[model] effects",
+        )
 
 
 def certified(
@@ -65,9 +65,10 @@ def certified(
 
     before : the plan before its poses were polished; final : its poses among those of the pool
     """
-    posed, relaxed = problem.posed(pool).by(problem.criterion.plain), final.relaxed
-    blocks, scores = posed.blocks, posed.blocks.scores(relaxed.G)
-    best = posed.allowed.again(scores, len(again))
+    posed = replace(problem.posed(pool), criterion=problem.criterion.plain)
+    blocks, relaxed, count = posed.blocks, final.relaxed, len(again)
+    scores = blocks.scores(relaxed.G)
+    best = np.full(count, scores.argmax()) if posed.allowed.repeats else np.argsort(-scores)[:count]
     M = blocks.total(final.plan)
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
     rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
@@ -88,8 +89,8 @@ def certified(
 
 def polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
     """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
-    M, own = problem.blocks(pool).total(chosen.plan), pool.q[chosen.plan]
-    q = _polish(problem, own, M, seed=problem.request.seed)
+    M = problem.posed(pool).blocks.total(chosen.plan)
+    q = _polish(problem, pool.q[chosen.plan], M, seed=problem.request.seed)
     plan = np.arange(len(pool), len(pool) + len(q))
     pool = pool.plus(problem.regressor, problem.request.levels, q)
     posed = problem.posed(pool)
@@ -107,14 +108,14 @@ def _polish(problem: Problem, q: Array, M: Array, *, seed: int) -> Array:
     value = float(problem.criterion.value(M))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
         tries, owner = _neighbours(problem, q, width, rng)
-        brought, q = problem.information(tries), q.copy()
+        tried, q = problem.information(tries), q.copy()
         for slot in range(len(q)):
-            own = np.flatnonzero(owner == slot)
+            near = np.flatnonzero(owner == slot)
             base = M - blocks[slot]
-            values = problem.criterion.value(base + brought[own])
-            if len(own) and values.max() > value:
-                best = own[values.argmax()]
-                value, q[slot], blocks[slot] = float(values.max()), tries[best], brought[best]
+            values = problem.criterion.value(base + tried[near])
+            if len(near) and values.max() > value:
+                best = near[values.argmax()]
+                value, q[slot], blocks[slot] = float(values.max()), tries[best], tried[best]
                 M = base + blocks[slot]
     return q
 

@@ -1,4 +1,4 @@
-"""The readings to come: those of a plan that are left, and of poses beyond it."""
+"""The readings to come: those of a plan that are left."""
 
 from __future__ import annotations
 
@@ -10,18 +10,14 @@ from calib.api import Plan, in_turn, poses_of, readings, turn_of
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import Measurements, Poses
 from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
-from doe.candidates import Pool, drawn
-from doe.constraints import constraints_of, scene_of, visible
-from doe.information import Linearisation, by_visit
-from doe.levels import levels_of
+from doe.constraints import scene_of, visible
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5
 _AS_NAMED = np.radians(5.0)  # rad: a pose that was moved a little for want of room
 _AS_NAMED_M = 0.05
-_DRAWN = 8192  # configurations, among which feasible ones are looked for
 
 
 def pace_of(poses: Poses) -> float:
@@ -89,38 +85,6 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
     seen = visible(scene_of(cell, poses.q))
     blank = np.zeros((*seen.shape, cell.channels.width))
     return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))
-
-
-def feasible(cell: Cell, data: Measurements, count: int, seed: int) -> Array:
-    """Up to ``count`` configurations that the cell allows and that are seen, (m, dof).
-
-    They keep to the levels of the cell's design where the readings in hand do.
-    """
-    levels, found = levels_of(cell, None, None), list[Array]()
-    if levels is not None and (levels.of(data.poses.q) < 0).any():
-        levels = None
-    for q in drawn(cell, _DRAWN, levels, seed):
-        found.append(Pool.feasible(cell, constraints_of(cell), levels, q).q)
-        if sum(map(len, found)) >= count:
-            break
-    return np.concatenate(found)[:count]
-
-
-def rows_of(at: Linearisation, data: Measurements, q: Array) -> Array:
-    """Independent rows of configurations (n, dof), each read as a pose of a plan, (n, r, p).
-
-    They are read where the data end. Where the arm stands no more, so soft would it be, they tell
-    nothing.
-    """
-    poses = readings(at.cell, poses_at(q))
-    last = data.poses.station[in_order(data.poses)[-1]]
-    poses = replace(poses, station=np.full(len(poses), last), stations=data.poses.stations)
-    visit = np.arange(len(poses)) % len(q)
-    given = data.sigma[np.isfinite(data.sigma) & data.seen]
-    sigma = float(np.median(given)) if len(given) else np.nan
-    seen = visible(scene_of(at.cell, q))[visit]
-    rows = by_visit(at.candidates(poses, seen, (visit, visit), sigma).by_reading, len(q))
-    return np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

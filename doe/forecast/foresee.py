@@ -152,7 +152,7 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     whole = Linearisation(cell, full, start, arm)
     waiting = before_the_first_move(data.poses)
-    known = whole.of(data, ~waiting)
+    known = whole.of(data, ~waiting).problem
     own = Points(model, data, whole.weights(data, ~waiting), known=whole.scatter(data.poses))
     choice = choose_directions(own, values)
     asked, rows = len(everything), known.independent[1]

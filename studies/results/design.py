@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from doe import Design, plan
     from doe.assess import Assessment
-    from doe.order import PlannedDay
+    from doe.order import PlannedDay, Reapproaches
     from doe.plan import Rival
-    from doe.repeats import Reapproaches
 
 
 class BeforePolish(Entry):

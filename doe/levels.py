@@ -176,12 +176,10 @@ def _chosen(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
     return AngleLevels(joint, grid, used, asked.per_level, separation)
 
 
-def steer_the_model(cell: Cell, levels: AngleLevels | None) -> bool:
+def steer_the_model(cell: Cell, levels: AngleLevels) -> bool:
     """Whether levels are to be chosen and the model has a coefficient at each of them."""
-    if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
-        return False
     joint = cell.robot.joints[levels.joint]
-    return any(
+    return not (levels.chosen or joint in cell.knots) and any(
         name == StiffnessVsAngle.kind and (where is None or joint in where)
         for name, where in map(parse_effect, cell.effects)
     )

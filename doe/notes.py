@@ -16,18 +16,16 @@ from doe.plan import Design
 
 def granted_by(design: Design) -> tuple[str, ...]:
     """What the expected error takes for granted, in words that follow "taking for granted"."""
-    return tuple(_granted(design))
-
-
-def _granted(design: Design) -> Iterator[str]:
     cell, judged = design.problem.cell, design.assessment
-    if cell.design.targets is None:
-        yield f"{len(design.problem.targets)} poses spread over the joint limits as targets"
-    if cell.unseen_joints:
-        joints = ", ".join(cell.unseen_joints)
-        yield f"{joints} exact and rigid, as no instrument sees them err"
-    if judged.hidden:
-        yield f"{judged.hidden} of {judged.points} points out of sight"
+    blind = ", ".join(cell.unseen_joints)
+    granted = {
+        f"{len(design.problem.targets)} poses spread over the joint limits as targets": (
+            cell.design.targets is None
+        ),
+        f"{blind} exact and rigid, as no instrument sees them err": bool(blind),
+        f"{judged.hidden} of {judged.points} points out of sight": judged.hidden > 0,
+    }
+    return tuple(text for text, applies in granted.items() if applies)
 
 
 def notes_of(design: Design) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.curve import stops_paying
 from doe.forecast.accuracy import (
     ForecastStep,
     LastingError,
@@ -29,6 +28,7 @@ from doe.forecast.accuracy import (
 )
 from doe.forecast.coming import Match, match, whole_day
 from doe.information import Linearisation, Rows, nominal
+from doe.plan import stops_paying
 
 _MOST_FRESH = 30
 

@@ -14,9 +14,9 @@ from calib.inference.widths import SizePrior
 from calib.model.build import build
 from calib.poses import poses_at
 from doe.candidates import Pool
+from doe.planning import choose
 from doe.problem import RIDGE, Problem, problem_of
 from doe.request import CannotIdentify, Request
-from doe.solve import choose
 from studies.demo.embedded import embedded_cell
 
 

@@ -30,12 +30,9 @@ def granted_by(design: Design) -> tuple[str, ...]:
 
 def notes_of(design: Design) -> tuple[str, ...]:
     """What a reader should know about a plan, a sentence or two for each rule that applies."""
-    notes = (" ".join(rule(design)) for rule in _NOTES)
+    limits = odd_limits(design.problem.cell.robot)
+    notes = [" ".join(sentences) for sentences in (limits, *(rule(design) for rule in _NOTES))]
     return tuple(note for note in notes if note)
-
-
-def _odd_limits(design: Design) -> Iterator[str]:
-    yield from odd_limits(design.problem.cell.robot)
 
 
 def _repeat_visits(design: Design) -> Iterator[str]:
@@ -74,17 +71,6 @@ def _weak(design: Design) -> Iterator[str]:
             f"this plan hardly determines {', '.join(weak[:6])}{' ..' * (len(weak) > 6)}. Do not "
             f"identify them from it, or plan with criterion A or D in place of {design.criterion}"
         )
-
-
-def _outside(design: Design) -> Iterator[str]:
-    """Plans that were given, with poses beyond the limits."""
-    low, high = design.problem.cell.robot.limits.T
-    given = {name: rival.q for name, rival in design.rivals.items()}
-    if design.problem.request.fixed is not None:
-        given["the plan to extend"] = design.problem.request.fixed.q
-    for name, q in given.items():
-        if count := int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum()):
-            yield f"{name}: {count} poses are outside the joint limits"
 
 
 def _unmoved(design: Design) -> Iterator[str]:
@@ -136,6 +122,4 @@ def _coefficients(design: Design) -> Iterator[str]:
             )
 
 
-_NOTES = (
-    _odd_limits, _repeat_visits, _unplanned, _weak, _outside, _unmoved, _checked, _coefficients,
-)  # fmt: skip
+_NOTES = (_repeat_visits, _unplanned, _weak, _unmoved, _checked, _coefficients)

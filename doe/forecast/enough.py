@@ -63,24 +63,18 @@ class Enough(Result):
     def sentences(self) -> list[str]:
         if self.found is None:
             return [f"Enough: the readings so far do not suffice: {self.why}"]
-        now, end = self.steps[0], self.steps[-1]
-        said = f"Enough: expected error at the targets {1e3 * now.task_rms:.3g} mm RMS now"
-        if len(self.steps) > 1:
-            said += (
-                f", {1e3 * end.task_rms:.3g} mm after the {len(self.steps) - 1} poses still to come"
-            )
-        if self.goal is None:
-            return [said]
-        goal = f"goal {1e3 * self.goal:.3g} mm: "
-        if self.beyond_reach:
-            return [said, goal + "no number of poses meets it, as the model lacks something"]
-        needed = self.needed
-        if needed is None:
-            return [said, goal + "out of reach of these poses"]
-        return [
-            said,
-            goal + (f"met after {needed} poses more" if needed else "met, 19 times in 20"),
-        ]
+        errors = [f"{1e3 * step.task_rms:.3g} mm" for step in (self.steps[0], self.steps[-1])]
+        coming = f", {errors[1]} after the {len(self.steps) - 1} poses still to come"
+        now = f"Enough: expected error at the targets {errors[0]} RMS now"
+        sentences = [now + coming * (len(self.steps) > 1)]
+        if self.goal is not None:
+            verdict = "out of reach of these poses"
+            if self.beyond_reach:
+                verdict = "no number of poses meets it, as the model lacks something"
+            elif self.needed is not None:
+                verdict = f"met after {self.needed} poses more, 19 times in 20"
+            sentences.append(f"goal {1e3 * self.goal:.3g} mm: {verdict}")
+        return sentences
 
     def rows(self) -> list[dict[str, object]]:
         return [
@@ -106,23 +100,21 @@ class Enough(Result):
     @property
     def needed(self) -> int | None:
         """How many of the poses still to come the goal needs; None where it is out of their reach."""
-        found = [k for k, step in enumerate(self.steps) if self.reaches(step)]
-        return found[0] if found else None
+        return next((k for k, step in enumerate(self.steps) if self.reaches(step)), None)
 
     @property
     def fresh_needed(self) -> int | None:
         """How many poses beyond the plan the goal needs; None if more than were tried."""
-        found = [k + 1 for k, step in enumerate(self.fresh) if self.reaches(step)]
-        return found[0] if found else None
+        return next((k for k, step in enumerate(self.fresh, 1) if self.reaches(step)), None)
 
     @property
     def pays_until(self) -> int | None:
         """Poses still to come after which more of them only average noise; None while some is open."""
-        settled = [step for step in self.steps if not set(step.open) - set(self.steps[-1].open)]
-        at = stops_paying([s.readings for s in settled], [s.task_rms for s in settled])
-        return next(
-            (k for k, s in enumerate(self.steps) if s.readings == at and s in settled), None
-        )
+        open_in_the_end = set(self.steps[-1].open)
+        settled = [k for k, step in enumerate(self.steps) if set(step.open) <= open_in_the_end]
+        steps = [self.steps[k] for k in settled]
+        at = stops_paying([step.readings for step in steps], [step.task_rms for step in steps])
+        return next((k for k in settled if self.steps[k].readings == at), None)
 
 
 @one_blas_thread
@@ -169,8 +161,7 @@ def enough(
     if settled or unplanned:
         return result
     fresh = _beyond(task, rows, len(np.unique(read.poses.configuration)))
-    met = [k for k, step in enumerate(fresh, 1) if result.reaches(step)]
-    return replace(result, fresh=fresh[: met[0]] if met else fresh)
+    return replace(result, fresh=fresh[: replace(result, fresh=fresh).fresh_needed])
 
 
 def _linearised(

@@ -58,7 +58,7 @@ def enough(
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
     with faults_in(cell_path, readings_of=data_path), working("judging what was measured"):
-        answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
+        answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal)
     planned, made_from = 0 if plan is None else len(plan), envelope(cell.name, inputs, seed)
     result = EnoughResult.of(answer, planned, cell.targets_in_words, made_from)
     deliver(result, json_path, warnings=warnings)

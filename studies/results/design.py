@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from doe import Design, plan
     from doe.assess import Assessment
-    from doe.order import PlannedDay
+    from doe.order import PlannedDay, Reapproaches
     from doe.plan import Rival
-    from doe.repeats import Reapproaches
 
 
 class BeforePolish(Entry):
@@ -244,8 +243,8 @@ class DesignResult(Result, PlanAccuracy):
     def of(cls, found: Design, made_from: Envelope) -> Self:
         """A design."""
         from doe.constraints.self_collision import unchecked
-        from doe.curve import poses_that_match, stops_paying
         from doe.order import travel
+        from doe.plan import stops_paying
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed
@@ -283,7 +282,7 @@ class DesignResult(Result, PlanAccuracy):
             seconds=sum(found.seconds.values()),
             seconds_by_part=found.seconds,
             pays_until=stops_paying(counts, errors),
-            matches=poses_that_match(found.curve, found) if found.curve else {},
+            matches=found.matches if found.curve else {},
             unchecked=unchecked(cell),
             day=DayTimes.of(found.day),
         )

@@ -24,9 +24,8 @@ from calib.poses import poses_at
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
-from doe.order import durations, quickest_order
+from doe.order import durations, over_the_day, quickest_order, with_reapproaches
 from doe.plan import named
-from doe.repeats import over_the_day, with_reapproaches
 from doe.request import request_of
 from studies.results.design import DesignResult
 from tests.doe.plans import unpolished, visiting_again

@@ -62,7 +62,7 @@ class Linearisation:
         """
         seen = None if seen is None else seen[visit]
         rows = self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
-        return by_visit(rows.problem.by_reading, int(visit[-1]) + 1)
+        return by_visit(rows.problem.rows(), int(visit[-1]) + 1)
 
     def scatter(self, poses: Poses, visit: IntArray | None = None) -> Scatter:
         """How readings err together; visit : of each one, as the poses say without it."""

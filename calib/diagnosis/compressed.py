@@ -120,7 +120,7 @@ class Products:
     def ends(self) -> IntArray:
         """Where the draws of each effect begin, and the end, (v + 1,)."""
         turned, effects = self.columns.turned, range(len(self.theta) - 1)
-        cells = len(turned.component)
+        cells = len(turned.instrument)
         counts = [
             cells * np.count_nonzero(turned.own_of == e) + np.count_nonzero(turned.shared_of == e)
             for e in effects

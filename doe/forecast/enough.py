@@ -217,10 +217,10 @@ def _steps(
     yield task.expected(None, int(done.sum()), now)
     if not len(to_come):
         return
-    each = [stacked(rows.take(pose == k).problem.by_reading) for k in to_come]
+    each = [stacked(rows.take(pose == k).problem.rows()) for k in to_come]
     most = max(map(len, each))
     padded = np.array([np.pad(J, ((0, most - len(J)), (0, 0))) for J in each])
-    known = np.concatenate([stacked(now.by_reading), now.held])
+    known = np.concatenate([stacked(now.rows()), now.held])
     for i in most_useful_first(task.targets, known, padded, task.model.sizes):
         done = done | (pose == to_come[i])
         yield task.expected(names[to_come[i]], int(done.sum()), rows.take(done).problem)

@@ -12,6 +12,7 @@ from calib.cell import Cell
 from calib.effects.base import Base
 from calib.effects.tool import Tool
 from calib.errors import Unsolvable
+from calib.heldout import parted
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimate import Estimation, estimated
 from calib.identification.fit import Method
@@ -49,7 +50,8 @@ def identify(
     cell: Cell,
     data: Measurements,
     *,
-    heldout: Measurements | None = None,
+    heldout: Measurements | float | None = None,
+    rng: np.random.Generator | int = 0,
     approach: Approach = "points",
     method: Method = "joint",
     weighting: Weighting = "full",
@@ -57,7 +59,8 @@ def identify(
 ) -> Identification:
     """Estimate the effects that the cell's model contains.
 
-    heldout : measurements that take no part in the estimate and are predicted with it
+    heldout : measurements that take no part in the estimate and are predicted with it, or the share of
+        the configurations that does not, drawn by ``rng``, a generator or the seed of one
     approach : "points" (marker coordinates, the paper's #2) or "pose" (position and orientation from
         the markers of each pose, #1)
     method : "joint" (all parameters at once) or "two-step" (the paper's section III, iterated)
@@ -66,6 +69,7 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
+    data, held = parted(data, heldout, rng)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
     with_sizes = cell.size_prior == "estimated"
@@ -108,7 +112,7 @@ def identify(
         fit=Residuals.of(
             fitted, data, values, ~estimate.kept, judgement.statistics, judgement.limit
         ),
-        heldout=None if heldout is None else predicted(cell, estimate, heldout),
+        heldout=None if held is None else predicted(cell, estimate, held),
         nominal=_nominal(estimate.observation, start),
     )
 

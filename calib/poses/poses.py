@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
@@ -192,6 +193,42 @@ class Measurements(Result):
     sigma: Array
     warnings: tuple[str, ...] = ()
 
+    @classmethod
+    def of(
+        cls,
+        q: ArrayLike,
+        points: ArrayLike,
+        *,
+        sigma: ArrayLike = np.nan,
+        names: Sequence[str] | None = None,
+        **given: Any,
+    ) -> Measurements:
+        """What a tracker read, from plain arrays in the order of measurement.
+
+        q : shape (m, n), rad or m; points : shape (m, M, 3), m, NaN where a marker is hidden
+        sigma : float, or shape (m, M), m, standard deviation of a coordinate; NaN: as the cell has it
+        names : of the poses; given : further fields of Poses
+
+        Raises CalibError that names the argument of another shape or kind.
+        """
+        from calib.poses.moves import with_moves
+
+        joints, read = _numbers("q", q, 2), _numbers("points", points, 3)
+        if not np.isfinite(joints).all():
+            raise CalibError("q has values that are not finite; give every joint, in rad or m")
+        if read.shape != (len(joints), read.shape[1], 3):
+            expected = f"({len(joints)}, markers, 3), as q has {len(joints)} poses"
+            raise CalibError(f"points have shape {read.shape}, expected {expected}")
+        seen: Mask = np.asarray(np.isfinite(read).all(axis=-1))
+        std = _numbers("sigma", sigma)
+        if std.shape not in ((), seen.shape):
+            raise CalibError(f"sigma has shape {std.shape}, expected {seen.shape} or one number")
+        if names is not None and len(names) != len(joints):
+            raise CalibError(f"names are {len(names)}, expected {len(joints)}, one for each pose")
+        poses = with_moves(poses_at(joints, names, **given))
+        readings = np.where(seen[..., None], read, 0.0)
+        return cls(poses, readings, seen, np.array(np.broadcast_to(std, seen.shape)))
+
     def sentences(self) -> list[str]:
         read = f"{int(self.seen.sum())} readings of {self.seen.shape[1]} channels"
         return [f"Measurements: {len(self)} poses, {read}", *self.warnings]
@@ -280,3 +317,14 @@ class Measurements(Result):
         held = rng.permutation(count)[:size]
         out = np.isin(group, held)
         return self.take(~out), self.take(out)
+
+
+def _numbers(name: str, values: ArrayLike, axes: int | None = None) -> Array:
+    """An argument as numbers. Raises CalibError where it has none, or another number of axes."""
+    try:
+        found = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise CalibError(f"{name} is a {type(values).__name__}, expected numbers") from None
+    if axes is not None and found.ndim != axes:
+        raise CalibError(f"{name} has shape {found.shape}, expected {axes} axes")
+    return found

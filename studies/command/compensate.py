@@ -52,7 +52,7 @@ def compensate(
     targets, weights = calib.load_targets(cell, targets_path)
     with faults_in(targets_path), working("correcting the targets"):
         found = calib.compensate(cell, estimate, targets, weights=weights, tip=tip)
-    result = CompensateResult.of(cell, found, envelope(cell.name, inputs, about=cell.about))
+    result = CompensateResult.of(found, cell, envelope(cell.name, inputs, about=cell.about))
     tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
     tips = is_cartesian(cell.robot, table.columns)
     said = solution_said(cell.robot, targets.names, targets.q) if tips else ()

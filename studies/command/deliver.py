@@ -39,14 +39,14 @@ def deliver(
     for warning in dict.fromkeys((*warnings, *result.warnings)):
         click.echo(f"warning: {plain_line(warning)}", err=True)
     text, piped, json = markdown(result), json_path == "-", output_file(json_path)
-    texts = {**({json: result.dumps()} if json else {}), **(files or {})}
+    texts = {**({json: result.to_json()} if json else {}), **(files or {})}
     drawn: dict[Path, str | bytes] = {}
     if folder is not None:
         make_folder(folder)
         drawn = figures(result, folder)
     write_files(texts | drawn)
     if piped:
-        click.echo(result.dumps(), nl=False)
+        click.echo(result.to_json(), nl=False)
     print_markdown(text, stderr=piped)
     written = [f"wrote {path}" for path in texts]
     if folder is not None:

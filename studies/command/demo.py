@@ -86,7 +86,7 @@ class Demonstration:
             steps=tuple(steps),
             files=tuple(InputFile(file=n, sha256=sha256(self.folder / n)) for n in self.files),
         )
-        write_files({self.folder / "demo.json": result.dumps()})
+        write_files({self.folder / "demo.json": result.to_json()})
         return result
 
     def write(self, texts: dict[str, str]) -> None:

@@ -93,7 +93,7 @@ def design(
             seed=seed,
             **asked,  # poses, criterion, levels, curve
         )
-    result = DesignResult.of(found, envelope(cell.name, inputs, seed))
+    result = DesignResult.of(found, cell, envelope(cell.name, inputs, seed))
     table = plan_csv(cell, found.poses, np.array(shown_levels(found)))
     deliver(result, json_path, folder, {} if plan_path is None else {plan_path: table})
 

@@ -78,11 +78,11 @@ def diagnose(
             found = calib.diagnose(cell, held.data, heldout=held.heldout)
         result = one_blas_thread(DiagnoseResult.of)(
             found,
+            cell,
             envelope(cell.name, inputs, seed, cell.about),
             figures=json_path is not None or folder is not None,
-            after_s=cell.design.targets_after or 0.0,
             holdout=holdout,
-            warnings=(*held.warnings, *found.warnings),
+            warnings=held.warnings,
         )
     texts: dict[Path, str | bytes] = {}
     notes: list[str] = []

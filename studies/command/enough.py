@@ -60,5 +60,5 @@ def enough(
     with faults_in(cell_path, readings_of=data_path), working("judging what was measured"):
         answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
     planned, made_from = 0 if plan is None else len(plan), envelope(cell.name, inputs, seed)
-    result = EnoughResult.of(answer, planned, cell.targets_in_words, made_from)
-    deliver(result, json_path, warnings=warnings)
+    result = EnoughResult.of(answer, cell, made_from, planned=planned, warnings=warnings)
+    deliver(result, json_path)

@@ -92,12 +92,12 @@ def identify(
     result = IdentifyResult.of(
         found,
         cell,
-        whole,
         envelope(cell.name, inputs, seed, cell.about),
+        whole=whole,
         holdout=holdout,
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
-        warnings=(*held.warnings, *shortened, *found.warnings),
+        warnings=(*held.warnings, *shortened),
     )
     files, notes = robot_files(cell, found, urdf_path, zeros_path, counts)
     deliver(result, json_path, folder, files, notes=notes)

@@ -26,4 +26,4 @@ def foresee_plan(cell: Cell, plan_path: Path, json_path: str | None, seed: int) 
     plan = load(cell, plan_path)
     with faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
         found = foresee(cell, plan)
-    deliver(PlanResult.of(found, envelope(cell.name, inputs, seed)), json_path)
+    deliver(PlanResult.of(found, cell, envelope(cell.name, inputs, seed)), json_path)

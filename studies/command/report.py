@@ -36,13 +36,13 @@ def report(
     Example:
       posecal report identified.json -o report.html --operator "A. Klimchik"
     """
-    from studies.page import report_page
+    from studies.report import Reported, page_of
     from studies.results.base import envelope
     from studies.results.report import ReportResult
 
     check_outputs([page_path, output_file(json_path)], results)
     with working("writing the page"):
         facts = {label: text for label, text in about.items() if text}
-        text, notes = report_page(results, title, facts)
-    result = ReportResult(**envelope("", results), page=str(page_path), notes=notes)
-    deliver(result, json_path, files={page_path: text})
+        page = page_of([Reported.read(path) for path in results], title, facts)
+    result = ReportResult(**envelope("", results), page=str(page_path), notes=page.notes)
+    deliver(result, json_path, files={page_path: page.html})

@@ -9,11 +9,15 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from calib.errors import CalibError
 from calib.files.read import sha256
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MM, MICRO = 1e3, 1e6
 
@@ -147,7 +151,33 @@ class Result(Entry):
         """What it begins with and what it leaves; None where it holds no such errors."""
         return None
 
-    def dumps(self) -> str:
+    @property
+    def main_table(self) -> Sequence[Entry]:
+        """The rows of its main table."""
+        return ()
+
+    def summary(self) -> str:
+        """What its command prints, as text."""
+        from studies.render import markdown, terminal
+
+        return terminal(markdown(self))
+
+    __repr__ = __str__ = summary
+
+    def _repr_html_(self) -> str:
+        from studies.render import html, markdown
+
+        return html(markdown(self))
+
+    def to_frame(self) -> DataFrame:
+        """Its main table as a pandas DataFrame. Raises CalibError where pandas is not installed."""
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise CalibError("to_frame needs pandas: pip install pandas") from None
+        return DataFrame([row.model_dump(by_alias=True) for row in self.main_table])
+
+    def to_json(self) -> str:
         """The JSON that :func:`studies.results.read.read` reads."""
         return json.dumps(self.model_dump(by_alias=True), indent=1, allow_nan=False) + "\n"
 

@@ -19,51 +19,22 @@ from studies.results.base import (
     Number,
     Result,
 )
+from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, ParameterStd, joint_values
 
 if TYPE_CHECKING:
-    from calib.arrays import Array
+    from calib import Cell
     from doe import Design, plan
     from doe.assess import Assessment
     from doe.order import PlannedDay
     from doe.plan import Rival
-    from doe.repeats import Reapproaches
-
-
-class BeforePolish(Entry):
-    """The plan of candidates alone."""
-
-    value: Maybe
-    bound: Maybe
-    efficiency: Number
 
 
 class Proof(Entry):
-    """The certificate: what no plan surpasses, and how it was found."""
+    """What is missing to the bound: the solver's tolerance, and how far apart searches ended."""
 
-    weighted_value: Maybe
     solver_gap: Number
-    before_polish: BeforePolish
     agreement_of_starts: Number
-    surviving_candidates: Count
-    rounds: Count
-
-    @classmethod
-    def of(cls, found: Design) -> Self:
-        """The certificate of a design."""
-        proof, shown = found.certificate, found.problem.criterion.shown
-        return cls(
-            weighted_value=shown(proof.weighted),
-            solver_gap=proof.solver_gap,
-            before_polish=BeforePolish(
-                value=shown(proof.pool_value),
-                bound=shown(proof.pool_bound),
-                efficiency=min(1.0, proof.pool_value / proof.pool_bound),
-            ),
-            agreement_of_starts=proof.agreement_of_starts,
-            surviving_candidates=found.candidates.survivors,
-            rounds=proof.rounds,
-        )
 
 
 class DesignPose(JointValues):
@@ -123,48 +94,27 @@ class CandidateCounts(Entry):
     removed_by: dict[str, Count]
 
 
-class RelativeStd(Entry):
-    """Standard deviation of the arm's repeatability over its size, as second visits show it."""
-
-    common: Maybe
-    translation: Maybe
-    rotation: Maybe
-
-
 class RepeatVisits(Entry):
-    """Poses that are visited again, the names of their second visits; asked : else by default."""
+    """Poses that are visited again, the names of their second visits, and what these free."""
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: NotNegative
-    repeatability_relative_std: RelativeStd
-    asked: bool
-
-    @classmethod
-    def of(cls, found: Reapproaches) -> Self:
-        """The repeat visits of a plan."""
-        std = RelativeStd.model_validate(found, from_attributes=True)
-        return cls(
-            poses=found.poses, again=found.again, dof=found.dof, repeatability_relative_std=std,
-            asked=found.asked,
-        )  # fmt: skip
 
 
 class RivalPlan(PlanAccuracy):
-    """A plan judged by the same bound; std : of each parameter, in its unit."""
+    """A plan judged by the same bound."""
 
     poses: Count
     value: Maybe
     efficiency: Maybe
-    std: tuple[Maybe, ...]
 
     @classmethod
-    def of(cls, rival: Rival, units: Array) -> Self:
-        """A plan; units : ndarray, shape (p,), one unit of each parameter in SI."""
+    def of(cls, rival: Rival) -> Self:
+        """The entry of a plan."""
         own = rival.assessment
-        std = tuple((own.std / units).tolist())
-        accuracy, share = _accuracy(own), rival.efficiency
-        return cls(**accuracy, poses=rival.poses, value=own.value, efficiency=share, std=std)
+        share = rival.efficiency
+        return cls(**_accuracy(own), poses=rival.poses, value=own.value, efficiency=share)
 
 
 class CurveStep(Entry):
@@ -208,7 +158,10 @@ class DayTimes(Entry):
 
 
 class DesignResult(Result, PlanAccuracy):
-    """The poses to measure, and the proof of how good they are."""
+    """The poses to measure, and the proof of how good they are.
+
+    expected : error at the targets, if the model is complete and the arm scatters as the cell states
+    """
 
     command: Literal["design"] = "design"
     criterion: str
@@ -222,6 +175,7 @@ class DesignResult(Result, PlanAccuracy):
     levels_deg: dict[str, tuple[Number, ...]]
     levels_mm: dict[str, tuple[Number, ...]]
     predicted_std: tuple[ParameterStd, ...]
+    expected: ExpectedErrors
     targets: str
     survives: Survives
     candidates: CandidateCounts
@@ -234,23 +188,20 @@ class DesignResult(Result, PlanAccuracy):
     notes: tuple[str, ...]
     granted: tuple[str, ...]
     seconds: NotNegative
-    seconds_by_part: dict[str, NotNegative]
     pays_until: Count | None
     matches: dict[str, Count | None]
     unchecked: str
     day: DayTimes | None
 
     @classmethod
-    def of(cls, found: Design, made_from: Envelope) -> Self:
-        """A design."""
+    def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
+        """A design in a cell."""
         from doe.constraints.self_collision import unchecked
         from doe.curve import poses_that_match, stops_paying
         from doe.order import travel
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
-        cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed
-        robot, parameters = cell.robot, problem.model.parameters
-        units = np.array([p.scale for p in parameters])
+        criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
         counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
         levels = shown_levels(found)
         return cls(
@@ -263,30 +214,36 @@ class DesignResult(Result, PlanAccuracy):
             value=found.value,
             bound=found.bound,
             efficiency=found.efficiency,
-            proof=Proof.of(found),
+            proof=Proof.model_validate(found.certificate, from_attributes=True),
             poses=tuple(
                 DesignPose(pose=name, level=level, **joint_values(robot, q))
                 for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
             ),
-            predicted_std=ParameterStd.known(parameters, judged.std),
+            predicted_std=ParameterStd.known(problem.model.parameters, judged.std),
+            expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
             survives=Survives.of(found),
             candidates=CandidateCounts.model_validate(found.candidates, from_attributes=True),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
-            reapproaches=None if again is None else RepeatVisits.of(again),
+            reapproaches=None
+            if again is None
+            else RepeatVisits.model_validate(again, from_attributes=True),
             extends=None if fixed is None else len(fixed),
-            against={name: RivalPlan.of(rival, units) for name, rival in found.rivals.items()},
+            against={name: RivalPlan.of(rival) for name, rival in found.rivals.items()},
             curve=tuple(map(CurveStep.of, found.curve)),
             notes=found.notes,
             granted=found.granted,
             seconds=sum(found.seconds.values()),
-            seconds_by_part=found.seconds,
             pays_until=stops_paying(counts, errors),
             matches=poses_that_match(found.curve, found) if found.curve else {},
             unchecked=unchecked(cell),
             day=DayTimes.of(found.day),
         )
+
+    @property
+    def main_table(self) -> tuple[DesignPose, ...]:
+        return self.poses
 
     @property
     def chosen(self) -> int:

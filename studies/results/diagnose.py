@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -26,11 +26,12 @@ from studies.results.base import (
     Unit,
 )
 from studies.results.curves import ErrorCurve, ErrorSteps
-from studies.results.estimate import Estimated, Lengths, Pixels, Residual, bad_readings
+from studies.results.estimate import Estimated, Lengths, Pixels, Residual
+from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
 
 if TYPE_CHECKING:
-    from calib import Measurements
+    from calib import Cell, Measurements
     from calib.diagnosis import Diagnosis
     from calib.diagnosis.causes import Cause as FittedCause
     from calib.diagnosis.gap import Gap
@@ -159,13 +160,6 @@ def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[
 
 def _rounded(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(round(float(value), 2) for value in values)
-
-
-class Side(Entry):
-    """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
-
-    side: Literal["camera", "board", "arm"]
-    share_of_gap: Number
 
 
 class LocatedPlace(Entry):
@@ -322,7 +316,6 @@ class DiagnoseResult(Result):
     effects: tuple[FoundCause, ...]
     possible: tuple[FoundCause, ...] = ()
     rest: Rest
-    sides: tuple[Side, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapErrors
     could_not_see: tuple[DetectionLimit, ...]
@@ -333,6 +326,7 @@ class DiagnoseResult(Result):
     outliers: tuple[Outlier, ...]
     spectra: tuple[SpectrumLines, ...]
     holdout: str | None
+    expected: ExpectedErrors
     estimate: Estimated
     steps: ErrorSteps | None
     curves: tuple[ErrorCurve, ...]
@@ -340,12 +334,18 @@ class DiagnoseResult(Result):
 
     @classmethod
     def of(
-        cls, result: Diagnosis, made_from: Envelope, *, figures: bool, after_s: float, **asked: Any
+        cls,
+        result: Diagnosis,
+        cell: Cell,
+        made_from: Envelope,
+        *,
+        figures: bool = True,
+        warnings: Iterable[str] = (),
+        holdout: str | None = None,
     ) -> Self:
-        """The result of a diagnosis.
+        """The result of a diagnosis of a cell.
 
-        figures : whether it holds what they show: further fits
-        after_s : after the last reading the arm comes to its targets; asked : holdout, warnings
+        figures : whether it holds what they show: further fits; warnings : of the data
         """
         from calib.diagnosis.spectra import spectra
         from calib.prediction.estimate import estimate_of
@@ -353,6 +353,7 @@ class DiagnoseResult(Result):
         after, poses, rest = result.after, result.data.poses, result.rest
         model, tip, lines = after.model, after.model.robot.tip, spectra(result)
         footprint = model.footprint(after.values, result.data)
+        estimate = estimate_of(result, cell.design.targets_after or 0.0)
         steps: ErrorSteps | None = None
         curves: tuple[ErrorCurve, ...] = ()
         residuals: list[DiagnoseResidual] = []
@@ -363,7 +364,8 @@ class DiagnoseResult(Result):
                 residuals += DiagnoseResidual.of_both(result, result.heldout, True)
         return cls(
             **made_from,
-            **asked,
+            warnings=(*warnings, *result.warnings),
+            holdout=holdout,
             verdict=result.verdict,
             noise=Noise.of(result.noise, after.levels, result.stage.scatter, model, footprint),
             effects=tuple(FoundCause.of(cause, lines, tip) for cause in result.causes),
@@ -375,7 +377,6 @@ class DiagnoseResult(Result):
                 repeatability_mm=rest.repeatability * 1e3,
                 repeatability_source=rest.source,
             ),
-            sides=tuple(Side(side=entry.side, share_of_gap=entry.share) for entry in result.sides),
             located=tuple(
                 LocatedPlace(
                     where=place(entry.where, tip),
@@ -404,9 +405,17 @@ class DiagnoseResult(Result):
             not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in result.not_asked),
             approach_derived=bool(poses.approach is not None and poses.approach_derived),
             not_fitted=tuple(np.array(poses.names)[result.waiting].tolist()),
-            outliers=tuple(_outliers(result)),
+            outliers=tuple(
+                Outlier(
+                    pose=poses.names[i],
+                    reason=f"mean square {result.statistic[i]:.1f} of its own spread, "
+                    f"limit {result.limit:.1f}",
+                )
+                for i in np.flatnonzero(result.outlier).tolist()
+            ),
             spectra=tuple(map(SpectrumLines.of, lines)),
-            estimate=Estimated.of(estimate_of(result, after_s)),
+            expected=ExpectedErrors.at_targets(cell, estimate),
+            estimate=Estimated.of(estimate),
             steps=steps,
             curves=curves,
             residuals=tuple(residuals),
@@ -422,6 +431,10 @@ class DiagnoseResult(Result):
         if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
             return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, gap.unit, True)
         return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, of, gap.unit)
+
+    @property
+    def main_table(self) -> tuple[FoundCause, ...]:
+        return self.effects
 
     @property
     def worst_hidden(self) -> DetectionLimit | None:
@@ -462,15 +475,3 @@ class DiagnoseResult(Result):
                 left.remove(cause)
             named.append((located, "unknown" if cause is None else cause.effect))
         return named
-
-
-def _outliers(result: Diagnosis) -> Iterator[Outlier]:
-    from calib.identification.residuals import Residuals
-
-    model = result.after.model
-    part = Residuals.of(model, result.data, result.after.values, result.outlier)
-    for i in np.flatnonzero(result.outlier).tolist():
-        reason = bad_readings(part, model, i) or (
-            f"mean square {result.statistic[i]:.1f} of its own spread, limit {result.limit:.1f}"
-        )
-        yield Outlier(pose=result.data.poses.names[i], reason=reason)

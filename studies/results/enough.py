@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from studies.results.base import (
@@ -17,9 +18,11 @@ from studies.results.base import (
     Positive,
     Result,
 )
+from studies.results.expected import ExpectedErrors
 from studies.results.parts import ParameterStd
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.model import Model
     from doe import Enough
     from doe.forecast.accuracy import ForecastStep
@@ -150,6 +153,7 @@ class EnoughResult(Result):
     status: str
     reason: str | None
     noise: NoiseSoFar
+    expected: ExpectedErrors | None
     lacking: LastingError
     plan: PlanProgress
     now: KnownState
@@ -163,14 +167,24 @@ class EnoughResult(Result):
     pays_until: Count | None
 
     @classmethod
-    def of(cls, answer: Enough, planned: int, targets: str, made_from: Envelope) -> Self:
-        """An answer; planned : poses of the plan; targets : in words."""
+    def of(
+        cls,
+        answer: Enough,
+        cell: Cell,
+        made_from: Envelope,
+        *,
+        planned: int = 0,
+        warnings: Iterable[str] = (),
+    ) -> Self:
+        """An answer in a cell; planned : poses of the plan; warnings : of the data."""
+        from calib.prediction.estimate import estimate_of
+
         found, model, coming = answer.found, answer.model, answer.steps[1:]
-        length = model.readout.channels.metric
+        length, after = model.readout.channels.metric, cell.design.targets_after or 0.0
         return cls(
             **made_from,
-            warnings=answer.match.warnings,
-            targets=targets,
+            warnings=(*warnings, *answer.match.warnings),
+            targets=cell.targets_in_words,
             status="too_few" if found is None else found.status,
             reason=answer.why or None,
             noise=NoiseSoFar(
@@ -178,6 +192,9 @@ class EnoughResult(Result):
                 source="cell" if found is None else found.noise.source,
                 pixel_mm=None if length else answer.footprint * MM,
             ),
+            expected=None
+            if found is None
+            else ExpectedErrors.at_targets(cell, estimate_of(found, after)),
             lacking=LastingError.of(answer),
             plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
             now=KnownState.at(model, answer.steps[0]),
@@ -192,9 +209,18 @@ class EnoughResult(Result):
         )
 
     @property
+    def main_table(self) -> tuple[ExpectedStep, ...]:
+        return (self.now, *self.order)
+
+    @property
+    def rms_now_mm(self) -> float | None:
+        """Expected at the targets now: of the fit, or as foreseen where there is none yet."""
+        return self.now.task_rms_mm if self.expected is None else self.expected.rms_mm
+
+    @property
     def error(self) -> BeforeAfter | None:
         """Expected at the targets now, and after all planned poses."""
-        now, end = self.now.task_rms_mm, self.end.task_rms_mm
+        now, end = self.rms_now_mm, self.end.task_rms_mm
         if now is None or end is None:
             return None
         judged = None

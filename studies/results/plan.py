@@ -24,6 +24,7 @@ from studies.results.base import (
 from studies.results.identify import Unidentifiable
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.diagnosis.candidates import Candidate
     from doe.forecast.foresee import Detectability, PowerAnalysis
 
@@ -157,8 +158,8 @@ class PlanResult(Result):
     not_asked: tuple[NotAsked, ...]
 
     @classmethod
-    def of(cls, found: PowerAnalysis, made_from: Envelope) -> Self:
-        """A power analysis."""
+    def of(cls, found: PowerAnalysis, cell: Cell, made_from: Envelope) -> Self:  # noqa: ARG003
+        """A power analysis in a cell."""
         from calib.diagnosis.detection_limit import ALPHA, POWER
         from calib.effects.protocol import LoadEffect
         from doe.forecast.likeness import SURE

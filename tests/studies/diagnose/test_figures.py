@@ -41,7 +41,7 @@ def test_steps_and_curve_are_those_of_the_diagnosis(diagnosis: Diagnosis) -> Non
     assert half == pytest.approx(1e6 * diagnosis.causes[0].values[0], rel=1e-6)
     figure = figures.located_curve(result, curve)
     assert [axes.get_ylabel() for axes in figure.axes] == ["error of A3 [urad]"]
-    assert result.model_validate_json(result.dumps()) == result
+    assert result.model_validate_json(result.to_json()) == result
 
 
 def test_entries_say_aliases() -> None:

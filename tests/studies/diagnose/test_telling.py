@@ -215,7 +215,7 @@ def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
     text = said(**changed)
     assert "base_drift:base: confirmed (probability -), - of the unmodelled error" in text
     assert "Not identified at these poses: y" in text
-    again = json.loads(diagnosed(**changed).dumps(), parse_constant=pytest.fail)
+    again = json.loads(diagnosed(**changed).to_json(), parse_constant=pytest.fail)
     assert again["effects"][0]["parameters"][1]["std"] is None
 
 

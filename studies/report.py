@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,10 +25,6 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from studies.results.base import Result
 
-_ORDER = ("identify", "diagnose", "compensate", "enough", "changes", "compare", "design", "plan")
-"""Kinds in the order in which the page shows them; the first that is there is shown open."""
-_DRAWN = ("diagnose",)  # beside the first: figures take most of the time and of the size
-_ADVISES = ("diagnose", "identify", "compensate", "enough", "design")
 _LABELS = {
     "identify": "Identification",
     "diagnose": "Diagnosis",
@@ -40,6 +35,9 @@ _LABELS = {
     "design": "Plan",
     "plan": "What the plan shows",
 }
+"""Kinds in the order in which the page shows them; the first that is there is shown open."""
+_DRAWN = ("diagnose",)  # beside the first: figures take most of the time and of the size
+_ADVISES = ("diagnose", "identify", "compensate", "enough", "design")
 _COLOURS = {
     style.INK: "var(--ink)",
     style.SOFT: "var(--soft)",
@@ -51,11 +49,18 @@ _EPOCH = 1e9  # s: times beyond count from 1970
 
 @dataclass(frozen=True, eq=False)
 class Reported:
-    """A result file: its content, and its inputs, the cell first."""
+    """A result by its name, and its inputs, the cell first."""
 
-    path: Path
+    name: str
     result: Result
-    inputs: tuple[Input, ...]
+    inputs: tuple[Input, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> Reported:
+        """The result in a file. Raises InputError."""
+        result = read(path)
+        inputs = tuple(located(path, entry.file, entry.sha256) for entry in result.inputs)
+        return cls(path.name, result, inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,64 +77,81 @@ class Evidence:
     notes: tuple[str, ...] = ()
 
 
-def report_page(
-    paths: Sequence[Path], title: str | None, about: Mapping[str, str]
-) -> tuple[str, tuple[str, ...]]:
-    """The page, and notes on what had to be left out.
+@dataclass(frozen=True)
+class Page:
+    """A page as HTML, and notes on what had to be left out of it."""
+
+    html: str
+    notes: tuple[str, ...] = ()
+
+    def write(self, path: Path | str) -> None:
+        """Write the page to a file. Raises InputError."""
+        from calib.files.write import write_files
+
+        write_files({Path(path): self.html})
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def page_of(reported: Sequence[Reported], title: str | None, about: Mapping[str, str]) -> Page:
+    """The page of results.
 
     title : None for the name of the cell; about : what the user says of the measurement, by label
-
-    Raises InputError where a file is no result of posecal.
     """
-    every = sorted(map(_reported, paths), key=lambda item: _place(item.result.kind))
+    every = sorted(reported, key=lambda item: _place(item.result.kind))
     first: Reported = next((item for item in every if item.result.error is not None), every[0])
     of_cell = [item for item in every if item.result.of_one_cell]
-    evidence = _evidence(first if first in of_cell else next(iter(of_cell), first))
-    notes = (*evidence.notes, *_mixed(of_cell))
-    numbers = count(1)
-    draw = partial(_inline, numbers)
-    arm = Markup()
-    if evidence.cell is not None and evidence.q is not None:
-        from studies.figures import arm as draw_arm
-
-        caption = "The nominal arm in its base frame, faintly at all poses, strongly at the first."
-        arm = Markup(draw(draw_arm(evidence.cell, evidence.q), "arm", caption))  # noqa: S704
+    evidence = evidence_of(first if first in of_cell else next(iter(of_cell), first))
+    notes, draw = (*evidence.notes, *_mixed(of_cell)), partial(_inline, count(1))
     shown = []
     for item in every:
         text = render.markdown(
             item.result,
             page=True,
             draw=draw if item is first or item.result.kind in _DRAWN else None,
-            variables=_variables(evidence) if item is first else None,
+            variables=variables_of(evidence) if item is first else None,
         )
         answer, advice, body = map(render.html, render.parts(text))
         shown.append((item, _label(item, every), answer, advice, body))
     by_kind = {item.result.kind: advice for item, _, _, advice, _ in reversed(shown)}
-    facts = {**first.result.about, **_day(evidence), **about}
-    page = render.page_template().render(
+    html = render.page_template().render(
+        style=Markup((Path(__file__).parent / "templates" / "page.css").read_text("utf-8")),  # noqa: S704
         title=title or first.result.cell or "Calibration",
-        about=facts,
+        about={**first.result.about, **_day(evidence), **about},
         first=first,
         error=first.result.error,
         advice=next((by_kind[kind] for kind in _ADVISES if kind in by_kind), ""),
-        warnings=[*notes, *(w for item in every for w in item.result.warnings)],
+        warnings=list(
+            dict.fromkeys((*notes, *(w for item in every for w in item.result.warnings)))
+        ),
         shown=shown,
-        arm=arm,
+        arm=_arm(evidence, draw),
         cell=evidence.cell,
         inputs={(one.file, one.sha256): one.state for item in every for one in item.inputs},
     )
-    return page, tuple(notes)
+    return Page(html, tuple(notes))
 
 
 def _place(kind: str) -> int:
-    return _ORDER.index(kind) if kind in _ORDER else len(_ORDER)
+    return [*_LABELS].index(kind) if kind in _LABELS else len(_LABELS)
 
 
 def _label(item: Reported, every: Sequence[Reported]) -> str:
-    """What a result is called; with its file where there are several of its kind."""
+    """What a result is called; with its name where there are several of its kind."""
     label = _LABELS.get(item.result.kind, item.result.kind)
     several = sum(one.result.kind == item.result.kind for one in every) > 1
-    return f"{label}: {item.path.name}" if several else label
+    return f"{label}: {item.name}" if several else label
+
+
+def _arm(evidence: Evidence, draw: render.Draw) -> Markup:
+    """The arm at all poses, where they are known."""
+    if evidence.cell is None or evidence.q is None:
+        return Markup()
+    from studies.figures import arm
+
+    caption = "The nominal arm in its base frame, faintly at all poses, strongly at the first."
+    return Markup(draw(arm(evidence.cell, evidence.q), "arm", caption))  # noqa: S704
 
 
 def _inline(numbers: Iterator[int], figure: Figure, name: str, caption: str) -> str:
@@ -149,52 +171,42 @@ def _inline(numbers: Iterator[int], figure: Figure, name: str, caption: str) -> 
 # -- inputs of the results ---------------------------------------------------------------------
 
 
-def _reported(path: Path) -> Reported:
-    result = read(path)
-    inputs = tuple(located(path, entry.file, entry.sha256) for entry in result.inputs)
-    return Reported(path, result, inputs)
-
-
 def _mixed(every: Sequence[Reported]) -> Iterator[str]:
     """Files that are not the same in all results."""
-    known: dict[str, tuple[str, Path]] = {}
+    known: dict[str, tuple[str, str]] = {}
     for item in every:
         for entry in item.inputs:
             name = Path(entry.file).name
-            digest, first = known.setdefault(name, (entry.sha256, item.path))
+            digest, first = known.setdefault(name, (entry.sha256, item.name))
             if digest != entry.sha256:
-                yield (
-                    f"{name} is another file in {item.path.name} than in {first.name}: their figures "
-                    "do not belong together"
-                )
+                what = f"{name} is another file in {item.name} than in {first}"
+                yield f"{what}: their figures do not belong together"
 
 
-def _evidence(item: Reported) -> Evidence:
+def evidence_of(item: Reported) -> Evidence:
     """The cell of a result and its tables, where these are unchanged."""
     from calib import load_cell, load_measurements
 
-    source = item.inputs[0] if item.inputs else None
-    if source is None or source.path is None:
-        what = "the cell" if source is None else f"{source.file} is {source.state}: the cell"
+    if not item.inputs:
+        return Evidence()
+    source, result = item.inputs[0], item.result
+    if source.path is None:
+        what = f"{source.file} is {source.state}: the cell"
         return Evidence(notes=(f"{what}, its picture and what needs the robot are left out",))
     try:
         cell = load_cell(source.path)
-        if item.result.kind == "design":
+        if result.kind == "design":
             return Evidence(cell, q=_joints(cell, item))
-        if item.result.kind not in ("identify", "diagnose"):
+        if result.kind not in ("identify", "diagnose"):
             return Evidence(cell)
-        holdout = getattr(item.result, "holdout", None)  # as the user gave it
+        holdout = getattr(result, "holdout", None)  # as the user gave it
         table, *others = item.inputs[1 + len(cell.robot_files) :]
-        wanted = {False: table} | {
-            one.file == holdout: one for one in others if one.file == holdout
-        }
-        lost = tuple(
-            f"{one.file} is {one.state}: figures that need it are left out"
-            for one in wanted.values()
-            if one.path is None
-        )
+        wanted = {False: table}
+        wanted |= {True: one for one in others if one.file == holdout}  # noqa: B035
+        lost = [one for one in wanted.values() if one.path is None]
         if lost:
-            return Evidence(cell, notes=lost)
+            what = ": figures that need it are left out"
+            return Evidence(cell, notes=tuple(f"{one.file} is {one.state}{what}" for one in lost))
         tables = {
             held: load_measurements(cell, one.path, every_marker=False)
             for held, one in wanted.items()
@@ -214,12 +226,12 @@ def _joints(cell: Cell, item: Reported) -> Array:
     values = [{**pose.joints_deg, **pose.joints_mm} for pose in poses]
     if any(set(row) != set(robot.joints) for row in values):
         joints = f"these are {', '.join(robot.joints)}"
-        raise InputError(item.path, "poses", "name other joints than the cell", joints)
+        raise InputError(item.name, "poses", "name other joints than the cell", joints)
     scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
     return np.array([[row[joint] for joint in robot.joints] for row in values]) * scale
 
 
-def _variables(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] | None:
+def variables_of(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] | None:
     """What errors may depend on: label with unit -> (pose, whether held out) -> value."""
     if evidence.cell is None or evidence.tables is None:
         return None
@@ -241,7 +253,7 @@ def _variables(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] |
     return {
         label: values
         for label, values in variables.items()
-        if len(set(values.values())) > 1 and all(map(math.isfinite, values.values()))
+        if len(set(values.values())) > 1 and np.isfinite([*values.values()]).all()
     }
 
 

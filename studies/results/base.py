@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypedDict
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MM, MICRO = 1e3, 1e6
+_UNITS = {"mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "urad": 1e-6, "s": 1.0}
 
 
 def _defined(value: object) -> object:
@@ -44,6 +45,23 @@ class Entry(BaseModel):
     """An object of the JSON; keys that it does not know are ignored on reading."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+
+    @classmethod
+    def from_object(cls, source: object, **others: Any) -> Self:
+        """An entry of an object in SI: its attributes by the names of the fields, in their units.
+
+        ``left_mm`` is a thousand times ``source.left``, unless the object has ``left_mm``
+        others : fields of other names
+        """
+        values = dict(others)
+        for name in cls.model_fields.keys() - others.keys():
+            plain, _, unit = name.rpartition("_")
+            if unit in _UNITS and not hasattr(source, name):
+                value = getattr(source, plain)
+                values[name] = None if value is None else value / _UNITS[unit]
+            elif hasattr(source, name) or cls.model_fields[name].is_required():
+                values[name] = getattr(source, name)
+        return cls(**values)
 
 
 class InputFile(Entry):
@@ -193,7 +211,7 @@ class Envelope(TypedDict):
 
 
 def envelope(
-    cell: str, inputs: Sequence[Path], seed: int = 0, about: Mapping[str, str] | None = None
+    cell: str, inputs: Iterable[Path], seed: int = 0, about: Mapping[str, str] | None = None
 ) -> Envelope:
     """The head of a result.
 

@@ -24,10 +24,7 @@ from studies.results.parts import JointValues, ParameterStd, joint_values
 
 if TYPE_CHECKING:
     from calib import Cell
-    from doe import Design, plan
-    from doe.assess import Assessment
-    from doe.order import PlannedDay
-    from doe.plan import Rival
+    from doe import Design
 
 
 class Proof(Entry):
@@ -52,13 +49,6 @@ class PlanAccuracy(Entry):
     determinant: Maybe
     trace: Maybe
     observability: dict[str, Maybe]
-
-
-def _accuracy(judged: Assessment) -> dict[str, Any]:
-    """The fields of :class:`PlanAccuracy`."""
-    same = {name: getattr(judged, name) for name in ("determinant", "trace", "observability")}
-    errors = {"task_rms_mm": judged.task_rms * MM, "task_worst_mm": judged.task_worst * MM}
-    return {**same, **errors}
 
 
 class LossOfPose(Entry):
@@ -109,13 +99,6 @@ class RivalPlan(PlanAccuracy):
     value: Maybe
     efficiency: Maybe
 
-    @classmethod
-    def of(cls, rival: Rival) -> Self:
-        """The entry of a plan."""
-        own = rival.assessment
-        share = rival.efficiency
-        return cls(**_accuracy(own), poses=rival.poses, value=own.value, efficiency=share)
-
 
 class CurveStep(Entry):
     """The best plan found of so many poses."""
@@ -124,12 +107,6 @@ class CurveStep(Entry):
     value: Maybe
     task_rms_mm: MaybePositive
     efficiency: Maybe
-
-    @classmethod
-    def of(cls, step: plan.CurveStep) -> Self:
-        """A step of a curve."""
-        own, rms = step.efficiency, step.task_rms * MM
-        return cls(poses=step.poses, value=step.value, task_rms_mm=rms, efficiency=own)
 
 
 class DayTimes(Entry):
@@ -144,17 +121,6 @@ class DayTimes(Entry):
     moving_s: Maybe
     standing_s: NotNegative
     speedless: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, day: PlannedDay) -> Self:
-        """The day of a plan."""
-        return cls(
-            speed_percent=day.cell.pace.speed * 100.0,
-            seconds=day.seconds,
-            moving_s=day.moving,
-            standing_s=day.standing,
-            speedless=day.speedless,
-        )
 
 
 class DesignResult(Result, PlanAccuracy):
@@ -204,9 +170,9 @@ class DesignResult(Result, PlanAccuracy):
         criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
         counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
         levels = shown_levels(found)
-        return cls(
+        return cls.from_object(
+            judged,
             **made_from,
-            **_accuracy(judged),
             **_levels(found, levels),
             criterion=found.criterion,
             criterion_unit=criterion.unit,
@@ -214,7 +180,7 @@ class DesignResult(Result, PlanAccuracy):
             value=found.value,
             bound=found.bound,
             efficiency=found.efficiency,
-            proof=Proof.model_validate(found.certificate, from_attributes=True),
+            proof=Proof.from_object(found.certificate),
             poses=tuple(
                 DesignPose(pose=name, level=level, **joint_values(robot, q))
                 for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
@@ -223,22 +189,25 @@ class DesignResult(Result, PlanAccuracy):
             expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
             survives=Survives.of(found),
-            candidates=CandidateCounts.model_validate(found.candidates, from_attributes=True),
+            candidates=CandidateCounts.from_object(found.candidates),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
-            reapproaches=None
-            if again is None
-            else RepeatVisits.model_validate(again, from_attributes=True),
+            reapproaches=None if again is None else RepeatVisits.from_object(again),
             extends=None if fixed is None else len(fixed),
-            against={name: RivalPlan.of(rival) for name, rival in found.rivals.items()},
-            curve=tuple(map(CurveStep.of, found.curve)),
+            against={
+                name: RivalPlan.from_object(
+                    own.assessment, poses=own.poses, efficiency=own.efficiency
+                )
+                for name, own in found.rivals.items()
+            },
+            curve=tuple(map(CurveStep.from_object, found.curve)),
             notes=found.notes,
             granted=found.granted,
             seconds=sum(found.seconds.values()),
             pays_until=stops_paying(counts, errors),
             matches=poses_that_match(found.curve, found) if found.curve else {},
             unchecked=unchecked(cell),
-            day=DayTimes.of(found.day),
+            day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
         )
 
     @property

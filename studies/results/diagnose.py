@@ -71,9 +71,6 @@ class FoundCause(LikelyCause):
     """
 
     p_value: Number
-    shape_p_value: Maybe
-    shape_power: Maybe = None
-    shape_tested: bool = True
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
     share_of_gap: Maybe
@@ -87,7 +84,7 @@ class FoundCause(LikelyCause):
     @classmethod
     def of(cls, cause: FittedCause, spectra: Sequence[Spectrum], tip: str) -> Self:
         """The entry of a cause; tip : name of the frame that is the tool's."""
-        effect, evidence, doubt = cause.named.candidate.effect, cause.evidence, cause.doubt
+        effect, evidence = cause.named.candidate.effect, cause.evidence
         cycles = [
             value / p.scale
             for p, value in zip(effect.parameters, cause.values, strict=True)
@@ -98,9 +95,6 @@ class FoundCause(LikelyCause):
             where=place(cause.where, tip),
             probability=cause.probability,
             p_value=cause.p,
-            shape_p_value=doubt.p,
-            shape_power=doubt.power,
-            shape_tested=doubt.tested,
             alike=tuple(
                 LikelyCause(effect=c.effect.kind, where=place(c.where, tip), probability=p)
                 for c, p in cause.members
@@ -197,26 +191,19 @@ class GapErrors(Entry):
     @classmethod
     def of(cls, gap: Gap, shown: Component) -> Self:
         """The entry of a gap; shown : the unit of its errors."""
-
-        def scaled(value: float | None) -> float | None:
-            return None if value is None else value / shown.scale
-
-        crossed, over_time = gap.crossed or (None, None), gap.over_time or (None, None)
-        return cls(
-            unit=shown.unit,
-            floor_mm=gap.floor / shown.scale,
-            fit_before_mm=gap.fit_before / shown.scale,
-            fit_after_mm=gap.fit_after / shown.scale,
-            heldout_before_mm=scaled(gap.heldout_before),
-            heldout_after_mm=scaled(gap.heldout_after),
-            heldout_rose=gap.heldout_rose,
-            crossvalidated_before_mm=scaled(crossed[0]),
-            crossvalidated_after_mm=scaled(crossed[1]),
-            over_time_before_mm=scaled(over_time[0]),
-            over_time_after_mm=scaled(over_time[1]),
-            closed=gap.closed,
-            closed_ci95=gap.closed_ci95,
+        scale, names = shown.scale, ("fit", "heldout", "crossvalidated", "over_time")
+        pairs = (
+            (gap.fit_before, gap.fit_after),
+            (gap.heldout_before, gap.heldout_after),
+            gap.crossed or (None, None),
+            gap.over_time or (None, None),
         )
+        errors = {
+            f"{name}_{when}_mm": None if value is None else value / scale
+            for name, pair in zip(names, pairs, strict=True)
+            for when, value in zip(("before", "after"), pair, strict=True)
+        }
+        return cls.from_object(gap, **errors, unit=shown.unit, floor_mm=gap.floor / scale)
 
     @property
     def rows(self) -> list[tuple[str, float, float | None]]:
@@ -274,23 +261,10 @@ class SpectrumLines(Entry):
     def of(cls, spectrum: Spectrum) -> Self:
         """What a spectrum shows of gears."""
         lines = (
-            SpectrumLine(
-                cycles=line.cycles,
-                std=line.std,
-                amplitude_urad=line.amplitude * 1e6,
-                amplitude_std_urad=line.amplitude_std * 1e6,
-                fall=line.fall,
-                ratios=line.ratios,
-                aliases=_rounded(line.aliases),
-            )
+            SpectrumLine.from_object(line, aliases=_rounded(line.aliases))
             for line in spectrum.lines
         )
-        return cls(
-            joint=spectrum.joint,
-            false_alarm=spectrum.false_alarm,
-            repeats_1_turn=spectrum.repeats,
-            lines=tuple(lines),
-        )
+        return cls.from_object(spectrum, repeats_1_turn=spectrum.repeats, lines=tuple(lines))
 
 
 class DiagnoseResidual(Residual):
@@ -370,39 +344,27 @@ class DiagnoseResult(Result):
             noise=Noise.of(result.noise, after.levels, result.stage.scatter, model, footprint),
             effects=tuple(FoundCause.of(cause, lines, tip) for cause in result.causes),
             possible=tuple(FoundCause.of(cause, lines, tip) for cause in result.possible),
-            rest=Rest(
-                mm=rest.size * 1e3,
-                kind=rest.kind,
-                of=rest.of,
-                repeatability_mm=rest.repeatability * 1e3,
-                repeatability_source=rest.source,
-            ),
+            rest=Rest.from_object(rest, mm=rest.size * 1e3, repeatability_source=rest.source),
             located=tuple(
-                LocatedPlace(
-                    where=place(entry.where, tip),
-                    depends_on=entry.depends_on,
-                    share_of_gap=entry.share,
+                LocatedPlace.from_object(
+                    entry, where=place(entry.where, tip), share_of_gap=entry.share
                 )
                 for entry in result.located
             ),
             gap=GapErrors.of(result.gap, model.readout.channels.shown),
             could_not_see=tuple(
-                DetectionLimit(
-                    effect=entry.effect,
+                DetectionLimit.from_object(
+                    entry,
                     where=place(entry.where, tip),
                     minimum_detectable=entry.smallest / entry.scale,
-                    unit=entry.unit,
-                    left_mm=entry.left * 1e3,
                 )
                 for entry in result.hidden
             ),
             refused=tuple(
-                RefusedCause(
-                    effect=entry.effect, where=place(entry.where, tip), reason=entry.reason
-                )
+                RefusedCause.from_object(entry, where=place(entry.where, tip))
                 for entry in result.refused
             ),
-            not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in result.not_asked),
+            not_asked=tuple(map(NotAsked.from_object, result.not_asked)),
             approach_derived=bool(poses.approach is not None and poses.approach_derived),
             not_fitted=tuple(np.array(poses.names)[result.waiting].tolist()),
             outliers=tuple(

@@ -78,14 +78,11 @@ class LastingError(Entry):
                 source=own.seen.source,
                 heldout_mm=None if read is None else read * MM,
             )
-        return cls(
-            rms_mm=own.rms * MM,
-            scatter_mm=own.scatter * MM,
-            scatter_of=own.scatter_of,
+        return cls.from_object(
+            own,
             unexplained_mm=own.of_model * MM,
             unexplained_from=own.discrepancy.source,
             unexplained_surely=own.surely,
-            trend_mm=own.trend * MM,
             targets_after_h=None if own.after is None else own.after / _HOUR,
             seen=seen,
         )
@@ -110,20 +107,6 @@ class ExpectedStep(Entry):
     from_parameters_mm: Maybe
     unidentifiable: tuple[str, ...]
 
-    @classmethod
-    def of(cls, step: ForecastStep, **more: Any) -> Self:
-        """A step; more : further fields of the class."""
-        return cls(
-            pose=step.pose,
-            readings=step.readings,
-            task_rms_mm=step.task_rms * MM,
-            task_worst_mm=step.task_worst * MM,
-            task_most_mm=step.task_most * MM,
-            from_parameters_mm=step.from_parameters * MM,
-            unidentifiable=step.open,
-            **more,
-        )
-
 
 class KnownParameter(ParameterStd):
     """How well a parameter is known; share : of the size that such errors have."""
@@ -140,9 +123,8 @@ class KnownState(ExpectedStep):
     def at(cls, model: Model, step: ForecastStep) -> Self:
         """A step of the model of the day."""
         share = step.std / model.sizes
-        return cls.of(
-            step, parameters=KnownParameter.known(model.parameters, step.std, share=share)
-        )
+        known = KnownParameter.known(model.parameters, step.std, share=share)
+        return cls.from_object(step, unidentifiable=step.open, parameters=known)
 
 
 class EnoughResult(Result):
@@ -181,7 +163,8 @@ class EnoughResult(Result):
 
         found, model, coming = answer.found, answer.model, answer.steps[1:]
         length, after = model.readout.channels.metric, cell.design.targets_after or 0.0
-        return cls(
+        return cls.from_object(
+            answer,
             **made_from,
             warnings=(*warnings, *answer.match.warnings),
             targets=cell.targets_in_words,
@@ -198,14 +181,12 @@ class EnoughResult(Result):
             lacking=LastingError.of(answer),
             plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
             now=KnownState.at(model, answer.steps[0]),
-            order=tuple(map(ExpectedStep.of, coming)),
+            order=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in coming),
             end=KnownState.at(model, answer.steps[-1]),
-            goal_mm=None if answer.goal is None else answer.goal * MM,
             goal_beyond_reach=answer.beyond_reach,
             poses_to_goal=answer.needed,
             fresh_poses_to_goal=answer.fresh_needed,
-            fresh=tuple(map(ExpectedStep.of, answer.fresh)),
-            pays_until=answer.pays_until,
+            fresh=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in answer.fresh),
         )
 
     @property

@@ -72,8 +72,9 @@ class Estimated(Entry):
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
         """The entry of an estimate."""
-        variances, left = estimate.variances, estimate.discrepancy
-        return cls(
+        variances = estimate.variances
+        return cls.from_object(
+            estimate,
             parameters=tuple(
                 EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_SI=value)
                 for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
@@ -81,7 +82,7 @@ class Estimated(Entry):
             covariance_SI=tuples(estimate.covariance),
             session_start_s=estimate.start,
             session_clock=estimate.clock_unit,
-            unexplained=Unexplained(rms_mm=left.rms * MM, source=left.source),
+            unexplained=Unexplained.from_object(estimate.discrepancy),
             scatter_SI=None
             if variances is None
             else ScatterVariances(
@@ -90,9 +91,6 @@ class Estimated(Entry):
                 configuration_of=estimate.configuration_of,
             ),
             trend_SI=tuples(estimate.trend),
-            undetermined=estimate.undetermined,
-            notes=estimate.notes,
-            converged=estimate.converged,
         )
 
 

@@ -101,9 +101,8 @@ class BudgetRow(Entry):
     def of(cls, budget: Budget, part: UncertaintySource, total: float) -> Self:
         """The row of a source; total : variance of all, mm^2."""
         targets = budget.rms(part.errors) * MM
-        return cls(
-            source=part.source,
-            evaluation=part.evaluation,
+        return cls.from_object(
+            part,
             part_of=part.of,
             at_targets_mm=targets,
             degrees_of_freedom=part.freedom,

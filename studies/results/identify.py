@@ -357,13 +357,11 @@ class IdentifyResult(Result):
         bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
         first = next(iter(result.bases.values()), np.zeros(6))
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
-        return cls(
+        return cls.from_object(
+            result,
             **made_from,
             **asked,
             warnings=(*warnings, *result.warnings),
-            status=result.status,
-            approach=result.approach,
-            method=result.method,
             noise=IdentifyNoise.of(
                 noise,
                 result.levels,
@@ -376,16 +374,11 @@ class IdentifyResult(Result):
             ),
             poses=len(fit.data),
             points=int(fit.data.seen.sum()),
-            rank=result.rank,
             degrees_of_freedom=result.dof,
             parameters=Parameter.of(result),
-            weak=result.weak,
             unused_poses=(*result.unused, *result.waiting),
             before_the_first_move=result.waiting,
-            unidentifiable=tuple(
-                Unidentifiable(names=lost.names, reason=lost.reason)
-                for lost in result.unidentifiable
-            ),
+            unidentifiable=tuple(map(Unidentifiable.from_object, result.unidentifiable)),
             absorbed=tuple(
                 Redundant(id=lost.id, absorbed_by=tuple(name for name, _ in lost.absorbed_by))
                 for lost in result.absorbed

@@ -180,15 +180,11 @@ class PlanResult(Result):
             sure=SURE,
             approach_derived=poses.approach_derived,
             elastic_assumed=found.assumed and through,
-            unidentifiable=tuple(
-                Unidentifiable(names=o.names, reason=o.reason) for o in found.lost
-            ),
+            unidentifiable=tuple(map(Unidentifiable.from_object, found.lost)),
             could_not_see=tuple(map(SeenCause.of, found.causes)),
             look_alikes=tuple(LookAlike.each(found)),
             twins=tuple(EquivalentCauses.of(seen[i] for i in group) for group in found.confounded),
-            not_asked=tuple(
-                NotAsked(effect=own.effect, reason=own.reason) for own in found.missing
-            ),
+            not_asked=tuple(map(NotAsked.from_object, found.missing)),
         )
 
     @property

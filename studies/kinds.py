@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from studies.results.base import Result
 
 _CLASSES = {
-    "init": "init.InitResult",
+    "init": "written.InitResult",
     "design": "design.DesignResult",
     "plan": "plan.PlanResult",
-    "program": "program.ProgramResult",
-    "import": "import_.ImportResult",
+    "program": "written.ProgramResult",
+    "import": "written.ImportResult",
     "compare": "compare.CompareResult",
     "identify": "identify.IdentifyResult",
     "diagnose": "diagnose.DiagnoseResult",
     "enough": "enough.EnoughResult",
     "compensate": "compensate.CompensateResult",
     "changes": "changes.ChangesResult",
-    "report": "report.ReportResult",
-    "demo": "demo.DemoResult",
+    "report": "written.ReportResult",
+    "demo": "written.DemoResult",
 }
 """Kind -> module in ``results``, and its class."""
 KINDS = tuple(_CLASSES)

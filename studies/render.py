@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 Draw: TypeAlias = Callable[["Figure", str, str], str]
 """Figure, name, caption -> what stands in their place."""
-Variables: TypeAlias = Mapping[str, Mapping[tuple[str, bool], float]]
-"""Label with unit -> (pose, whether held out) -> value."""
 _SPECIAL = re.compile(r"([\\`*_\[\]<>&|~#$!])")
 _MOST_DIGITS = 12
 _PLACES = 3  # of an effect, that are named one by one
@@ -184,21 +182,14 @@ def environment() -> Environment:
     return made
 
 
-def markdown(
-    result: Result,
-    *,
-    page: bool = False,
-    draw: Draw | None = None,
-    variables: Variables | None = None,
-) -> str:
+def markdown(result: Result, *, page: bool = False, draw: Draw | None = None) -> str:
     """A result as Markdown.
 
     page : whether everything is said, also what is folded there
     draw : figure, name, caption -> what stands in their place; None draws nothing
-    variables : what errors may depend on, of the inputs of the result, where they are at hand
     """
     template = environment().get_template(f"{result.kind}.md.j2")
-    text = template.render(r=result, page=page, draw=draw, variables=variables)
+    text = template.render(r=result, page=page, draw=draw)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 

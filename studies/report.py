@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 from markupsafe import Markup, escape
 
 from calib.errors import CalibError
@@ -21,8 +20,7 @@ from studies.results.read import Input, located, read
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from calib import Cell, Measurements
-    from calib.arrays import Array
+    from calib import Cell
     from studies.results.base import Result
 
 _LABELS = {
@@ -44,7 +42,6 @@ _COLOURS = {
     style.DIM: "var(--dim)",
     style.FAINT: "var(--faint)",
 }
-_EPOCH = 1e9  # s: times beyond count from 1970
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,20 +58,6 @@ class Reported:
         result = read(path)
         inputs = tuple(located(path, entry.file, entry.sha256) for entry in result.inputs)
         return cls(path.name, result, inputs)
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the inputs of a result add to it, as long as they are unchanged.
-
-    tables : measured poses by whether they are held out; q : joint values, shape (m, n), rad or m
-    notes : what is left out, and why
-    """
-
-    cell: Cell | None = None
-    tables: Mapping[bool, Measurements] | None = None
-    q: Array | None = None
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,15 +85,14 @@ def page_of(reported: Sequence[Reported], title: str | None, about: Mapping[str,
     every = sorted(reported, key=lambda item: _place(item.result.kind))
     first: Reported = next((item for item in every if item.result.error is not None), every[0])
     of_cell = [item for item in every if item.result.of_one_cell]
-    evidence = evidence_of(first if first in of_cell else next(iter(of_cell), first))
-    notes, draw = (*evidence.notes, *_mixed(of_cell)), partial(_inline, count(1))
+    cell, notes = cell_of(first if first in of_cell else next(iter(of_cell), first))
+    notes, draw = (*notes, *_mixed(of_cell)), partial(_inline, count(1))
     shown = []
     for item in every:
         text = render.markdown(
             item.result,
             page=True,
             draw=draw if item is first or item.result.kind in _DRAWN else None,
-            variables=variables_of(evidence) if item is first else None,
         )
         answer, advice, body = map(render.html, render.parts(text))
         shown.append((item, _label(item, every), answer, advice, body))
@@ -118,7 +100,7 @@ def page_of(reported: Sequence[Reported], title: str | None, about: Mapping[str,
     html = render.page_template().render(
         style=Markup((Path(__file__).parent / "templates" / "page.css").read_text("utf-8")),  # noqa: S704
         title=title or first.result.cell or "Calibration",
-        about={**first.result.about, **_day(evidence), **about},
+        about={**first.result.about, **about},
         first=first,
         error=first.result.error,
         advice=next((by_kind[kind] for kind in _ADVISES if kind in by_kind), ""),
@@ -126,8 +108,8 @@ def page_of(reported: Sequence[Reported], title: str | None, about: Mapping[str,
             dict.fromkeys((*notes, *(w for item in every for w in item.result.warnings)))
         ),
         shown=shown,
-        arm=_arm(evidence, draw),
-        cell=evidence.cell,
+        arm=_arm(cell, first.result, draw),
+        cell=cell,
         inputs={(one.file, one.sha256): one.state for item in every for one in item.inputs},
     )
     return Page(html, tuple(notes))
@@ -144,14 +126,17 @@ def _label(item: Reported, every: Sequence[Reported]) -> str:
     return f"{label}: {item.name}" if several else label
 
 
-def _arm(evidence: Evidence, draw: render.Draw) -> Markup:
-    """The arm at all poses, where they are known."""
-    if evidence.cell is None or evidence.q is None:
-        return Markup()
+def _arm(cell: Cell | None, result: Result, draw: render.Draw) -> Markup:
+    """The arm at all poses of a result that has some."""
     from studies.figures import arm
+    from studies.results.parts import joint_array
 
+    poses = getattr(result, "poses" if result.kind == "design" else "conditions", ())
+    q = None if cell is None else joint_array(cell.robot, poses)
+    if cell is None or q is None:
+        return Markup()
     caption = "The nominal arm in its base frame, faintly at all poses, strongly at the first."
-    return Markup(draw(arm(evidence.cell, evidence.q), "arm", caption))  # noqa: S704
+    return Markup(draw(arm(cell, q), "arm", caption))  # noqa: S704
 
 
 def _inline(numbers: Iterator[int], figure: Figure, name: str, caption: str) -> str:
@@ -183,85 +168,16 @@ def _mixed(every: Sequence[Reported]) -> Iterator[str]:
                 yield f"{what}: their figures do not belong together"
 
 
-def evidence_of(item: Reported) -> Evidence:
-    """The cell of a result and its tables, where these are unchanged."""
-    from calib import load_cell, load_measurements
+def cell_of(item: Reported) -> tuple[Cell | None, tuple[str, ...]]:
+    """The cell of a result, where it is unchanged, and what is left out without it."""
+    from calib import load_cell
 
     if not item.inputs:
-        return Evidence()
-    source, result = item.inputs[0], item.result
+        return None, ()
+    source = item.inputs[0]
     if source.path is None:
-        what = f"{source.file} is {source.state}: the cell"
-        return Evidence(notes=(f"{what}, its picture and what needs the robot are left out",))
+        return None, (f"{source.file} is {source.state}: the picture of the arm is left out",)
     try:
-        cell = load_cell(source.path)
-        if result.kind == "design":
-            return Evidence(cell, q=_joints(cell, item))
-        if result.kind not in ("identify", "diagnose"):
-            return Evidence(cell)
-        holdout = getattr(result, "holdout", None)  # as the user gave it
-        table, *others = item.inputs[1 + len(cell.robot_files) :]
-        wanted = {False: table}
-        wanted |= {True: one for one in others if one.file == holdout}  # noqa: B035
-        lost = [one for one in wanted.values() if one.path is None]
-        if lost:
-            what = ": figures that need it are left out"
-            return Evidence(cell, notes=tuple(f"{one.file} is {one.state}{what}" for one in lost))
-        tables = {
-            held: load_measurements(cell, one.path, every_marker=False)
-            for held, one in wanted.items()
-            if one.path is not None
-        }
+        return load_cell(source.path), ()
     except CalibError as error:
-        return Evidence(notes=(f"{error}: the cell is left out",))
-    shown = {True: tables[False], **tables}  # a share of the one table may be held out
-    return Evidence(cell, shown, tables[False].poses.q)
-
-
-def _joints(cell: Cell, item: Reported) -> Array:
-    """Joint values of a design, shape (m, n), rad or m. Raises InputError for other joints."""
-    from calib.errors import InputError
-
-    robot, poses = cell.robot, getattr(item.result, "poses", ())
-    values = [{**pose.joints_deg, **pose.joints_mm} for pose in poses]
-    if any(set(row) != set(robot.joints) for row in values):
-        joints = f"these are {', '.join(robot.joints)}"
-        raise InputError(item.name, "poses", "name other joints than the cell", joints)
-    scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
-    return np.array([[row[joint] for joint in robot.joints] for row in values]) * scale
-
-
-def variables_of(evidence: Evidence) -> dict[str, dict[tuple[str, bool], float]] | None:
-    """What errors may depend on: label with unit -> (pose, whether held out) -> value."""
-    if evidence.cell is None or evidence.tables is None:
-        return None
-    robot, variables = evidence.cell.robot, dict[str, dict[tuple[str, bool], float]]()
-    for held, data in evidence.tables.items():
-        poses = data.poses
-        columns: dict[str, Any] = {
-            f"{joint} [{'mm' if slides else 'deg'}]": q * 1e3 if slides else np.degrees(q)
-            for joint, slides, q in zip(robot.joints, robot.prismatic, poses.q.T, strict=True)
-        }
-        columns["force on the tool [N]"] = np.linalg.norm(poses.wrench[:, :3], axis=-1)
-        if poses.time is not None:
-            columns["time [h]"] = poses.time / 3600.0
-        if poses.temperature is not None:
-            columns["temperature [degC]"] = poses.temperature
-        for label, values in columns.items():
-            each = zip(poses.names, values.tolist(), strict=True)
-            variables.setdefault(label, {}).update({(name, held): value for name, value in each})
-    return {
-        label: values
-        for label, values in variables.items()
-        if len(set(values.values())) > 1 and np.isfinite([*values.values()]).all()
-    }
-
-
-def _day(evidence: Evidence) -> dict[str, str]:
-    """The day of the first pose, where the column time_s counts from 1970."""
-    from datetime import UTC, datetime
-
-    time = None if evidence.tables is None else evidence.tables[False].poses.time
-    if time is None or not float(np.nanmin(time)) > _EPOCH:
-        return {}
-    return {"measured": datetime.fromtimestamp(float(np.nanmin(time)), UTC).date().isoformat()}
+        return None, (f"{error}: the picture of the arm is left out",)

@@ -19,7 +19,7 @@ from studies.command import options
 from studies.command.call import Call
 
 if TYPE_CHECKING:
-    from studies.results.demo import DemoResult
+    from studies.results.written import DemoResult
 
 _GIVEN = {"cell.toml": "cell.toml", "kr270.urdf": "kr270.urdf", "table2.csv": "plan.csv"}
 _CELL, _PLAN, _DATA, _CHECK = "cell.toml", "plan.csv", "measurements.csv", "check.csv"
@@ -86,7 +86,7 @@ class Demonstration:
         from calib.files.write import write_files
         from studies.demo.embedded import embedded_text
         from studies.results.base import InputFile, envelope
-        from studies.results.demo import DemoResult, DemoStep
+        from studies.results.written import DemoResult, DemoStep
 
         self._keep_what_was_edited()
         self._write({name: embedded_text(own) for name, own in _GIVEN.items()})

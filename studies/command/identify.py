@@ -36,13 +36,11 @@ _SECONDS = 0.8e-3  # a reading, as studies.research.benchmarks.speeds measures
                "Write the robot with the identified geometry and the markers.")
 @options.value("--zero-offsets zeros_path", "OUT",
                "Write joint offsets alone, for a plain controller.")
-@options.value("--counts-per-deg", "J1=N,..",
-               "Encoder counts per degree, for FANUC's $MASTER_COUN.", str)
 @options.result()
 def identify(
     call: Call, cell_path: Path, data_path: Path, holdout: str | None, approach: Approach,
     method: Method, weighting: Weighting, length_mm: float, urdf_path: Path | None,
-    zeros_path: Path | None, counts_per_deg: str | None,
+    zeros_path: Path | None,
 ) -> None:
     """Identify the effects in the cell's [model] from measured points.
 
@@ -55,13 +53,12 @@ def identify(
     """
     import calib
     from calib.poses.moves import thinned
-    from studies.command.robots import counts_of, robot_files
+    from studies.command.robots import robot_files
     from studies.results.identify import IdentifyResult
 
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
         day = read_session(cell, data_path, holdout, call.seed)
-    counts = counts_of(counts_per_deg)
     inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *day.files]
     call.check(inputs, urdf_path, zeros_path)
     data, shortened = thinned(day.data, _MOST)
@@ -82,5 +79,5 @@ def identify(
         length_mm=length_mm if of_pose and weighting == "plain" else None,
         warnings=(*day.warnings, *shortened),
     )
-    files, notes = robot_files(cell, found, urdf_path, zeros_path, counts)
+    files, notes = robot_files(cell, found, urdf_path, zeros_path)
     call.deliver(result, files, notes=notes)

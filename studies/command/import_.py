@@ -38,7 +38,7 @@ def import_(call: Call, points: Path, joints_path: Path, table_path: Path) -> No
       posecal import points.csv --joints joints.csv -o measurements.csv
     """
     from calib.files.csv_table import csv_text
-    from studies.results.import_ import ImportResult
+    from studies.results.written import ImportResult
 
     inputs = [points, joints_path]
     call.check(inputs, table_path)

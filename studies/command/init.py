@@ -53,7 +53,7 @@ def init(
     from calib.files.write import make_folder
     from calib.files.write_tables import measurement_columns
     from calib.instruments import Tracker
-    from studies.results.init import InitResult
+    from studies.results.written import InitResult
 
     tip, others = (tips or ("",))[0], tips[1:]
     found = propose(robot_path, convention, base, tip, others)

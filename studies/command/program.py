@@ -44,7 +44,7 @@ def program(call: Call, cell_path: Path, plan_path: Path, path: Path) -> None:
     """
     import calib
     from calib.errors import InputError
-    from studies.results.program import ProgramResult
+    from studies.results.written import ProgramResult
 
     if path.suffix.lower() not in MOST_AXES:
         what = f"ends in {path.suffix or 'nothing'}"

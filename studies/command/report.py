@@ -33,7 +33,7 @@ def report(
       posecal report identified.json -o report.html --operator "A. Klimchik"
     """
     from studies.report import Reported, page_of
-    from studies.results.report import ReportResult
+    from studies.results.written import ReportResult
 
     call.check(results, page_path)
     with working("writing the page"):

@@ -29,6 +29,7 @@ from studies.results.curves import ErrorCurve, ErrorSteps
 from studies.results.estimate import Estimated, Lengths, Pixels, Residual
 from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
+from studies.results.parts import Conditions
 
 if TYPE_CHECKING:
     from calib import Cell, Measurements
@@ -36,13 +37,7 @@ if TYPE_CHECKING:
     from calib.diagnosis.causes import Cause as FittedCause
     from calib.diagnosis.gap import Gap
     from calib.diagnosis.spectra import Spectrum
-    from calib.effects import Effect
     from calib.instruments.protocol import Component
-
-
-def _absent(value: object) -> bool:
-    """Whether a key of days with a camera is empty, and left out of the file."""
-    return not value
 
 
 class LikelyCause(Cause):
@@ -77,7 +72,7 @@ class FoundCause(LikelyCause):
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"]
-    decided_by: str | None = Field(default=None, exclude_if=_absent)
+    decided_by: str | None = None
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
 
@@ -85,6 +80,7 @@ class FoundCause(LikelyCause):
     def of(cls, cause: FittedCause, spectra: Sequence[Spectrum], tip: str) -> Self:
         """The entry of a cause; tip : name of the frame that is the tool's."""
         effect, evidence = cause.named.candidate.effect, cause.evidence
+        others = cause.members if len(cause.members) > 1 else ()
         cycles = [
             value / p.scale
             for p, value in zip(effect.parameters, cause.values, strict=True)
@@ -107,7 +103,7 @@ class FoundCause(LikelyCause):
             aliases=aliases_of(effect.where, cycles[0], spectra) if cycles else (),
             far_out=cause.far_out or None,
             standing=cause.standing,
-            decided_by=_decided_by([c.effect for c in cause.named.causes]),
+            decided_by=next((o.effect.decided_by for o, _ in others if o.effect.decided_by), None),
             chosen_again=evidence.again,
             curve_ratio=evidence.curve_ratio,
         )
@@ -132,15 +128,6 @@ class FoundCause(LikelyCause):
 def place(where: str, tip: str) -> str:
     """A place as results name it: what ends at the tip belongs to the tool."""
     return "tool" if where == tip else where
-
-
-def _decided_by(members: Sequence[Effect]) -> str | None:
-    """What tells causes of camera, board and arm apart, beyond further poses."""
-    from calib.diagnosis.gap import side_of
-
-    if len({side_of(effect.where) for effect in members}) < 2:
-        return None
-    return next((effect.decided_by for effect in members if effect.decided_by), None)
 
 
 def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[float, ...]:
@@ -305,6 +292,7 @@ class DiagnoseResult(Result):
     steps: ErrorSteps | None
     curves: tuple[ErrorCurve, ...]
     residuals: tuple[DiagnoseResidual, ...]
+    conditions: tuple[Conditions, ...]
 
     @classmethod
     def of(
@@ -381,6 +369,7 @@ class DiagnoseResult(Result):
             steps=steps,
             curves=curves,
             residuals=tuple(residuals),
+            conditions=tuple(Conditions.each(model.robot, result.data, False)),
         )
 
     @property

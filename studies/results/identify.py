@@ -30,8 +30,8 @@ from studies.results.base import (
 )
 from studies.results.estimate import Estimated, Lengths, Pixels, Residual, outliers
 from studies.results.expected import ExpectedErrors, UncertaintyBudget
-from studies.results.noise import IdentifyNoise
-from studies.results.parts import ParameterStd
+from studies.results.noise import Noise
+from studies.results.parts import Conditions, ParameterStd
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
@@ -296,7 +296,7 @@ class IdentifyResult(Result):
     status: Literal["converged", "not_converged", "rank_deficient"]
     approach: Literal["points", "pose"]
     method: Literal["joint", "two-step"]
-    noise: IdentifyNoise
+    noise: Noise
     poses: Count
     points: Count
     rank: Count
@@ -327,6 +327,7 @@ class IdentifyResult(Result):
     drift_p: Maybe
     sizes: SizePrior | None
     lenses: tuple[LensValue, ...]
+    conditions: tuple[Conditions, ...]
     estimate: Estimated
 
     @classmethod
@@ -353,7 +354,6 @@ class IdentifyResult(Result):
         estimate = estimate_of(result, cell.design.targets_after or 0.0)
         accuracy = accuracy_at_targets(cell, result, estimate)
         tracked = model.tracked(fit.data if whole is None else whole)
-        again = noise.replicate_factor
         bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
         first = next(iter(result.bases.values()), np.zeros(6))
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
@@ -362,16 +362,7 @@ class IdentifyResult(Result):
             **made_from,
             **asked,
             warnings=(*warnings, *result.warnings),
-            noise=IdentifyNoise.of(
-                noise,
-                result.levels,
-                result.scatter,
-                model,
-                result.footprint,
-                replicate_sigma_mm=again and again * noise.believed * result.footprint * MM,
-                lack_of_fit_p=noise.lack_of_fit_p,
-                degrees_of_freedom=noise.dof,
-            ),
+            noise=Noise.of(noise, result.levels, result.scatter, model, result.footprint),
             poses=len(fit.data),
             points=int(fit.data.seen.sum()),
             degrees_of_freedom=result.dof,
@@ -420,6 +411,12 @@ class IdentifyResult(Result):
             drift_p=None if tracked is None else drift_p(tracked[1]),
             sizes=None if result.sizes is None else SizePrior.of(result.sizes),
             lenses=tuple(LensValue.each(result)),
+            conditions=tuple(
+                row
+                for part in (fit, held)
+                if part is not None
+                for row in Conditions.each(model.robot, part.data, part is held)
+            ),
             estimate=Estimated.of(estimate),
         )
 

@@ -32,15 +32,6 @@ _INVISIBLE = 1e3  # times the usual size: rounding shows it, not these poses
 Probability = Annotated[float, Field(gt=0, lt=1)]
 
 
-class DetectableSize(Entry):
-    """A parameter taken alone, with the part of its signal that is left beside the model."""
-
-    name: str
-    minimum_detectable: Maybe
-    unit: str
-    left: Number
-
-
 class SeenCause(DetectionLimit):
     """The smallest size of one parameter, the best seen, or the reason why none would be found.
 
@@ -51,7 +42,6 @@ class SeenCause(DetectionLimit):
     plausible: Positive
     rms_um: Maybe
     reason: str | None
-    parameters: tuple[DetectableSize, ...] = Field(min_length=1)
 
     @classmethod
     def of(cls, cause: Detectability) -> Self:
@@ -66,10 +56,6 @@ class SeenCause(DetectionLimit):
             plausible=main.size / main.scale,
             rms_um=cause.moved[cause.lead] * MICRO,
             reason=cause.reason or None,
-            parameters=tuple(
-                DetectableSize(name=p.name, minimum_detectable=s / p.scale, unit=p.unit, left=left)
-                for p, s, left in zip(cause.parameters, smallest, cause.share, strict=True)
-            ),
         )
 
     @property

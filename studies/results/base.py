@@ -54,12 +54,14 @@ class Entry(BaseModel):
         others : fields of other names
         """
         values = dict(others)
-        for name in cls.model_fields.keys() - others.keys():
+        for name, field in cls.model_fields.items():
             plain, _, unit = name.rpartition("_")
-            if unit in _UNITS and not hasattr(source, name):
+            if name in others:
+                continue
+            if unit in _UNITS and not hasattr(source, name) and hasattr(source, plain):
                 value = getattr(source, plain)
                 values[name] = None if value is None else value / _UNITS[unit]
-            elif hasattr(source, name) or cls.model_fields[name].is_required():
+            elif hasattr(source, name) or field.is_required():
                 values[name] = getattr(source, name)
         return cls(**values)
 

@@ -11,6 +11,8 @@ from typing import NoReturn
 
 import click
 
+from studies.struck import remedy
+
 COMMANDS = {
     "demo": "Run all steps on an example robot; its files can be edited.",
     "init": "Write a first cell file for your own robot.",
@@ -99,7 +101,7 @@ def run() -> None:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "posecal"
         said = error.format_message().rstrip(".")
-        _end(f"{command}: {said}; see {command} --help")
+        _end(f"{command}: {said}; {remedy(said) or f'see {command} --help'}")
     except click.Abort:
         _end("posecal: interrupted; every file is as before or complete", 130)
     except MemoryError:

@@ -44,7 +44,10 @@ def drawn(demo_folder: Path, identified: IdentifyResult) -> dict[str, Figure]:
         "deviations": figures.deviations(identified),
         "causes": figures.causes(diagnosed),
         "readme": picture(demo_folder),
-        **{f"{c.where} {c.depends_on}": figures.located_curve(diagnosed, c) for c in diagnosed.curves},
+        **{
+            f"{c.where} {c.depends_on}": figures.located_curve(diagnosed, c)
+            for c in diagnosed.curves
+        },
     }
     return {name: figure for name, figure in found.items() if figure is not None}
 

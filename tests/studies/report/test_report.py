@@ -63,7 +63,9 @@ def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folde
     text, identified = text_of(html), json.loads((demo_folder / "identify.json").read_text())
     assert f"{ARROW} {short(identified['rms_mm']['heldout'])} mm" in text[:200]
     assert "Diagnosis: 0.0427" in text[:300]
-    assert text.index("What to do next Nothing remains beyond noise.") < text.index("Identification")
+    assert text.index("What to do next Nothing remains beyond noise.") < text.index(
+        "Identification"
+    )
     assert html.index("What was identified") < html.index("<details>")
     drawn = re.findall(r"<svg [^>]*>", html)
     assert len(drawn) >= 5
@@ -188,7 +190,9 @@ def test_results_from_python(demo_folder: Path, tmp_path: Path) -> None:
     value, std = found["geometry:A2.x"]
     entry = next(p for p in ours["parameters"] if p["id"] == "geometry:A2.x")
     assert (value * 1e6, std * 1e6) == pytest.approx((entry["value"], entry["std"]))
-    with pytest.raises(calib.CalibError, match="no parameter 'geometry:A2.w'; there is geometry:A2"):
+    with pytest.raises(
+        calib.CalibError, match="no parameter 'geometry:A2.w'; there is geometry:A2"
+    ):
         found["geometry:A2.w"]
     with pytest.raises(calib.CalibError, match="found is a Cell; give one of Identification"):
         studies.result_of(cell, cell)

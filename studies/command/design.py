@@ -24,15 +24,16 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
 @options.cell
 @options.value("-o --output plan_path", "PLAN", "Write the plan as CSV, in the order of measurement.")
 @options.value("--poses", "N", "Number of poses to choose.", click.IntRange(min=1))
-@options.value("--criterion", "NAME", "What the plan minimises. task: error at the targets. task-worst: "
-    "error at the worst target. A: mean variance. D: volume of the confidence ellipsoid. Ds: the same "
-    "for some parameters. c: one combination. E: the worst combination. G: the worst predicted pose. Or "
-    "a criterion of an installed package.", str,
+@options.value("--criterion", "NAME",
+    "What the plan minimises. task: error at the targets. task-worst: error at the worst target. A: "
+    "mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
+    "combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
+    "installed package.", str,
     default="task", show_default=True, shell_complete=_criteria)
-@options.value("--levels", "A2=5x3", "Five levels of A2 with three poses each. Their angles are chosen, "
-    "or given: A2=-140,-57,-10x3.", str)
-@options.value("--candidates", "N|FILE", "Number of candidates to draw, or a table of candidates in the "
-    "format of a plan. The angles of drawn ones are moved a little after the choice.", str,
+@options.value("--levels", "A2=5x3", "Five levels of A2 with three poses each. Their angles are "
+    "chosen, or given: A2=-140,-57,-10x3.", str)
+@options.value("--candidates", "N|FILE", "Number of candidates to draw, or a table of candidates in "
+    "the format of a plan. The angles of drawn ones are moved a little after the choice.", str,
     default="20000", show_default=True)
 @options.value("--extend extend_path", "PLAN|TABLE", "A plan that is measured already, or a table of "
     "measured points. N new poses are added to it.")

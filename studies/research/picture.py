@@ -60,8 +60,8 @@ def picture(folder: Path) -> Figure:
 def draw_steps(panel: Axes, steps: Sequence[tuple[str, float]], floor: float) -> None:
     """Errors after each step of a calibration, mm, on a log axis; floor : noise alone, mm."""
     for row, (_, value) in enumerate(steps):
-        panel.plot([floor / 2.0, value], [row, row], color=style.BLUE if row else style.VERMILLION, linewidth=9.0,
-                   solid_capstyle="butt")  # fmt: skip
+        color = style.BLUE if row else style.VERMILLION
+        panel.plot([floor / 2.0, value], [row, row], color=color, linewidth=9.0, solid_capstyle="butt")
         panel.annotate(
             f"{value:#.2g} mm", (value, row), (6, 0), textcoords="offset points", va="center"
         )

@@ -7,7 +7,7 @@ A cell is read from a file, or made of objects: ``Cell(Robot.from_urdf("arm.urdf
     cell = calib.load_cell("cell.toml")
     data = calib.load_measurements(cell, "measurements.csv")
     result = calib.identify(cell, data)
-    result.values, result.std, result.summary()
+    result.values, result.std, result["geometry:A2.x"], result.summary()
     commands = calib.compensate(cell, result, "plan.csv").q
 
 Values are SI and radians, in the order of ``result.model.parameters``, whose ``id``, ``scale`` and

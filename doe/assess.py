@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.arm.robot import odd_limits
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.parameters import by_reason

@@ -19,7 +19,7 @@ from itertools import groupby
 
 import numpy as np
 
-from calib.arrays import Array, in_parts, stacked
+from calib.arrays import Array, in_parts
 from calib.cell import Cell
 from calib.diagnosis.columns import columns_at
 from calib.effects import catalogue

@@ -394,8 +394,6 @@ ROBOTS = [
     Fault("two files of one robot", _IDENTIFY, "cell.toml",
           swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nmjcf = "arm.xml"')),
     Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
-    Fault("counts of a joint that is not there",
-          _IDENTIFY + " --zero-offsets out.csv --counts-per-deg J1=100"),
 ]  # fmt: skip
 
 CAMERAS = [

@@ -181,7 +181,7 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
         unpolished(visiting_again(cell, -1), poses=7, **QUICK)
-    assert DesignResult.of(plain, MADE_FROM).reapproaches is None
+    assert DesignResult.of(plain, plain.problem.cell, MADE_FROM).reapproaches is None
 
 
 # -- second visits by default -----------------------------------------------------------------

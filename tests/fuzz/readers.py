@@ -21,7 +21,7 @@ from doe.levels import levels_of, parse_levels
 from doe.parameters import interest_of, with_rivals
 from doe.request import Request
 from studies.command.design import candidates_of, two_effects
-from studies.command.session import held_out
+from studies.command.session import read_session
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
 from tests.fuzz.estimates import ESTIMATES, estimate
 from tests.fuzz.mjcf import MJCF, mjcf
@@ -50,7 +50,7 @@ def measurements(folder: Path, content: bytes) -> object:
 
 def holdout(folder: Path, content: bytes) -> object:
     path = put(folder, "held.csv", content)
-    return held_out(CELL, DATA, str(path), 0, folder / "data.csv")
+    return read_session(CELL, folder / "data.csv", str(path), 0)
 
 
 def plan(folder: Path, content: bytes) -> object:
@@ -73,7 +73,7 @@ def options(folder: Path, content: bytes) -> object:
     if option == "candidates":
         return candidates_of(text)
     if option == "holdout":
-        return held_out(CELL, DATA, text, 0, folder / "data.csv")
+        return read_session(CELL, folder / "data.csv", text, 0)
     if option == "effect":
         return build(replace(CELL, effects=(text,)), DATA.poses), parse_effect(text)
     of = tuple(name.strip() for name in text.split(","))

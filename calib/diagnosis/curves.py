@@ -165,7 +165,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
         across = _across(axis)
         if across is not None:
             loads = [Torque("load", statics, k + 1, column) for column in across.T]
-            yield from _twists(joint, k + 1, across, [angles[k], *loads], poses, _KNOTS_EACH)
+            yield from _twists(joint, k + 1, across, [*angles, *loads], poses, _KNOTS_EACH)
     rigid = np.eye(6)
     overturning = [Torque("load", statics, 0, rigid[:, c]) for c in (3, 4)]
     yield from _twists("base", 0, rigid, [*common, *overturning], poses, _KNOTS_EACH)

@@ -53,7 +53,7 @@ def enough(
         options.faults_in(cell_path, readings_of=data_path),
         working("judging what was measured"),
     ):
-        answer = doe.enough(cell, day.data, plan, heldout=day.heldout, goal=goal, seed=call.seed)
+        answer = doe.enough(cell, day.data, plan, heldout=day.heldout, goal=goal)
     call.deliver(EnoughResult.of(
         answer, cell, call.envelope(cell.name, inputs),
         planned=0 if plan is None else len(plan), warnings=day.warnings,

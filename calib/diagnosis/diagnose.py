@@ -61,6 +61,7 @@ class Diagnosis(Result, Finding):
     warnings : tuple of str, what of a large table was diagnosed
     """
 
+    cell: Cell
     verdict: VerdictName
     causes: tuple[Cause, ...]
     possible: tuple[Cause, ...]
@@ -174,6 +175,7 @@ def diagnose(
     unnamed = tuple(unnamed_of(finding))
     return Diagnosis(
         **fields_of(replace(finding, refused=finding.refused + unnamed)),
+        cell=cell,
         verdict=concluded,
         causes=likely,
         possible=tuple(c for c in shown if not c.likely),

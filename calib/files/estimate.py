@@ -20,6 +20,7 @@ from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
+from calib.prediction.unmeasured import Unmeasured, unmeasured_context
 from calib.scatter import Owner, Variances
 
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
@@ -103,7 +104,22 @@ def _estimate(cell: Cell, model: Model, values: Array, entry: dict[str, Any]) ->
     return Estimate(
         model, values, cov, float(start), discrepancy, undetermined, notes,
         entry["converged"] is True, variances, str(entry["session_clock"]), owner, trend,
+        tuple(_unmeasured(cell, len(values), one) for one in entry.get("unmeasured", ())),
     )  # fmt: skip
+
+
+def _unmeasured(cell: Cell, count: int, entry: Any) -> Unmeasured:
+    """Effects that no reading could show. Raises KeyError, TypeError, ValueError."""
+    names = [str(name).partition(":") for name in entry["effects"]]
+    try:
+        effects = tuple(place_effect(k, w, unmeasured_context(cell)) for k, _, w in names)
+    except CalibError:
+        raise ValueError from None
+    own = sum(len(effect.parameters) for effect in effects)
+    square = _numbers(entry["square_SI"], _LARGEST_SQUARE).reshape(own, own)
+    absorbed = _numbers(entry["absorbed_SI"], _LARGEST_SQUARE).reshape(count, own)
+    time = None if entry["time_s"] is None else float(entry["time_s"])
+    return Unmeasured(effects, square, absorbed, float(entry["largest_mm"]) * 1e-3, time)
 
 
 def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:

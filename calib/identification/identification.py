@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arrays import Array, Mask
+from calib.cell import Cell
 from calib.effects.protocol import Parameter
 from calib.effects.tool_base import Base
 from calib.errors import CalibError
@@ -68,6 +69,7 @@ class Identification(Result, Estimation):
     nominal : ndarray, shape (p,), base and markers fitted, all else as in the nominal model
     """
 
+    cell: Cell
     covariance: Array
     ignorance: Array
     undetected: tuple[Array, Undetected] | None

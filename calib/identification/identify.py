@@ -97,6 +97,7 @@ def identify(
     judgement = ~estimate.kept, estimate.judgement.statistics, estimate.judgement.limit
     return Identification(
         **fields_of(estimate),
+        cell=cell,
         covariance=covariance,
         ignorance=ignorance(J, estimate.span, estimate.model.sizes, lost),
         undetected=undetected,

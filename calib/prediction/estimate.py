@@ -18,7 +18,10 @@ from calib.model.covariance import errors_at, ignorance, working_points
 from calib.poses import Poses
 from calib.prediction.discrepancy import FittedModel, ModelDiscrepancy, model_discrepancy
 from calib.prediction.trend import trend_of
+from calib.prediction.unmeasured import Unmeasured, unmeasured
 from calib.scatter import Owner, Variances, parted, pose_to_pose, scatter_variance
+
+_LEAST = 1e-6  # m: what adds less is not said
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class Estimate:
     notes : tuple of str, what a user of the values should know
     variances : Variances or None, of what errs as a whole and is new at every target
     configuration_of : whose those of the configurations are
+    unmeasured : tuple of Unmeasured, effects that the model lacks and no reading could show
     trend : ndarray, shape (p, p), SI, or None: mean square of what the values are off by at the time of
         the targets, as the trend of the day goes on (:mod:`calib.prediction.trend`)
     clock_unit : str, of the session's clock, "s" or "reading"
@@ -51,6 +55,7 @@ class Estimate:
     clock_unit: str = "s"
     configuration_of: Owner = "undecided"
     trend: Array | None = None
+    unmeasured: tuple[Unmeasured, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +81,26 @@ class ExpectedError:
     @cached_property
     def model(self) -> Array:
         """What the model lacks (m,)."""
-        return np.hypot(self.discrepancy, self.trend)
+        return np.asarray(np.sqrt(self.discrepancy**2 + self.trend**2 + self.unmeasured**2))
+
+    @cached_property
+    def unmeasured(self) -> Array:
+        """What effects may add (m,) that no reading could show."""
+        squares = [added**2 for _, added in self.by_effect]
+        return np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(len(self.targets))
+
+    @cached_property
+    def by_effect(self) -> tuple[tuple[Unmeasured, Array], ...]:
+        """Each kind of those effects, and what it may add (m,)."""
+        known, there = self.estimate, self.targets
+        return tuple((u, u.beyond(known.model, known.values, there)) for u in known.unmeasured)
+
+    def never_measured(self, weights: Array) -> Iterator[str]:
+        """What was never measured and what it may add, a sentence a kind; weights : (m,)."""
+        for one, added in self.by_effect:
+            rms = float(np.sqrt(weights @ added**2 / weights.sum()))
+            if rms > _LEAST:
+                yield f"{one.condition(self.targets)}: {one.kind} may add {1e3 * rms:.2g} mm"
 
     @cached_property
     def discrepancy(self) -> Array:
@@ -156,6 +180,7 @@ def _identified(result: Identification, after: float) -> Estimate:
         fit.data.poses.clock_unit,
         pose_to_pose(result.levels, result.scatter, fit.model.robot.reach).of,
         trend_of(fit, after),
+        tuple(unmeasured(result.cell, fit, after)),
     )
 
 
@@ -216,6 +241,7 @@ def _diagnosed(result: Diagnosis, after: float) -> Estimate:
         result.data.poses.clock_unit,
         pose_to_pose(levels, stage.scatter, fit.model.robot.reach).of,
         trend_of(fitted, after),
+        tuple(unmeasured(result.cell, fitted, after)),
     )
 
 

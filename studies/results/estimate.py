@@ -55,6 +55,21 @@ class ScatterVariances(Entry):
     configuration_of: Owner
 
 
+class UnmeasuredEffects(Entry):
+    """Effects of one kind that the model lacks and no reading could show.
+
+    effects : ``effect:where`` of each; square_SI : mean square of their parameters
+    absorbed_SI : what each parameter of the model took up of each of theirs
+    largest_mm : that they add at any reading; time_s : at which targets without a time count
+    """
+
+    effects: tuple[str, ...]
+    square_SI: tuple[tuple[Number, ...], ...]
+    absorbed_SI: tuple[tuple[Number, ...], ...]
+    largest_mm: NotNegative
+    time_s: Maybe
+
+
 class Estimated(Entry):
     """All that the next command needs."""
 
@@ -65,6 +80,7 @@ class Estimated(Entry):
     unexplained: Unexplained
     scatter_SI: ScatterVariances | None
     trend_SI: tuple[tuple[Number, ...], ...] | None
+    unmeasured: tuple[UnmeasuredEffects, ...] = ()
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     converged: bool
@@ -91,6 +107,16 @@ class Estimated(Entry):
                 configuration_of=estimate.configuration_of,
             ),
             trend_SI=tuples(estimate.trend),
+            unmeasured=tuple(
+                UnmeasuredEffects(
+                    effects=tuple(f"{e.kind}:{e.where}" for e in one.effects),
+                    square_SI=tuples(one.square),
+                    absorbed_SI=tuples(one.absorbed),
+                    largest_mm=one.largest * MM,
+                    time_s=one.time,
+                )
+                for one in estimate.unmeasured
+            ),
         )
 
 

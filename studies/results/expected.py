@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 class ExpectedErrors(Entry):
     """RMS error at the targets by three independent parts, all of them, and at the worst target.
 
+    never_measured : what the targets ask that no reading had, and what it may add; in model_mm
     arm : of a pose anew at each target; with ``scatter_of`` undecided it may be the model's
     """
 
@@ -30,6 +31,7 @@ class ExpectedErrors(Entry):
     rms_mm: Maybe
     worst_mm: Maybe
     scatter_of: Literal["arm", "undecided"]
+    never_measured: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, error: ExpectedError, weights: Array) -> Self:
@@ -47,6 +49,7 @@ class ExpectedErrors(Entry):
             rms_mm=rms * MM,
             worst_mm=worst * MM,
             scatter_of="undecided" if undecided else "arm",
+            never_measured=tuple(error.never_measured(weights)),
         )
 
     @classmethod

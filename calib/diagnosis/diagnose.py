@@ -21,7 +21,7 @@ from calib.diagnosis.causes import (
 )
 from calib.diagnosis.detection_limit import DetectionLimit, detection_limits
 from calib.diagnosis.finding import Finding, finding_of
-from calib.diagnosis.gap import Gap, SideShare, gap_of, sides_of
+from calib.diagnosis.gap import Gap, gap_of
 from calib.diagnosis.gate import BY_TIME, crossed
 from calib.diagnosis.part import part_of
 from calib.diagnosis.rest import Rest, rest_of
@@ -52,7 +52,6 @@ class Diagnosis(Result, Finding):
     """Result of :func:`diagnose`: what was found, and what follows from it.
 
     causes, possible : tuple of Cause, those as likely as not or more, and the others: all are fitted
-    sides : tuple of SideShare, of camera, board and arm, empty without a camera
     rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
@@ -65,7 +64,6 @@ class Diagnosis(Result, Finding):
     verdict: VerdictName
     causes: tuple[Cause, ...]
     possible: tuple[Cause, ...]
-    sides: tuple[SideShare, ...]
     rest: Rest
     located: tuple[GapPlace, ...]
     gap: Gap
@@ -179,7 +177,6 @@ def diagnose(
         verdict=concluded,
         causes=likely,
         possible=tuple(c for c in shown if not c.likely),
-        sides=sides_of(outcome, finding.scale),
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit
 from calib.diagnosis.state import with_curves
-from calib.instruments import Camera
 from calib.linear import orthonormal
 from calib.poses import Measurements, Poses
 
@@ -139,53 +137,17 @@ def _interval(
     return float(low), float(high)
 
 
-Side = Literal["camera", "board", "arm"]
-
-
-class SideShare(NamedTuple):
-    """A side, and its share of the unmodelled error."""
-
-    side: Side
-    share: float
-
-
-def side_of(where: str) -> Side:
-    """Whose error a cause at a place is."""
-    first = where.partition(":")[0]
-    return "camera" if first == "camera" else "board" if first == "board" else "arm"
-
-
-def sides_of(outcome: Outcome, scale: float) -> tuple[SideShare, ...]:
-    """Camera, board or arm: how much of the unmodelled error each has, where a camera reads.
-
-    Shares of causes taken out one by one do not add up where causes do alike. The error that was there
-    is ``r0 = r + sum of x``, x what each cause does beside the user's model and r what is left, which
-    lies across all of them. So ``|r0|^2 = |r|^2 + sum of x . r0``, and these products add up.
-
-    scale : float, actual over the standard deviation that the fit weighs by
-    """
-    fit, active = outcome.fit, outcome.active
-    if not active or not any(isinstance(i, Camera) for i in fit.model.instruments):
-        return ()
-    r, J = (rows[: fit.r.size] for rows in fit.linear.independent)
-    base = fit.without([c.effect for c in active]).linear.basis[: fit.r.size]
-    shares = _added(fit, active, r, J, base, scale)
-    if not shares:
-        return ()
-    found: dict[Side, float] = {"camera": 0.0, "board": 0.0, "arm": 0.0}
-    for c in active:
-        found[side_of(c.where)] += shares[c.key]
-    return tuple(SideShare(side, share) for side, share in found.items())
-
-
 def shares_of(outcome: Outcome, after: Fit, scale: float) -> dict[str, float]:
     """The share of each cause in the unmodelled error, by its key.
 
     It is the rise of the sum of squares without the cause, over what was there beyond noise. Where
     whole poses scatter, rows weighed by it show hardly anything of what was there before: in standard
-    deviations of the instrument alone, as in :func:`sides_of`, scatter is a part of what is left.
+    deviations of the instrument alone, scatter is a part of what is left: the error that was there is
+    ``r0 = r + sum of x``, x what each cause does beside the user's model and r what is left, across all of
+    them, so ``|r0|^2 = |r|^2 + sum of x . r0``.
 
-    after : Fit, in full; scale : as of :func:`sides_of`
+    after : Fit, in full; scale : float, actual over the standard deviation that the fit
+        weighs by
     """
     fit, active = outcome.fit, outcome.active
     if after.variances.any and active:

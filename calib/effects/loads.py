@@ -62,9 +62,6 @@ class GravityCompensator(SpringEffect):
     drive's own stiffness varies; that part belongs to ``stiffness_vs_angle``.
     """
 
-    joint: int
-    frames: int
-    axis: Array
     anchors: Array
     kind: ClassVar[str] = "gravity_compensator"
     unknowns: ClassVar[tuple[Unknown, ...]] = (("spring", "N/mm", 1e5), ("preload", "N", 1e4))
@@ -78,7 +75,7 @@ class GravityCompensator(SpringEffect):
         joint, robot = joint_index(context, where), context.robot
         given = context.anchors.get(where)
         anchors = default_anchors(context, joint) if given is None else given
-        return cls(where, joint, robot.frame_count, robot.axes[joint], anchors)
+        return cls(where, joint + 1, robot.frame_count, along_axis(robot, joint), anchors)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -91,17 +88,12 @@ class GravityCompensator(SpringEffect):
     def depends_on(self) -> str:
         return f"q:{self.where}"
 
-    def wrench_basis(self, poses: Poses) -> Array:
-        q = poses.q[:, self.joint]
-        before, after = self.anchors
-        moved = rotate(so3_exp(self.axis * q[:, None]), after)
+    def torques(self, poses: Poses) -> Array:
+        axis, (before, after) = self.axis[3:], self.anchors
+        moved = rotate(so3_exp(axis * poses.q[:, self.frame - 1, None]), after)
         s = np.linalg.norm(moved - before, axis=-1)
-        lever = cross(moved, np.broadcast_to(before, moved.shape)) @ self.axis / s
-        stretch = s - np.linalg.norm(after - before)
-        basis = np.zeros((len(q), self.frames, 6, 2))
-        per_parameter = np.stack([stretch * lever, lever], axis=-1)
-        basis[:, self.joint + 1, 3:, :] = self.axis[:, None] * per_parameter[:, None, :]
-        return basis
+        lever = cross(moved, np.broadcast_to(before, moved.shape)) @ axis / s
+        return np.column_stack([(s - np.linalg.norm(after - before)) * lever, lever])
 
 
 def default_anchors(context: Context, joint: int) -> Array:
@@ -140,14 +132,8 @@ class FrictionWindup(SpringEffect):
     Friction acts against the last motion, and the joint's compliance makes it visible. The model
     needs a compliance of this joint. With a constant compliance, this effect is observationally
     equivalent to ``backlash``.
-
-    frame : int, the joint's; frames : int, of the arm
-    axis : ndarray, shape (6,), unit wrench along the joint's variable
     """
 
-    frame: int
-    frames: int
-    axis: Array
     kind: ClassVar[str] = "friction_windup"
     uses: ClassVar[tuple[str, ...]] = ("approach",)
 
@@ -172,11 +158,10 @@ class FrictionWindup(SpringEffect):
         named = ("force", "N") if self.axis[:3].any() else ("torque", "N m")
         return (self.parameter(*named, _FRICTION, _MOST_FRICTION),)
 
-    def wrench_basis(self, poses: Poses) -> Array:
-        basis = np.zeros((len(poses), self.frames, 6, 1))
-        if poses.approach is not None:
-            basis[:, self.frame, :, 0] = -poses.approach[:, self.frame - 1, None] * self.axis
-        return basis
+    def torques(self, poses: Poses) -> Array:
+        if poses.approach is None:
+            return np.zeros((len(poses), 1))
+        return -poses.approach[:, self.frame - 1, None]
 
 
 @dataclass(frozen=True, eq=False)

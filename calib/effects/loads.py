@@ -299,29 +299,26 @@ class GravitySag(PoseEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        unknowns = []
-        for k in self.sagging:
-            unit = error_unit(bool(self.robot.prismatic[k]))
-            prefix = f"{self.robot.joints[k]}_" if self.where == ARM else ""
-            for name, slides in self._moments(k):
-                own = f"{unit}/m" if slides else unit
-                unknowns.append(self.parameter(prefix + name, own, _SAG, _MOST_SAG))
-        return tuple(unknowns)
+        products = [product for k in self.sagging for product in self._products(k)]
+        return tuple(self.parameter(*product, _SAG, _MOST_SAG) for product in products)
 
     def contains(self, kind: str, where: str) -> bool:
         return kind == self.kind and self.where == ARM != where
 
-    def _moments(self, k: int) -> list[tuple[str, bool]]:
-        """Names of the products at joint k, and whether a joint's travel multiplies them."""
-        robot = self.robot
+    def _products(self, k: int) -> list[tuple[str, str]]:
+        """Names and units of the products at joint k; the travel of a joint that slides is a factor."""
+        robot, unit = self.robot, error_unit(bool(self.robot.prismatic[k]))
+        prefix = f"{robot.joints[k]}_" if self.where == ARM else ""
         if robot.prismatic[k]:
-            return [("weight", False)]
-        names: list[tuple[str, bool]] = []
+            return [(f"{prefix}weight", unit)]
+        products: list[tuple[str, str]] = []
         for j in robot.beyond(k):
-            joint, slides = robot.joints[j], bool(robot.prismatic[j])
-            own = [f"travel_{joint}"] if slides else [f"u_{joint}", f"v_{joint}"]
-            names += [(name, slides) for name in own]
-        return names
+            joint = robot.joints[j]
+            if robot.prismatic[j]:
+                products.append((f"{prefix}travel_{joint}", f"{unit}/m"))
+            else:
+                products += [(f"{prefix}u_{joint}", unit), (f"{prefix}v_{joint}", unit)]
+        return products
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         R = forward(self.robot, poses.q).R_link

@@ -289,12 +289,12 @@ def _absorbed_by(others: Sequence[str]) -> tuple[str, str]:
 
 def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
     """(effect, where) of all effects that the cell names with a place, or that have only one."""
-    found = set()
+    causes = set()
     for name, places in map(parse_effect, cell.effects):
-        own = catalogue()[name].places(context)
-        single = own if len(own) == 1 and name not in GROUPS else ()
-        found |= {_cause(name, where) for where in places or single}
-    return found
+        known = catalogue()[name].places(context)
+        single = known if len(known) == 1 and name not in GROUPS else ()
+        causes |= {_cause(name, where) for where in places or single}
+    return causes
 
 
 def _cause(kind: str, where: str) -> tuple[str, str]:

@@ -62,9 +62,6 @@ class GravityCompensator(SpringEffect):
     drive's own stiffness varies; that part belongs to ``stiffness_vs_angle``.
     """
 
-    joint: int
-    frames: int
-    axis: Array
     anchors: Array
     kind: ClassVar[str] = "gravity_compensator"
     unknowns: ClassVar[tuple[Unknown, ...]] = (("spring", "N/mm", 1e5), ("preload", "N", 1e4))
@@ -78,7 +75,7 @@ class GravityCompensator(SpringEffect):
         joint, robot = joint_index(context, where), context.robot
         given = context.anchors.get(where)
         anchors = default_anchors(context, joint) if given is None else given
-        return cls(where, joint, robot.frame_count, robot.axes[joint], anchors)
+        return cls(where, joint + 1, robot.frame_count, along_axis(robot, joint), anchors)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -91,17 +88,12 @@ class GravityCompensator(SpringEffect):
     def depends_on(self) -> str:
         return f"q:{self.where}"
 
-    def wrench_basis(self, poses: Poses) -> Array:
-        q = poses.q[:, self.joint]
-        before, after = self.anchors
-        moved = rotate(so3_exp(self.axis * q[:, None]), after)
+    def torques(self, poses: Poses) -> Array:
+        axis, (before, after) = self.axis[3:], self.anchors
+        moved = rotate(so3_exp(axis * poses.q[:, self.frame - 1, None]), after)
         s = np.linalg.norm(moved - before, axis=-1)
-        lever = cross(moved, np.broadcast_to(before, moved.shape)) @ self.axis / s
-        stretch = s - np.linalg.norm(after - before)
-        basis = np.zeros((len(q), self.frames, 6, 2))
-        per_parameter = np.stack([stretch * lever, lever], axis=-1)
-        basis[:, self.joint + 1, 3:, :] = self.axis[:, None] * per_parameter[:, None, :]
-        return basis
+        lever = cross(moved, np.broadcast_to(before, moved.shape)) @ axis / s
+        return np.column_stack([(s - np.linalg.norm(after - before)) * lever, lever])
 
 
 def default_anchors(context: Context, joint: int) -> Array:
@@ -140,14 +132,8 @@ class FrictionWindup(SpringEffect):
     Friction acts against the last motion, and the joint's compliance makes it visible. The model
     needs a compliance of this joint. With a constant compliance, this effect is observationally
     equivalent to ``backlash``.
-
-    frame : int, the joint's; frames : int, of the arm
-    axis : ndarray, shape (6,), unit wrench along the joint's variable
     """
 
-    frame: int
-    frames: int
-    axis: Array
     kind: ClassVar[str] = "friction_windup"
     uses: ClassVar[tuple[str, ...]] = ("approach",)
 
@@ -172,11 +158,10 @@ class FrictionWindup(SpringEffect):
         named = ("force", "N") if self.axis[:3].any() else ("torque", "N m")
         return (self.parameter(*named, _FRICTION, _MOST_FRICTION),)
 
-    def wrench_basis(self, poses: Poses) -> Array:
-        basis = np.zeros((len(poses), self.frames, 6, 1))
-        if poses.approach is not None:
-            basis[:, self.frame, :, 0] = -poses.approach[:, self.frame - 1, None] * self.axis
-        return basis
+    def torques(self, poses: Poses) -> Array:
+        if poses.approach is None:
+            return np.zeros((len(poses), 1))
+        return -poses.approach[:, self.frame - 1, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,29 +299,26 @@ class GravitySag(PoseEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        unknowns = []
-        for k in self.sagging:
-            unit = error_unit(bool(self.robot.prismatic[k]))
-            prefix = f"{self.robot.joints[k]}_" if self.where == ARM else ""
-            for name, slides in self._moments(k):
-                own = f"{unit}/m" if slides else unit
-                unknowns.append(self.parameter(prefix + name, own, _SAG, _MOST_SAG))
-        return tuple(unknowns)
+        products = [product for k in self.sagging for product in self._products(k)]
+        return tuple(self.parameter(*product, _SAG, _MOST_SAG) for product in products)
 
     def contains(self, kind: str, where: str) -> bool:
         return kind == self.kind and self.where == ARM != where
 
-    def _moments(self, k: int) -> list[tuple[str, bool]]:
-        """Names of the products at joint k, and whether a joint's travel multiplies them."""
-        robot = self.robot
+    def _products(self, k: int) -> list[tuple[str, str]]:
+        """Names and units of the products at joint k; the travel of a joint that slides is a factor."""
+        robot, unit = self.robot, error_unit(bool(self.robot.prismatic[k]))
+        prefix = f"{robot.joints[k]}_" if self.where == ARM else ""
         if robot.prismatic[k]:
-            return [("weight", False)]
-        names: list[tuple[str, bool]] = []
+            return [(f"{prefix}weight", unit)]
+        products: list[tuple[str, str]] = []
         for j in robot.beyond(k):
-            joint, slides = robot.joints[j], bool(robot.prismatic[j])
-            own = [f"travel_{joint}"] if slides else [f"u_{joint}", f"v_{joint}"]
-            names += [(name, slides) for name in own]
-        return names
+            joint = robot.joints[j]
+            if robot.prismatic[j]:
+                products.append((f"{prefix}travel_{joint}", f"{unit}/m"))
+            else:
+                products += [(f"{prefix}u_{joint}", unit), (f"{prefix}v_{joint}", unit)]
+        return products
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         R = forward(self.robot, poses.q).R_link

@@ -160,10 +160,6 @@ class Effect(ABC):
         """Values at which it does nothing and a search begins, shape (p,), SI."""
         return np.zeros(len(self.parameters))
 
-    def only(self, kept: tuple[int, ...]) -> Self:
-        """The same with some of its parameters, by their positions, where it can do with fewer."""
-        return self
-
     def parameter(
         self, name: str, unit: str, size: float, largest: float | None = None
     ) -> Parameter:
@@ -249,6 +245,7 @@ class ConstantTwist(Constant):
         )
 
     def only(self, kept: tuple[int, ...]) -> Self:
+        """The same with some of its parameters, by their positions."""
         return replace(self, components=tuple(self.components[i] for i in kept))
 
 
@@ -336,11 +333,26 @@ class LoadEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class SpringEffect(LoadEffect):
-    """A wrench between two links, fixed in their axes."""
+    """A wrench between two links, along the variable of the joint between them.
+
+    frame : int, the joint's; frames : int, of the arm
+    axis : ndarray, shape (6,), unit wrench along the joint's variable
+    """
+
+    frame: int
+    frames: int
+    axis: Array
 
     @abstractmethod
+    def torques(self, poses: Poses) -> Array:
+        """D torque (or force) / d parameter at each pose, shape (m, p), SI."""
+
     def wrench_basis(self, poses: Poses) -> Array:
         """D w / d parameter, shape (m, n + 2, 6, p), in the axes of each frame."""
+        torques = self.torques(poses)
+        basis = np.zeros((len(poses), self.frames, 6, torques.shape[-1]))
+        basis[:, self.frame] = self.axis[:, None] * torques[:, None, :]
+        return basis
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,9 +31,9 @@ class MarkerEffect(DirectedEffect):
 
     def marker(self, names: Sequence[str]) -> slice:
         """The marker among those of a model; none where that looks at other points."""
-        own = self.where.removeprefix(MARKER)
-        at = list(names).index(own) if own in names else 0
-        return slice(at, at + (own in names))
+        name = self.where.removeprefix(MARKER)
+        at = list(names).index(name) if name in names else 0
+        return slice(at, at + (name in names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,7 +115,7 @@ class Timed(Tuned):
     @classmethod
     def at(cls, context: Context, where: str) -> Effect:
         slot, directions = _placement(context, where)
-        kind = next(own for own in cls.__subclasses__() if issubclass(own, slot))
+        kind = next(kind for kind in cls.__subclasses__() if issubclass(kind, slot))
         tuning = _HOUR if context.clock_unit == SECONDS else _READINGS_AN_HOUR
         return kind(where=where, tuning=tuning, clock=context.clock_unit, **directions)
 

@@ -118,6 +118,7 @@ class Tool(Effect):
         return np.asarray(offsets[0, list(self.components)])
 
     def only(self, kept: tuple[int, ...]) -> Self:
+        """The same with some of its parameters, by their positions."""
         return replace(self, components=tuple(self.components[i] for i in kept))
 
     def _whole(self, values: Array) -> Array:

@@ -13,9 +13,9 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.context import ARM, turning_joints
-from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
+from calib.effects.protocol import Constant, ConstantTwist, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
-from calib.effects.tool_base import sought
+from calib.effects.tool_base import Tool, sought
 from calib.effects.tuned import amid
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
@@ -131,7 +131,7 @@ def place_effect(
     for covariate in kind.uses:
         if covariate in context.lacking:
             raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
-    if parameters is None:
+    if parameters is None or not isinstance(effect, ConstantTwist | Tool):
         return effect
     names = [p.name for p in effect.parameters]
     return effect.only(tuple(names.index(name) for name in parameters if name in names))
@@ -289,12 +289,12 @@ def _absorbed_by(others: Sequence[str]) -> tuple[str, str]:
 
 def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
     """(effect, where) of all effects that the cell names with a place, or that have only one."""
-    found = set()
+    causes = set()
     for name, places in map(parse_effect, cell.effects):
-        own = catalogue()[name].places(context)
-        single = own if len(own) == 1 and name not in GROUPS else ()
-        found |= {_cause(name, where) for where in places or single}
-    return found
+        known = catalogue()[name].places(context)
+        single = known if len(known) == 1 and name not in GROUPS else ()
+        causes |= {_cause(name, where) for where in places or single}
+    return causes
 
 
 def _cause(kind: str, where: str) -> tuple[str, str]:

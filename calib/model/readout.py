@@ -52,8 +52,8 @@ class Readout:
 
     def _rows(self, instrument: Instrument, values: Array, poses: Poses, points: Array) -> Array:
         place, seen = self._place(instrument, values, poses), seen_from(instrument, points)
-        by_pose, own = _pose_by_pose(place, _of(instrument, seen, -2))
-        rows = instrument.read(by_pose, own)
+        by_pose, each = _pose_by_pose(place, _of(instrument, seen, -2))
+        rows = instrument.read(by_pose, each)
         rows = rows if by_pose is not place else rows[..., 0, :, :]
         for effect, part in self._disturbing(instrument):
             if not at_rest(effect, values[..., part]):
@@ -131,8 +131,8 @@ class Readout:
             place = self._place(instrument, values, poses, loose=False)
             rows = readings[..., part, : instrument.rows]
             by_pose, each = _pose_by_pose(place, rows)
-            own = sigma[..., part] if by_pose is not place else sigma[..., None, part]
-            W = instrument.whitening(by_pose, each, own)
+            stated = sigma[..., part] if by_pose is not place else sigma[..., None, part]
+            W = instrument.whitening(by_pose, each, stated)
             W = W if by_pose is not place else W[..., 0, :, :, :]
             return W / self.noise_scales.get(instrument.name, 1.0)
 
@@ -227,8 +227,8 @@ def _pose_by_pose(place: Array, rows: Array) -> tuple[Array, Array]:
 
 def _linearised(instrument: Instrument, place: Array, points: Array) -> Linear:
     """Rows (..., m, C, r) and their derivatives at places (..., m or 1, u)."""
-    by_pose, own = _pose_by_pose(place, points)
-    linear = instrument.linearise(by_pose, own)
+    by_pose, each = _pose_by_pose(place, points)
+    linear = instrument.linearise(by_pose, each)
     if by_pose is not place:
         return linear
     by_points = None if linear.by_points is None else linear.by_points[..., 0, :, :, :]

@@ -237,4 +237,6 @@ def _without(effect: Effect, gone: set[str]) -> Effect | None:
     kept = tuple(i for i, p in enumerate(effect.parameters) if p.id not in gone)
     if len(kept) == len(effect.parameters):
         return effect
-    return effect.only(kept) if kept else None
+    if not kept:
+        return None
+    return effect.only(kept) if isinstance(effect, ConstantTwist | Tool) else effect

@@ -167,7 +167,7 @@ class Regressor(Linearisation):
         """
         poses, visit = self._readings(q)
         seen = None if visible is None else visible[visit]
-        rows = self.candidates(poses, seen, (visit, visit), np.nan).rows()
+        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
         return by_visit((stacked(rows) @ self.T).reshape(-1, *rows.shape[1:]), len(q))
 
     def levers(self, q: Array, visible: Mask) -> Array:

@@ -119,7 +119,7 @@ def rows_of(at: Linearisation, data: Measurements, q: Array) -> Array:
     given = data.sigma[np.isfinite(data.sigma) & data.seen]
     sigma = float(np.median(given)) if len(given) else np.nan
     seen = visible(scene_of(at.cell, q))[visit]
-    rows = by_visit(at.candidates(poses, seen, (visit, visit), sigma).rows(), len(q))
+    rows = by_visit(at.candidates(poses, seen, (visit, visit), sigma).by_reading, len(q))
     return np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
 
 

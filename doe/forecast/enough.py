@@ -253,7 +253,7 @@ class Day:
     def order(self, task: TaskError) -> list[int]:
         """The poses still to come, each the one that adds most beside those before it."""
         poses = np.unique(self.pose[self.pose >= 0])
-        each = [stacked(self.known.rows(self.pose == k)[self.pose == k]) for k in poses]
+        each = [stacked(self.known.by_reading[self.pose == k]) for k in poses]
         most = max(map(len, each), default=0)
         rows = [np.pad(own, ((0, most - len(own)), (0, 0))) for own in each]
         return [int(poses[i]) for i in self._best(task, self.pose < 0, rows, len(rows))]
@@ -270,6 +270,6 @@ class Day:
         """So many poses of these rows, the most useful first, beside some of the readings."""
         if not len(rows):
             return []
-        beside = np.concatenate([stacked(self.known.rows(done)), self.known.held])
+        beside = np.concatenate([stacked(self.known.by_reading[done]), self.known.held])
         sizes = task.model.sizes
         return most_useful_first(task.targets, beside, np.asarray(rows), sizes, count)

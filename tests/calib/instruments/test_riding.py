@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calib.scatter import Variances, scatter_of
 
 import calib
 from calib.arrays import Array
@@ -19,6 +18,7 @@ from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.model.build import build
 from calib.poses import Measurements, Poses, poses_at
+from calib.scatter import Variances, scatter_of
 from doe.candidates import drawn
 from doe.constraints import scene_of, visible
 from tests.calib.arm.test_trees import SEEDS, Tree
